@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import re
 from typing import Annotated, Any
 
@@ -60,6 +61,10 @@ def is_axis(axis: str, allowed: list[str]) -> bool:
     return axis in allowed
 
 
+_POINTS_MAX = 512
+"""Lists of axes whose names are remembered as they were taken apart: all points of a matrix have
+one, single cases may have others."""
+
 Memo = dict[tuple[Any, ...], tuple[Any, list[Mistake]]]
 """What a value of an axis was checked to be: a hundred thousand cases hold few different ones."""
 
@@ -90,7 +95,8 @@ def section_of(
     section: Any, name: str, point: dict[str, Any], where: str, memo: Memo
 ) -> tuple[Any, list[Mistake]]:
     """The section ``name`` with the fields that a point of the matrix sets."""
-    changes = {k: v for k, v in _below(f"{name}.", point).items() if "." not in k}
+    changes = {field: point[axis] for axis, field in _below(f"{name}.", tuple(point))}
+    changes = {field: value for field, value in changes.items() if "." not in field}
     if not changes:
         return section, []
     key = (name, *((k, type(v), v) for k, v in changes.items()))
@@ -100,23 +106,27 @@ def section_of(
     return value, [Mistake(f"{where}.{name}.{m.path}".rstrip("."), m.message) for m in found]
 
 
-def _below(prefix: str, point: dict[str, Any]) -> dict[str, Any]:
-    """The values of axes that begin so, by the rest of the name."""
-    return {k.removeprefix(prefix): v for k, v in point.items() if k.startswith(prefix)}
+@functools.lru_cache(maxsize=_POINTS_MAX)
+def _below(prefix: str, axes: tuple[str, ...]) -> list[tuple[str, str]]:
+    """Those of a point's axes that begin so, each with the rest of its name."""
+    return [(axis, axis.removeprefix(prefix)) for axis in axes if axis.startswith(prefix)]
 
 
 def parameters_of(point: dict[str, Any]) -> dict[str, Any]:
     """The stack's parameters that a point of the matrix sets."""
-    return _below(_PARAMETERS, point)
+    return {name: point[axis] for axis, name in _below(_PARAMETERS, tuple(point))}
 
 
 def objects_of(
     objects: dict[str, ObjectVariation], point: dict[str, Any], where: str, memo: Memo
 ) -> tuple[dict[str, ObjectVariation], list[Mistake]]:
     """Variations of objects by name, with what a point of the matrix sets."""
+    varied = {rest.rpartition(".")[0] for _, rest in _below(_OBJECTS, tuple(point))}
+    if not varied:
+        return objects, []
     changed = dict(objects)
     mistakes: list[Mistake] = []
-    for name in sorted({axis.rpartition(".")[0] for axis in _below(_OBJECTS, point)}):
+    for name in sorted(varied):
         variation = objects.get(name, ObjectVariation())
         changed[name], found = section_of(variation, f"{_OBJECTS}{name}", point, where, memo)
         mistakes += found
@@ -127,6 +137,8 @@ def sensors_of(
     sensors: Sensors, point: dict[str, Any], where: str, memo: Memo
 ) -> tuple[Sensors, list[Mistake]]:
     """The sensors with the fields that a point of the matrix sets."""
+    if not _below("sensors.", tuple(point)):
+        return sensors, []
     changed: dict[str, Any] = {}
     mistakes = []
     sections = sensors.sections()
@@ -154,14 +166,22 @@ def case_id(model: str, time_of_day: str, weather: str, point: dict[str, Any]) -
         parts.append(time_of_day.replace(":", ""))
     if "weather" in point:
         parts.append(weather)
-    for axis in sorted(set(point) - {"model", "time_of_day", "weather"}):
-        label = re.sub(r"[^A-Za-z0-9_.]+", "_", axis.split(".", 1)[-1])
+    for axis, label in _labels(tuple(point)):
         parts.append(f"{label}_{_plain(axis, point[axis])}")
     return "-".join(parts) or "case"
 
 
+@functools.lru_cache(maxsize=_POINTS_MAX)
+def _labels(axes: tuple[str, ...]) -> list[tuple[str, str]]:
+    """What a case's name calls its other axes."""
+    rest = sorted(set(axes) - {"model", "time_of_day", "weather"})
+    return [(axis, re.sub(r"[^A-Za-z0-9_.]+", "_", axis.split(".", 1)[-1])) for axis in rest]
+
+
 def _plain(axis: str, value: bool | int | float | str) -> str:
     """A value in characters that may stand in the name of a folder."""
+    if type(value) is int and value >= 0:
+        return str(value)  # most of what a hundred thousand cases differ in
     text = str(value).lower() if isinstance(value, bool) else f"{value}"
     if axis.startswith((_PARAMETERS, _OBJECTS)) and isinstance(value, int | float) and value < 0:
         text = f"minus{text}"  # -1 and 1 are two cases
