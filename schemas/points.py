@@ -177,8 +177,10 @@ def _rates(
         mistakes.append(
             Mistake("control_hz", f"given {control_hz}, allowed: a divisor of 500 (2 ms steps)")
         )
-    rates = {"camera": camera.hz}
-    rates.update((f"cameras[{i}]", more.hz) for i, more in enumerate(campaign.cameras))
+    rates = {}
+    if campaign.render:  # without pictures nobody minds when they were due
+        rates["camera"] = camera.hz
+        rates.update((f"cameras[{i}]", more.hz) for i, more in enumerate(campaign.cameras))
     rates.update((f"lidars[{i}]", more.hz) for i, more in enumerate(campaign.lidars) if more.hz)
     rates.update((f"sensors.{name}", hz) for name, hz in sensor_hz.items())
     if autonomy.rate_hz and control_hz % autonomy.rate_hz:

@@ -47,6 +47,9 @@ FAULTS = {
     "silent": "answer['commands'] = []",
     "major": "answer['v'] = 0",
     "token": "answer['commands'][0]['token'] += 1",
+    "twice": "answer['commands'] *= 2",
+    "slot": "answer['commands'].append({**answer['commands'][0], 'slot': 1})",
+    "seq": "answer['seq'] += 1",
 }
 """What a stack may do at tick 3; the case's number in this order says which."""
 

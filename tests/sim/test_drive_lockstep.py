@@ -12,7 +12,7 @@ from schemas import SCHEMA_VERSION
 from schemas.campaign import GroundTruthPerception
 from schemas.messages import Command, Commands, Episode, Frame, Ready, Tick
 from schemas.wire.codec import MESSAGE_BYTES_MAX, encode
-from twin.base.errors import InfrastructureError, RefusedError
+from twin.base.errors import InfrastructureError, RefusedError, StackFaultError
 from twin.base.gpu import cuda
 from twin.fabric.drive import (
     WAITING_BYTES_MAX,
@@ -203,10 +203,11 @@ def test_a_stack_that_only_says_what_nobody_asked_for_does_not_hide_the_time():
     hub, simulator, stack = held()
     hub.run()
     stop = threading.Event()
+    ready = encode(Ready(v=SCHEMA_VERSION, role="stack", rig="r", slots=SLOTS))
 
     def talk():
         while not stop.wait(0.005):  # seldom enough to be no flood
-            stack.publish("drive/r/command", answer_to(6))
+            stack.publish("drive/r/control/stack", ready)
 
     def give_up():
         raise TimeoutError
@@ -220,6 +221,27 @@ def test_a_stack_that_only_says_what_nobody_asked_for_does_not_hide_the_time():
         stop.set()
         talker.join()
         hub.stop()
+
+
+@pytest.mark.parametrize(("said", "times"), [(8, 1), (6, 12)])
+def test_an_answer_that_was_not_asked_for_names_both_seqs(said, times):
+    """One from the future at once, one from the past when it comes too often to be late."""
+    hub, simulator, stack = held()
+    for _ in range(times):
+        stack.publish("drive/r/command", answer_to(said))
+    stack.publish("drive/r/command", answer_to(7))
+    hub.deliver()
+    with pytest.raises(StackFaultError, match=f"answers seq {said}, asked for 7"):
+        simulator.exchange(7, tick(7, 0), [], [], lambda: None)
+
+
+def test_late_answers_are_let_pass():
+    hub, simulator, stack = held()
+    for seq in range(3):
+        for late in range(seq + 1):
+            stack.publish("drive/r/command", answer_to(late))
+        hub.deliver()
+        assert simulator.exchange(seq, tick(seq, 0), [], [], lambda: None).seq == seq
 
 
 def test_while_nothing_is_asked_every_answer_is_late():

@@ -39,6 +39,12 @@ READY_PERIOD_S = 0.05
 RESEND_S = 1.0
 """A seq without commands is published again after this long [s]."""
 
+SEQS_KEPT = 64
+"""So many seqs are remembered to tell late answers from wrong ones."""
+
+ODD_ANSWERS_MAX = 2
+"""So many answers more than a seq may have are let pass."""
+
 WAITING_MAX = 1000
 """Most messages of the stack that wait for the simulator."""
 
@@ -155,6 +161,7 @@ class SimulatorEnd:
         self.resent = 0
         """Seqs published again."""
         self._fault = ""
+        self._answers = _Answers()
         # Each counted by one thread: what arrived, and what was looked at [bytes].
         self._arrived, self._read = 0, 0
         self._link, self._link_seen_s = LinkWatch(bus.endpoints), time.monotonic()
@@ -242,9 +249,15 @@ class SimulatorEnd:
         episodes: list[Episode],
         on_wait: Callable[[], None],
     ) -> Commands:
-        """Publish one seq and return its commands; ``on_wait`` runs while waiting and may raise."""
+        """Publish one seq and return its commands; ``on_wait`` runs while waiting and may raise.
+
+        Raises:
+            StackFaultError: the stack answers what it was not asked.
+            InfrastructureError: the link ends, or more comes than a stack may send.
+        """
         if self._reading is not None:
             self._reading.begin()
+        self._answers.asked(seq)
         self.publish(tick, sensors, episodes)
         sent = looked = time.monotonic()
         while True:
@@ -260,12 +273,16 @@ class SimulatorEnd:
             if sample is None:
                 if now - sent >= self._resend_s:
                     self.resent += 1
+                    self._answers.asked(seq)
                     self.publish(tick, sensors, episodes)
                     sent = time.monotonic()
                 continue
             commands = _commands_in(sample)
-            if commands is not None and commands.seq == seq:
+            if commands is None:
+                continue
+            if commands.seq == seq:
                 return commands
+            self._answers.other(commands.seq, seq)
 
     def answered(self, seq: int | None, timeout_s: float) -> Commands | None:
         """The commands for ``seq`` (None: whatever comes is late) if they come within
@@ -323,6 +340,31 @@ class SimulatorEnd:
             return None
         self._read += len(sample.payload)
         return sample
+
+
+class _Answers:
+    """Tells an answer that comes late, or twice, from one with a wrong seq."""
+
+    def __init__(self) -> None:
+        self._due: dict[int, int] = {}
+        """Seq, of the last few, and how many more answers to it may come."""
+
+    def asked(self, seq: int) -> None:
+        """A seq is published, perhaps again."""
+        # What is asked may come twice, and so may what is answered.
+        self._due[seq] = self._due.get(seq, ODD_ANSWERS_MAX) + 4
+        while len(self._due) > SEQS_KEPT:
+            del self._due[next(iter(self._due))]
+
+    def other(self, seq: int, asked: int) -> None:
+        """An answer to ``seq`` has come, and not to the one that was ``asked`` last.
+
+        Raises:
+            StackFaultError: it cannot be a late one.
+        """
+        due = self._due[seq] = self._due.get(seq, ODD_ANSWERS_MAX) - 1
+        if seq > asked or due < 0:
+            raise StackFaultError(f"stack: answers seq {seq}, asked for {asked}; echo the tick's")
 
 
 def _commands_in(sample: Sample) -> Commands | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -103,6 +104,13 @@ class TickMessages:
         """
         given = {command.slot: command for command in commands}
         checked: list[Command | None] = [None] * len(self._slots)
+        active = {slot.index for slot in self._slots.running}
+        if odd := sorted(given.keys() - active):
+            raise StackFaultError(f"stack: command for slot {odd[0]}, which is not active")
+        if len(given) < len(commands):
+            slots = Counter(command.slot for command in commands)
+            twice = next(slot for slot in self._slots.running if slots[slot.index] > 1)
+            raise StackFaultError(f"stack: two commands for case {twice.lease.case.id}")
         for slot in self._slots.running:
             command, case = given.get(slot.index), slot.lease.case.id
             expected = slot.lease.token, tick.message.tick[slot.index]

@@ -9,8 +9,8 @@ from schemas.plan import expand, parse_campaign
 from twin.rig.engine import Engine, frame_channels
 
 
-def case(render):
-    campaign, mistakes = parse_campaign(
+def parsed(render, **more):
+    return parse_campaign(
         {
             "schema": 1,
             "campaign": "c",
@@ -20,10 +20,27 @@ def case(render):
             "lidars": [{"name": "roof"}],
             "autonomy": {"stack": "m:S"},
             "matrix": {"weather": ["clear"]},
+            **more,
         }
     )
+
+
+def case(render, **more):
+    campaign, mistakes = parsed(render, **more)
     assert not mistakes
     return expand(campaign)[0]
+
+
+def test_a_camera_that_does_not_see_may_have_any_rate():
+    mistakes = parsed(True, control_hz=50)[1]
+    assert [mistake.path for mistake in mistakes] == ["camera.hz", "cameras[0].hz"]
+    blind = case(False, control_hz=50)
+    engine = Engine(blind, 1)
+    engine.reset(0, blind)
+    for tick in range(5):
+        assert "camera" not in engine.sense()
+        engine.step([Command(0, 1, tick, 0.0, 1.0, 0.0)])
+    assert engine.tick[0] == 5
 
 
 def test_no_camera_sees_and_everything_else_goes_on():
