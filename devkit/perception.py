@@ -1,7 +1,7 @@
 """Perception: what the stack sees in one camera frame, and how good it is at seeing.
 
-A campaign names perception variants; each is a file type of :mod:`schemas.campaign`, and the
-implementation is chosen by that type, so every slot may run another one.
+A campaign names perception variants, whose declarations (:mod:`schemas.kinds.perception`) name the
+implementation, so every slot may run another one.
 
 Contrast comes from exact integer sums: the same in any order and on any machine. The few
 floating-point steps after them are +, -, x, / and square roots, which IEEE 754 rounds correctly
@@ -11,7 +11,7 @@ everywhere.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Protocol
 
@@ -19,8 +19,10 @@ import cv2
 import numpy as np
 
 from devkit.images import Images
+from schemas.kinds.perception import perception_kind
+from schemas.kinds.registry import implementation
 from schemas.messages import BOX_COLUMNS, OBJECT_CLASSES, Detection
-from schemas.sections import perception
+from schemas.sections.perception import GroundTruthPerception
 
 CONFIDENCE_MIN = 0.25
 """Least confidence that is reported [-]; the planner's own threshold lies above."""
@@ -88,33 +90,16 @@ class Setting:
     """SHA-256 that the files must have which the variant names."""
 
 
-Builder = Callable[[Any, Setting], Perception]
-
-_BUILDERS: dict[type[Any], Builder] = {}
-
-
-def register(spec_type: type[Any]) -> Callable[[Builder], Builder]:
-    """Class decorator: the decorated class perceives for variants of ``spec_type``."""
-
-    def add(builder: Builder) -> Builder:
-        _BUILDERS[spec_type] = builder
-        return builder
-
-    return add
-
-
 def build_perception(spec: Any, setting: Setting | None = None) -> Perception:
     """The perception of one variant, ``Episode.perception``.
 
     Raises:
-        ValueError: nothing is registered for the type of ``spec``.
+        ValueError: it is no perception variant, or its implementation cannot be imported.
         UsageError: a file that the variant names cannot be used; one line.
     """
-    builder = _BUILDERS.get(type(spec))
-    if builder is None:
-        known = ", ".join(sorted(t.__name__ for t in _BUILDERS))
-        raise ValueError(f"perception {type(spec).__name__}: not known to devkit; allowed: {known}")
-    return builder(spec, setting or Setting())
+    build = implementation(perception_kind(spec).implementation)
+    perception: Perception = build(spec, setting or Setting())
+    return perception
 
 
 def confidence(contrast: float, contrast_min: float) -> float:
@@ -122,7 +107,6 @@ def confidence(contrast: float, contrast_min: float) -> float:
     return contrast / (contrast + contrast_min)
 
 
-@register(perception.GroundTruthPerception)
 class ContrastPerception:
     """The box sensor seen through a contrast threshold.
 
@@ -133,7 +117,7 @@ class ContrastPerception:
 
     runtime = "numpy cpu"
 
-    def __init__(self, spec: perception.GroundTruthPerception, _setting: Setting) -> None:
+    def __init__(self, spec: GroundTruthPerception, _setting: Setting) -> None:
         self.contrast_min = spec.contrast_min
         self.pixels_min = spec.pixels_min
 

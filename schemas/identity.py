@@ -11,7 +11,8 @@ import msgspec
 
 from schemas.campaign import Campaign
 from schemas.case import Case, RigSpec
-from schemas.sections.perception import GroundTruthPerception, Perception, file_fields
+from schemas.kinds.perception import perception_kind
+from schemas.sections.perception import Perception, file_fields
 from schemas.sections.scenario import Scenario
 from schemas.sections.stack_identity import StackIdentity, StackSource
 
@@ -151,10 +152,8 @@ def stack_seed(case: Case) -> int:
 
 def is_told_truth(case: Case) -> bool:
     """Whether the stack gets boxes and the exact environment in ``case``."""
-    return (
-        isinstance(case.variation.perception, GroundTruthPerception)
-        or "truth" in case.variation.tell
-    )
+    variation = case.variation
+    return perception_kind(variation.perception).told_truth or "truth" in variation.tell
 
 
 def _canonical(value: object) -> bytes:

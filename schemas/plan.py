@@ -10,6 +10,7 @@ import msgspec
 
 from schemas.campaign import CASES_MAX, Campaign, campaign_mistakes, count_of
 from schemas.case import Case, RigSpec, Variation
+from schemas.kinds.perception import perception_kind
 from schemas.kinds.plugins import ForeignKind, foreign_kinds
 from schemas.points import Point, points_of
 from schemas.sections.autonomy import DELAYS, driver
@@ -118,16 +119,18 @@ def examine(data: Any) -> tuple[Plan | None, list[Mistake]]:
     return Plan(campaign, points), mistakes
 
 
-def _plugins(campaign: Campaign, points: Iterable[Point]) -> dict[str, str]:
+def _plugins(campaign: Campaign, points: Sequence[Point]) -> dict[str, str]:
     """Name -> version of the plug-ins of this installation whose kinds the campaign names."""
     used = {kind.plugin for kind in _kinds_of_others(campaign, points)}
     return {plugin.name: plugin.version for plugin in sorted(used)}
 
 
-def _kinds_of_others(campaign: Campaign, points: Iterable[Point]) -> list[ForeignKind]:
+def _kinds_of_others(campaign: Campaign, points: Sequence[Point]) -> list[ForeignKind]:
     sections = {id(point.sensors): point.sensors for point in points}
     sensors = {name for section in sections.values() for name in section.sections()}
-    return list(foreign_kinds(campaign.scenario, sensors, campaign.autonomy.bridge))
+    variants = [campaign.autonomy.perception[model] for model in {p.model for p in points}]
+    seen = sorted({perception_kind(variant).name for variant in variants})
+    return list(foreign_kinds(campaign.scenario, sensors, campaign.autonomy.bridge, seen))
 
 
 def _same_place(one: str, other: str) -> bool:

@@ -146,6 +146,8 @@ def _check_struct(data: Any, info: inspect.StructType, path: str) -> list[Mistak
         if key == info.tag_field:
             if value != info.tag:
                 mistakes.append(Mistake(where, f"given {_shown(value)}, allowed: {info.tag}"))
+        elif not fields:
+            continue  # what no key can be of: it says below why it is refused
         elif key not in fields:
             mistakes.append(Mistake(where, f"unknown key; {suggest(str(key), list(fields))}"))
         else:

@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 
 from devkit.images import Images
-from devkit.perception import Setting, register
+from devkit.perception import Setting
 from schemas.messages import Detection
 from schemas.sections import perception
 
@@ -24,7 +24,6 @@ REPORTED_MAX = 100
 """Most objects of one frame: commands of all slots travel in one message of limited size."""
 
 
-@register(perception.NetworkPerception)
 class DetectorPerception:
     """Sees the pictures and nothing else; boxes of the box sensor are ignored."""
 

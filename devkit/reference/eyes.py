@@ -11,7 +11,6 @@ from typing import Any
 import msgspec
 import numpy as np
 
-import devkit.detector.network_perception  # noqa: F401 - makes itself known
 from devkit.images import Images
 from devkit.perception import Perception, Setting, build_perception
 from devkit.stack import Observation

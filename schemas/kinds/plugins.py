@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 from schemas.kinds.batch_system import batch_systems
 from schemas.kinds.bridge import bridges
 from schemas.kinds.kpi import kpi_kinds
+from schemas.kinds.perception import perception_kinds
 from schemas.kinds.registry import Kinds, Plugin
 from schemas.kinds.scenario import NamesFamily, kind_of, scenario_kinds
 from schemas.kinds.sensor import sensor_kinds
@@ -28,7 +29,7 @@ class ForeignKind(NamedTuple):
 
 
 def foreign_kinds(
-    scenario: NamesFamily, sensors: Iterable[str], bridge: str
+    scenario: NamesFamily, sensors: Iterable[str], bridge: str, perceptions: Iterable[str]
 ) -> Iterator[ForeignKind]:
     """The kinds of other distributions that a campaign names; what is merely installed is not among
     them.
@@ -37,6 +38,7 @@ def foreign_kinds(
         scenario: with its family, whose KPIs may come from further distributions.
         sensors: names of those of the vehicle's own sensors that it has a section of.
         bridge: its name.
+        perceptions: types of its perception variants.
 
     """
     named: list[tuple[Kinds[Any], str, Iterable[str]]] = [
@@ -44,6 +46,7 @@ def foreign_kinds(
         (kpi_kinds(), "scenario.type", kind_of(scenario).kpis),
         (sensor_kinds(), "sensors", sorted(sensors)),
         (bridges(), "autonomy.bridge", (bridge,)),
+        (perception_kinds(), "autonomy.perception", perceptions),
     ]
     for kinds, key, names in named:
         for name in names:
@@ -67,7 +70,7 @@ def plugin_lack(name: str) -> str:
 def _broken() -> Iterator[tuple[Plugin, str]]:
     tables: tuple[Kinds[Any], ...] = (
         *(scenario_kinds(), kpi_kinds(), sensor_kinds()),
-        *(bridges(), batch_systems()),
+        *(bridges(), batch_systems(), perception_kinds()),
     )
     for kinds in tables:
         for name, why in kinds.broken.items():

@@ -1,85 +1,50 @@
-"""Perception variants of a campaign: what the stack sees with, each a file type of its own."""
+"""Perception variants of a campaign: what the stack sees with, each a file type of its own.
+
+Their keys stand in their declarations (:mod:`schemas.kinds.perception`).
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import reduce
+from operator import or_
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING
 
-from msgspec import Meta, Struct, structs
+from msgspec import Struct, defstruct, structs
 
-MODEL_SUFFIXES = (".onnx", ".cfg")
-"""Endings of a model's name that make it the path of a file."""
-
-
-class GroundTruthPerception(
-    Struct, frozen=True, forbid_unknown_fields=True, tag_field="type", tag="ground_truth"
-):
-    """The box sensor seen through a contrast threshold: fog, night and rain make it miss."""
-
-    contrast_min: Annotated[float, Meta(gt=0, le=1)] = 0.05
-    """Contrast of object against surroundings at which confidence is 0.5 [-]."""
-    pixels_min: Annotated[int, Meta(ge=1)] = 24
-    """Fewest visible pixels of an object that can be detected [px]."""
+from schemas.kinds.perception import TAG, perception_kind, perception_kinds
+from schemas.kinds.perceptions.ground_truth import GroundTruthPerception as GroundTruthPerception
+from schemas.kinds.perceptions.network import NetworkPerception as NetworkPerception
+from schemas.kinds.perceptions.network import is_model_path as is_model_path
 
 
-class NetworkPerception(
-    Struct, frozen=True, forbid_unknown_fields=True, tag_field="type", tag="network"
-):
-    """A neural network that sees the pictures of the main camera and nothing else."""
+def _unusable(name: str, reason: str) -> type[Struct]:
+    """Stands for a variant that cannot be used: who asks for it is told why."""
 
-    model: Annotated[str, Meta(min_length=1)]
-    """Name of a shipped model (`devkit models`), path of an ONNX file, or path of a Darknet .cfg
-    (or a published architecture's name) with `weights`."""
-    weights: str = ""
-    """Path of a Darknet network's .weights."""
-    names: str = ""
-    """Path of its labels, one per line; COCO's if there are 80 classes."""
-    description: str = ""
-    """Path of the JSON that describes an ONNX file whose metadata do not."""
-    confidence_min: Annotated[float, Meta(gt=0, lt=1)] = 0.25
-    """Least confidence that is reported [-]; the planner's own threshold lies above."""
-    overlap_max: Annotated[float, Meta(ge=0, le=1)] = 0.4
-    """Intersection over union above which the less confident box goes [-]."""
-    across_classes: bool = False
-    """Boxes of different classes suppress each other, too, as in the AutoDRIVE script."""
-    order: Literal["confidence", "place"] = "confidence"
-    """Of the boxes in a frame: the most confident first, or by their place in the network's
-    output, which `rules: autodrive` looks at."""
-    runtime: Literal["auto", "opencv", "onnxruntime"] = "auto"
-    """What runs it. `auto`: OpenCV on workers that simulate on the CPU, ONNX Runtime on those with
-    a GPU."""
+    def refuse(_self: Struct) -> None:
+        raise ValueError(reason)
 
-    def __post_init__(self) -> None:
-        """Refuse keys that the kind of model would not look at."""
-        if self.model.endswith(".cfg") and not self.weights:
-            raise ValueError("weights: missing; a Darknet .cfg needs its .weights")
-        if self.model.endswith(".onnx") and (self.weights or self.names):
-            raise ValueError("weights and names belong to a Darknet .cfg, not to an ONNX file")
-        if self.names and not self.weights:
-            raise ValueError("names belong to a Darknet network, which needs its weights")
-        if self.weights and self.description:
-            raise ValueError("description belongs to an ONNX file, not to a Darknet .cfg")
+    return defstruct("Unusable", [], tag_field=TAG, tag=name, namespace={"__post_init__": refuse})
 
 
-Perception = GroundTruthPerception | NetworkPerception
-"""A perception variant."""
+if TYPE_CHECKING:
+    Perception = GroundTruthPerception | NetworkPerception
+    """A perception variant."""
+else:
+    _KINDS = perception_kinds()
+    Perception = reduce(
+        or_,
+        [
+            *(kind.config for kind in _KINDS.declared),
+            *(_unusable(n, why) for n, why in _KINDS.broken.items() if _KINDS.get(n) is None),
+        ],
+    )
 
-_PATHS = ("weights", "names", "description")
 
-
-def is_model_path(model: str) -> bool:
-    """Whether a network's ``model`` is the path of a file."""
-    return "/" in model or model.endswith(MODEL_SUFFIXES)
-
-
-def file_fields(variant: Perception) -> dict[str, str]:
+def file_fields(variant: Perception) -> Mapping[str, str]:
     """Keys of ``variant`` that name files by path, and the paths."""
-    if not isinstance(variant, NetworkPerception):
-        return {}
-    found = {"model": variant.model} if is_model_path(variant.model) else {}
-    found.update((name, getattr(variant, name)) for name in _PATHS if getattr(variant, name))
-    return found
+    return perception_kind(variant).files(variant)
 
 
 def with_absolute_files(variants: Mapping[str, Perception], folder: Path) -> dict[str, Perception]:

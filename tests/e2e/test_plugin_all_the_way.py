@@ -86,6 +86,13 @@ sensors: {radar: {hz: 10}}
 autonomy: {stack: "seeing_stack:Stops", perception: {none: {type: ground_truth}}}
 matrix: {sensors.radar.range_m: [0.1, 500]}
 """
+TUNNEL = """\
+campaign: tunnel
+camera: {width: 64, height: 36, hz: 20}
+scenario: {duration_s: 1}
+autonomy: {perception: {wide: {type: tunnel, share: 1}, narrow: {type: tunnel, share: 0.01}}}
+matrix: {model: [wide, narrow]}
+"""
 
 
 @pytest.fixture
@@ -137,6 +144,21 @@ def test_a_ray_sensor_of_others_reaches_the_stack_row_by_row(marked, tmp_path):
     words = {row["verdict"] for row in outcomes(two).values()}
     assert words == {"pass", "over_the_line"}, "one slot saw something, the other nothing"
     assert "the same" in said(marked, "conductor", "fingerprint", two, one)
+
+
+@pytest.mark.usefixtures("campaign")
+def test_a_perception_variant_of_others_sees_for_the_shipped_stack(marked, tmp_path):
+    path, out = tmp_path / "tunnel.yaml", tmp_path / "out"
+    path.write_text(TUNNEL)
+    said(marked, "conductor", "run", path, "--workers", 1, "--slots", 2, "--out", out, codes=(1,))
+    rows = outcomes(out)
+    assert {case: row["perception"]["runtime"] for case, row in rows.items()} == {
+        "narrow": "python",
+        "wide": "python",
+    }
+    assert all(row["perception"]["frames"] > 10 for row in rows.values())
+    page = (out / "report.html").read_text()
+    assert "the simulator&#39;s boxes in the middle of the picture" in page
 
 
 def shown(marked, folder: Path):

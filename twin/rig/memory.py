@@ -15,8 +15,9 @@ import warp as wp
 from schemas.case import Case
 from schemas.files.yaml_file import YamlError, load_yaml, parse_yaml
 from schemas.identity import rig_key
+from schemas.kinds.perception import perception_kind
 from schemas.plan import parse_plan
-from schemas.sections.perception import NetworkPerception, file_fields
+from schemas.sections.perception import Perception, file_fields
 from twin.base.errors import UsageError
 from twin.render.memory import MemoryPlan, MemoryRow, free_bytes
 from twin.sensors.rig_memory import rig_memory
@@ -117,7 +118,7 @@ def _show(cases: list[Case], slots: int, free: int | None, *, as_json: bool) -> 
     networks = {
         msgspec.json.encode(case.variation.perception): case.variation.perception
         for case in cases
-        if isinstance(case.variation.perception, NetworkPerception)
+        if perception_kind(case.variation.perception).loaded
     }
     try:
         plans = [_plan(case, list(networks.values()), slots) for case in rigs.values()]
@@ -139,7 +140,7 @@ def _show(cases: list[Case], slots: int, free: int | None, *, as_json: bool) -> 
         print(f"{free / 1e6:10,.1f} MB  are free: at most {found.slots_max(free)} slots")
 
 
-def _plan(case: Case, networks: list[NetworkPerception], slots: int) -> MemoryPlan:
+def _plan(case: Case, networks: list[Perception], slots: int) -> MemoryPlan:
     vehicle = load_vehicle(case.rig.vehicle)
     for camera in case.rig.seeing:
         vehicle.camera(camera.name)
@@ -148,12 +149,16 @@ def _plan(case: Case, networks: list[NetworkPerception], slots: int) -> MemoryPl
         return found
     rows = (
         MemoryRow("stack: CUDA and its libraries", _STACK_BYTES, 0),
-        *(MemoryRow(f"network {each.model}", _network_bytes(each), 0) for each in networks),
+        *(MemoryRow(f"network {_loaded(each)}", _network_bytes(each), 0) for each in networks),
     )
     return replace(found, rows=(*found.rows, *rows))
 
 
-def _network_bytes(network: NetworkPerception) -> int:
+def _loaded(variant: Perception) -> str:
+    return str(getattr(variant, perception_kind(variant).loaded))
+
+
+def _network_bytes(network: Perception) -> int:
     """Weights, twice because they are rearranged, and what a batch of pictures takes on the way."""
     files = [Path(name) for name in file_fields(network).values()]
     return 2 * sum(path.stat().st_size for path in files if path.is_file()) + _BATCH_BYTES

@@ -9,6 +9,7 @@ import msgspec
 from conductor.report.reading.axes import axis_values
 from conductor.report.reading.dossier import Dossier
 from schemas.case import Case
+from schemas.kinds.perception import perception_kind
 from schemas.sections.autonomy import Autonomy
 from schemas.sections.foreign import Foreign
 from schemas.sections.perception import file_fields
@@ -68,7 +69,7 @@ def system_text(case: Case) -> str:
 def perception_text(case: Case) -> str:
     """What the perception variant of ``case`` really is. Files by their name."""
     spec = case.variation.perception
-    kind = str(spec.__struct_config__.tag or "")
+    declared = perception_kind(spec)
     defaults = dict(
         zip(reversed(spec.__struct_fields__), reversed(spec.__struct_defaults__), strict=False)
     )
@@ -77,9 +78,10 @@ def perception_text(case: Case) -> str:
     shown = [
         name if values[name] is True else f"{name} {values[name]}"
         for name in spec.__struct_fields__
-        if name == "contrast_min" or values[name] != defaults.get(name)
+        if name in declared.shown or values[name] != defaults.get(name)
     ]
-    if kind == "ground_truth":
+    kind = declared.name
+    if declared.text:
         kind = "" if case.variation.model == kind else f"{kind}: "
-        kind += "the simulator's boxes, no network"
+        kind += declared.text
     return ", ".join([kind, *shown])

@@ -70,7 +70,7 @@ def test_frames_seen_together_are_seen_alone():
 
 def test_the_variant_type_chooses_the_implementation():
     assert isinstance(perception(), ContrastPerception)
-    with pytest.raises(ValueError, match="perception Region: not known to devkit; allowed: Ground"):
+    with pytest.raises(ValueError, match="perception Region: not known; allowed: ground_tr"):
         build_perception(BOX)
 
 

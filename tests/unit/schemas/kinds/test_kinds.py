@@ -12,6 +12,7 @@ from foreign_distributions import install
 import schemas.kinds.batch_system
 import schemas.kinds.bridge
 import schemas.kinds.kpi
+import schemas.kinds.perception
 import schemas.kinds.scenario
 import schemas.kinds.sensor
 from schemas.kinds.kpi import kpi_kinds, scalars_by_name, shipped
@@ -23,6 +24,7 @@ ROOT = Path(__file__).parents[4]
 TABLES = (
     schemas.kinds.scenario,
     schemas.kinds.kpi,
+    schemas.kinds.perception,
     schemas.kinds.batch_system,
     schemas.kinds.bridge,
     schemas.kinds.sensor,

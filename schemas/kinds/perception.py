@@ -1,0 +1,88 @@
+"""The table of perception variants: what the reference stack may see with."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+from msgspec import Struct
+
+from schemas.kinds.registry import Kinds, read_kinds
+
+GROUP = "drivetwin.perception"
+"""Entry points that bring perception variants."""
+
+OURS = {
+    "ground_truth": "schemas.kinds.perceptions.ground_truth:KIND",
+    "network": "schemas.kinds.perceptions.network:KIND",
+}
+"""Those that are shipped; the same as in pyproject.toml."""
+
+TAG = "type"
+"""Key of a variant that names its kind."""
+
+
+def _no_files(_variant: Any) -> Mapping[str, str]:
+    return {}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PerceptionKind:
+    """Declaration of a perception variant."""
+
+    name: str
+    """Its ``type``."""
+    config: type[Struct]
+    """Keys of a variant, with types, ranges, defaults and meanings; tagged with the name."""
+    implementation: str
+    """``module:attribute`` of what makes a :class:`devkit.perception.Perception` of a variant and a
+    :class:`devkit.perception.Setting`."""
+    told_truth: bool = False
+    """The stack gets the boxes and the exact environment of the simulator."""
+    files: Callable[[Any], Mapping[str, str]] = _no_files
+    """Keys of a variant that name files by path, and the paths."""
+    loaded: str = ""
+    """Key that names what the stack loads onto its device: reckoned with the size of the variant's
+    files. Empty: it loads nothing."""
+    text: str = ""
+    """What it sees with, in reports; empty: its name says so."""
+    shown: tuple[str, ...] = ()
+    """Keys that reports show even where they have their defaults."""
+
+
+@cache
+def perception_kinds() -> Kinds[PerceptionKind]:
+    """All perception variants, the shipped ones first."""
+    found = read_kinds(GROUP, PerceptionKind, OURS)
+    broken, good = dict(found.broken), []
+    for kind in found.declared:
+        config = getattr(kind.config, "__struct_config__", None)
+        if config is not None and (config.tag_field, config.tag) == (TAG, kind.name):
+            good.append(kind)
+            continue
+        who = " ".join(found.brought[kind.name])
+        broken[kind.name] = (
+            f"{who}: perception '{kind.name}': its config {kind.config.__name__} is no struct with "
+            f"tag_field='{TAG}' and tag='{kind.name}'"
+        )
+    return Kinds(tuple(good), broken, found.brought)
+
+
+def perception_kind(variant: Struct) -> PerceptionKind:
+    """The declaration of what ``variant`` is.
+
+    Raises:
+        ValueError: it is no perception variant.
+    """
+    kind = _by_config().get(type(variant))
+    if kind is None:
+        known = ", ".join(kind.name for kind in perception_kinds().declared)
+        raise ValueError(f"perception {type(variant).__name__}: not known; allowed: {known}")
+    return kind
+
+
+@cache
+def _by_config() -> dict[type[Struct], PerceptionKind]:
+    return {kind.config: kind for kind in perception_kinds().declared}

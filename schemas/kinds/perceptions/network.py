@@ -1,0 +1,73 @@
+"""A neural network that sees pictures."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from msgspec import Meta, Struct
+
+from schemas.kinds.perception import PerceptionKind
+
+MODEL_SUFFIXES = (".onnx", ".cfg")
+"""Endings of a model's name that make it the path of a file."""
+
+_PATHS = ("weights", "names", "description")
+
+
+class NetworkPerception(
+    Struct, frozen=True, forbid_unknown_fields=True, tag_field="type", tag="network"
+):
+    """A neural network that sees the pictures of the main camera and nothing else."""
+
+    model: Annotated[str, Meta(min_length=1)]
+    """Name of a shipped model (`devkit models`), path of an ONNX file, or path of a Darknet .cfg
+    (or a published architecture's name) with `weights`."""
+    weights: str = ""
+    """Path of a Darknet network's .weights."""
+    names: str = ""
+    """Path of its labels, one per line; COCO's if there are 80 classes."""
+    description: str = ""
+    """Path of the JSON that describes an ONNX file whose metadata do not."""
+    confidence_min: Annotated[float, Meta(gt=0, lt=1)] = 0.25
+    """Least confidence that is reported [-]; the planner's own threshold lies above."""
+    overlap_max: Annotated[float, Meta(ge=0, le=1)] = 0.4
+    """Intersection over union above which the less confident box goes [-]."""
+    across_classes: bool = False
+    """Boxes of different classes suppress each other, too, as in the AutoDRIVE script."""
+    order: Literal["confidence", "place"] = "confidence"
+    """Of the boxes in a frame: the most confident first, or by their place in the network's
+    output, which `rules: autodrive` looks at."""
+    runtime: Literal["auto", "opencv", "onnxruntime"] = "auto"
+    """What runs it. `auto`: OpenCV on workers that simulate on the CPU, ONNX Runtime on those with
+    a GPU."""
+
+    def __post_init__(self) -> None:
+        """Refuse keys that the kind of model would not look at."""
+        if self.model.endswith(".cfg") and not self.weights:
+            raise ValueError("weights: missing; a Darknet .cfg needs its .weights")
+        if self.model.endswith(".onnx") and (self.weights or self.names):
+            raise ValueError("weights and names belong to a Darknet .cfg, not to an ONNX file")
+        if self.names and not self.weights:
+            raise ValueError("names belong to a Darknet network, which needs its weights")
+        if self.weights and self.description:
+            raise ValueError("description belongs to an ONNX file, not to a Darknet .cfg")
+
+
+def is_model_path(model: str) -> bool:
+    """Whether a network's ``model`` is the path of a file."""
+    return "/" in model or model.endswith(MODEL_SUFFIXES)
+
+
+def _files(variant: NetworkPerception) -> dict[str, str]:
+    found = {"model": variant.model} if is_model_path(variant.model) else {}
+    found.update((name, getattr(variant, name)) for name in _PATHS if getattr(variant, name))
+    return found
+
+
+KIND = PerceptionKind(
+    name="network",
+    config=NetworkPerception,
+    implementation="devkit.detector.network_perception:DetectorPerception",
+    files=_files,
+    loaded="model",
+)
