@@ -70,7 +70,7 @@ def motion(image: np.ndarray, flow: np.ndarray, depth: np.ndarray, shutter: Shut
     """Eight taps along the own way, and along the longest nearby for what passes."""
     height, width, _ = image.shape
     rows, columns = np.mgrid[:height, :width]
-    ways = flow.astype(F32) * F32(shutter.share)
+    ways = flow.astype(F32) * F32(-shutter.share)
     length = np.sqrt((ways**2).sum(axis=-1))
     long = length > shutter.longest
     ways[long] *= (F32(shutter.longest) / length[long])[:, None]

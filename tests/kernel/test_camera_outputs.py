@@ -78,10 +78,10 @@ LENSES = {
 }
 
 
-@pytest.mark.parametrize("name", LENSES)
-def test_flow_is_the_difference_of_projections(name):
+@pytest.mark.parametrize(("name", "hfov"), [*((name, 80.0) for name in LENSES), ("fisheye", 150.0)])
+def test_flow_is_the_difference_of_projections(name, hfov):
     lens = LENSES[name]
-    size, hfov = (160, 90), 80.0
+    size = (160, 90)
     wall = quad((30, -60, -9), (30, 60, -9), (30, 60, 30), (30, -60, 30))
     mount = CameraMount(position_m=[1.0, 0.2, 0.4], lens=lens)
     camera = camera_in(
@@ -112,9 +112,10 @@ def test_flow_is_the_difference_of_projections(name):
     px, visible = project(lens, *size, hfov, axes.reshape(-1, 3))
     visible = visible.reshape(90, 160) | np.isinf(depth)
     where = np.stack(np.meshgrid(np.arange(160) + 0.5, np.arange(90) + 0.5), -1)
-    expected = px.reshape(90, 160, 2) - where
+    old_px = px.reshape(90, 160, 2)
+    expected = where - old_px
     inner = visible & (np.abs(expected) < 40).all(-1)
-    inner &= ((where + expected > 2) & (where + expected < np.array(size) - 2)).all(-1)
+    inner &= ((old_px > 2) & (old_px < np.array(size) - 2)).all(-1)
     assert inner.mean() > 0.7
     assert np.abs(expected[inner]).max() > 3.0
     np.testing.assert_allclose(flow[inner], expected[inner], atol=0.02)
@@ -140,7 +141,7 @@ def test_flow_of_an_object_that_moves():
     flow, instance = camera.outputs["flow"][0], camera.outputs["instance"][0]
     assert (instance == 0).sum() > 8
     # It was 0.3 m further right; its front is 19 m away, the focal length 32 px.
-    np.testing.assert_allclose(flow[instance == 0][:, 0], 0.3 / 19.0 * 32.0, atol=4e-3)
+    np.testing.assert_allclose(flow[instance == 0][:, 0], -0.3 / 19.0 * 32.0, atol=4e-3)
     np.testing.assert_allclose(flow[instance == 0][:, 1], 0.0, atol=4e-3)
     assert np.abs(flow[instance == -1]).max() < 1e-3
 

@@ -19,8 +19,8 @@ OUTPUTS: dict[str, tuple[Any, int]] = {
 
 ``depth``: along the camera's axis [m], +inf for the sky; ``instance``: -1 for none; ``semantic``:
 index of :data:`schemas.messages.SEMANTIC_CLASSES`; ``normal``: unit, in the camera's axes (x right,
-y down, z forward), 0 for the sky; ``flow``: where the point was in the picture before, minus where
-it is (x, y) [px].
+y down, z forward), 0 for the sky; ``flow``: where the point is, minus where it was in the picture
+before (x, y) [px].
 """
 
 

@@ -98,7 +98,7 @@ def flow_at(
     before: SlotPose,
     period_s: wp.float32,
 ) -> wp.vec2:
-    """Place of a point in the picture before, minus that in this one [px]; the sky is infinitely
+    """Place of a point in this picture, minus that in the one before [px]; the sky is infinitely
     far.
 
     The pixel whose ray points there is found with the table of rays, by Newton's method from here
@@ -152,7 +152,7 @@ def flow_at(
             step = wp.abs(move_x) + wp.abs(move_y)
         x = wp.clamp(x, -wp.float32(width), wp.float32(width))
         y = wp.clamp(y, -wp.float32(height), wp.float32(height))
-    return wp.vec2(x, y)
+    return wp.vec2(-x, -y)
 
 
 @cache

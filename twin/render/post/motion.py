@@ -58,7 +58,7 @@ def _way(
     column: wp.int32,
 ) -> wp.vec2:
     """Way of a pixel while the shutter is open, none where it is unknown [px]."""
-    way = wp.vec2(flow[slot, row, column, 0], flow[slot, row, column, 1]) * shutter.share
+    way = wp.vec2(flow[slot, row, column, 0], flow[slot, row, column, 1]) * -shutter.share
     length = wp.length(way)
     if not (length < 1.0e6):  # also a NaN
         way = wp.vec2(0.0, 0.0)
