@@ -14,14 +14,8 @@ from schemas.kinds.registry import Kinds, read_kinds
 GROUP = "drivetwin.sensors"
 """Entry points that bring sensors."""
 
-OURS = {
-    "encoders": "schemas.kinds.sensors.encoders:KIND",
-    "gnss": "schemas.kinds.sensors.gnss:KIND",
-    "imu": "schemas.kinds.sensors.imu:KIND",
-    "pose": "schemas.kinds.sensors.pose:KIND",
-}
-"""Those that are shipped; the same as in pyproject.toml. Messages and files have them in this
-order."""
+OURS = {"shipped": "schemas.kinds.sensors:KINDS"}
+"""Those that are shipped; the same as in pyproject.toml."""
 
 ControlRate = Annotated[int, Meta(ge=0, le=500)]
 Share = Annotated[float, Meta(ge=0, le=0.5)]

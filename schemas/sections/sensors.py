@@ -12,21 +12,23 @@ from typing import TYPE_CHECKING, Any
 
 from msgspec import UNSET, Struct, UnsetType, defstruct
 
-from schemas.kinds.sensor import OURS, SensorConfig, SensorKind, sensor_kinds
+from schemas.kinds.sensor import SensorConfig, SensorKind, sensor_kinds
+from schemas.kinds.sensors import FIRST
 
 _KINDS = sensor_kinds()
 
 
-def _field(kind: SensorKind) -> tuple[str, Any, Any]:
-    """A sensor that is not named is not there. One that others bring is in no message that does not
+def field_of(kind: SensorKind) -> tuple[str, Any, Any]:
+    """A sensor that is not named is not there. Any but the first is in no message that does not
     name it, so a campaign's digest has the sensors that it uses and no others."""
-    if kind.name in OURS:
+    if kind.name in FIRST:
         return kind.name, kind.config, kind.config(on=False)
     return kind.name, kind.config | UnsetType, UNSET
 
 
 def _sections(self: Sensors) -> dict[str, SensorConfig]:
-    """Section of every sensor that was named, or is shipped, by name and in the table's order."""
+    """Section of every sensor that was named, or is one of the first, by name, in the table's
+    order."""
     found = ((name, getattr(self, name)) for name in self.__struct_fields__)
     return {name: section for name, section in found if section is not UNSET}
 
@@ -43,7 +45,7 @@ if TYPE_CHECKING:
         """The section ``sensors``, made of the table."""
 
         def sections(self) -> dict[str, SensorConfig]:
-            """Section of every sensor that was named, or is shipped."""
+            """Section of every sensor that was named, or is one of the first."""
 
         def rates(self, control_hz: int) -> dict[str, int]:
             """Name -> rate of every sensor that is on [Hz]."""
@@ -53,7 +55,7 @@ if TYPE_CHECKING:
 else:
     Sensors = defstruct(
         "Sensors",
-        [_field(kind) for kind in _KINDS.declared],
+        [field_of(kind) for kind in _KINDS.declared],
         namespace={
             "__doc__": "The section ``sensors``: a sensor that is not named is not there.",
             "sections": _sections,

@@ -11,9 +11,11 @@ from schemas import messages
 from schemas.axes import axes_allowed
 from schemas.case import Variation
 from schemas.identity import case_digest, rig_key
+from schemas.kinds.sensor import sensor_kinds
 from schemas.kinds.sensors.gnss import Gnss
 from schemas.kinds.sensors.imu import Imu
 from schemas.plan import expand, parse_campaign, parse_plan
+from schemas.sections import sensors as section
 from schemas.sections.sensors import Sensors
 from schemas.wire import topics
 
@@ -32,6 +34,16 @@ def test_a_sensor_that_is_not_named_is_not_there():
     assert one.rates(20) == {"gnss": 10, "imu": 20}
     assert cases({"imu": {"on": False}})[0].variation.sensors.rates(20) == {}
     assert (one.gnss, one.imu) == (Gnss(), Imu())
+
+
+def test_a_sensor_that_is_shipped_later_is_in_no_digest_that_does_not_use_it(monkeypatch):
+    monkeypatch.setattr(section, "FIRST", ("encoders",))
+    table = [section.field_of(kind) for kind in sensor_kinds().declared]
+    fields = [name for name, _, default in table if default is not msgspec.UNSET]
+    assert fields == ["encoders"]
+    later = msgspec.defstruct("Later", table, module=section.__name__)
+    assert set(msgspec.to_builtins(later())) == {"encoders"}
+    assert later(imu=Imu()).imu == Imu()
 
 
 @pytest.mark.parametrize(
