@@ -1,0 +1,1 @@
+"""Ultrasonic rangers: a few short cones of rays."""
