@@ -1,8 +1,8 @@
 """Declarations of the sensors that are shipped."""
 
-from schemas.kinds.sensors import encoders, gnss, imu, pose, ultrasonic
+from schemas.kinds.sensors import encoders, gnss, imu, pose
 
-KINDS = (encoders.KIND, gnss.KIND, imu.KIND, pose.KIND, ultrasonic.KIND)
+KINDS = (encoders.KIND, gnss.KIND, imu.KIND, pose.KIND)
 """Messages and files have them in this order."""
 
 FIRST = ("encoders", "gnss", "imu", "pose")

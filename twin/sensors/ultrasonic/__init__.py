@@ -1,1 +1,0 @@
-"""Ultrasonic rangers: a few short cones of rays."""
