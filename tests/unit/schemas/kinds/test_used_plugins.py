@@ -31,7 +31,10 @@ print(json.dumps([found, installed_plugins(), lacking_plugins()]))
 
 CONDUCTOR = """
 import json, sys
+import msgspec
 from conductor_bench import Bench, hello, submit
+from conductor.core.admit import admit
+from schemas.identity import campaign_digest
 from schemas.wire.control import Submit
 campaign = json.load(sys.stdin)
 bench = Bench()
@@ -54,7 +57,12 @@ for name, offer in offers.items():
     asked = bench.lease(name, k=9)
     found[name] = [notes, sorted({lease.case.variation.campaign for lease in asked}), told]
     bench.bye(name)
-print(json.dumps([found, refused]))
+known = bench.state.campaigns["c"]
+begun = {**known.campaign.plugins, "plugin-example": "0.9"}
+known.campaign = msgspec.structs.replace(known.campaign, plugins=begun)
+known.digest = campaign_digest(known.campaign, [each.case for each in known.ordered])
+_, errors = admit(bench.state, Submit(1, campaign))
+print(json.dumps([found, refused, *errors]))
 """
 
 
@@ -132,3 +140,25 @@ def test_a_campaign_of_another_version_is_refused_in_one_line(leased):
         "c: uses plug-in 'plugin-example' 0.9 where it was submitted, the conductor has 1.0; "
         "install the same version on both sides"
     )
+
+
+def test_a_run_that_was_begun_with_another_version_says_which(leased):
+    assert leased[2].startswith("c: ")
+    assert "was begun with plug-in 'plugin-example' 0.9, installed is 1.0; put it back" in leased[2]
+
+
+def test_a_file_that_names_another_version_is_refused(tmp_path):
+    env = beside(tmp_path / "site", "1.0")
+    for version, code in (("1.0", 0), ("0.9", 2)):
+        path = tmp_path / f"{version}.json"
+        path.write_text(json.dumps({**STOPS, "plugins": {"plugin-example": version}}))
+        done = subprocess.run(
+            [sys.executable, "-m", "conductor", "validate", str(path)],
+            env=env,
+            cwd=ROOT,
+            capture_output=True,
+            text=True,
+        )
+        assert done.returncode == code, done.stdout + done.stderr
+    line = "plugins.plugin-example: given 0.9, installed is 1.0; install that version"
+    assert line in " ".join((done.stdout + done.stderr).split())
