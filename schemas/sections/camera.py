@@ -6,11 +6,9 @@ from typing import Annotated, Literal
 
 from msgspec import Meta, Struct
 
+from schemas.kinds.picture import ImageOutput
 from schemas.names import Name
 from schemas.sections.lens import EFFECTS, Effect
-
-ImageOutput = Literal["depth", "instance", "semantic", "normal", "flow"]
-"""What a camera gives beside pictures and boxes."""
 
 
 class Camera(Struct, frozen=True, forbid_unknown_fields=True):

@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from schemas.kinds.picture import MAIN, OUTPUTS
 from schemas.kinds.sensor import sensor_kinds
 
-_WORDS = {"<f8": "float64", "<i8": "int64", "<f4": "float32"}
+_WORDS = {"<f8": "float64", "<i8": "int64", "<f4": "float32", "<i4": "int32", "|u1": "uint8"}
 Payload = Literal["array", "msgpack", "jpeg"]
 
 
@@ -24,12 +25,17 @@ class Topic:
     """BLOCK on congestion (one known peer); otherwise DROP."""
 
 
-CAMERA = Topic("drive/{rig}/sensor/camera", "array", "rgb8 [S,H,W,3] uint8", True)
-DEPTH = Topic("drive/{rig}/sensor/depth", "array", "metres [S,H,W] float32", True)
-INSTANCE = Topic("drive/{rig}/sensor/instance", "array", "ids [S,H,W] int32", True)
-SEMANTIC = Topic("drive/{rig}/sensor/semantic", "array", "classes [S,H,W] uint8", True)
-NORMAL = Topic("drive/{rig}/sensor/normal", "array", "camera axes [S,H,W,3] float32", True)
-FLOW = Topic("drive/{rig}/sensor/flow", "array", "pixels [S,H,W,2] float32", True)
+PICTURES = tuple(
+    Topic(
+        f"drive/{{rig}}/sensor/{kind.name}",
+        "array",
+        f"{kind.meaning} [S,H,W{f',{kind.values}' if kind.values > 1 else ''}] "
+        f"{_WORDS[kind.dtype]}",
+        True,
+    )
+    for kind in (MAIN, *OUTPUTS)
+)
+"""What a camera gives per pixel, as the table of pictures has it."""
 LIDAR = Topic("drive/{rig}/sensor/lidar", "array", "POINT_COLUMNS [S,N,K] float32", True)
 BOXES = Topic("drive/{rig}/sensor/boxes", "array", "BOX_COLUMNS [S,B,7] float32", True)
 VEHICLE = Topic("drive/{rig}/sensor/vehicle", "array", "VEHICLE_COLUMNS [S,7] float64", True)
@@ -83,12 +89,7 @@ FEED_END = Topic("feed/{rig}/end", "msgpack", "FeedEnd", True)
 RECORDER_ALIVE = Topic("feed/{rig}/recorder", "msgpack", "liveliness token", False)
 
 TOPICS: tuple[Topic, ...] = (
-    CAMERA,
-    DEPTH,
-    INSTANCE,
-    SEMANTIC,
-    NORMAL,
-    FLOW,
+    *PICTURES,
     LIDAR,
     BOXES,
     VEHICLE,

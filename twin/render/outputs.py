@@ -6,22 +6,16 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 import warp as wp
 
-OUTPUTS: dict[str, tuple[Any, int]] = {
-    "depth": (wp.float32, 1),
-    "instance": (wp.int32, 1),
-    "semantic": (wp.uint8, 1),
-    "normal": (wp.float32, 3),
-    "flow": (wp.float32, 2),
-}
-"""Type and values per pixel of every output [S, H, W, ...].
+from schemas.kinds import picture
 
-``depth``: along the camera's axis [m], +inf for the sky; ``instance``: -1 for none; ``semantic``:
-index of :data:`schemas.messages.SEMANTIC_CLASSES`; ``normal``: unit, in the camera's axes (x right,
-y down, z forward), 0 for the sky; ``flow``: where the point is, minus where it was in the picture
-before (x, y) [px].
-"""
+OUTPUTS: dict[str, tuple[Any, int]] = {
+    kind.name: (wp.dtype_from_numpy(np.dtype(kind.dtype)), kind.values) for kind in picture.OUTPUTS
+}
+"""Type and values per pixel of every output [S, H, W, ...]; what they mean is declared in
+:data:`schemas.kinds.picture.OUTPUTS`."""
 
 
 @dataclass(frozen=True, slots=True)

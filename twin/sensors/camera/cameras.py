@@ -9,6 +9,7 @@ import numpy as np
 from schemas.campaign import Camera
 from schemas.case import Case
 from schemas.identity import stream_key
+from schemas.kinds.picture import MAIN, OUTPUTS_BY_NAME
 from schemas.messages import CameraSite, Lights
 from twin.fabric.frames import FrameChannel
 from twin.render.camera import RayCamera
@@ -25,8 +26,6 @@ from twin.world.street.build import World
 HAZARD_PERIOD_NS = 666_000_000
 """Blink period of hazard lamps: 90 per minute (UN R48 asks for 60 to 120) [ns]."""
 
-_DTYPES = {"depth": "<f4", "instance": "<i4", "semantic": "|u1", "normal": "<f4", "flow": "<f4"}
-_DEPTHS = {"normal": (3,), "flow": (2,)}
 _ALOFT = ("cloud_offset", "fallen_m", "time_s")
 """What :func:`advance_light` moves on."""
 
@@ -68,11 +67,9 @@ class Cameras:
         """Pictures and further outputs [S, H, W, ...]."""
         found = []
         for camera, suffix in _cameras(case):
-            size = (slots, camera.height, camera.width)
-            found.append(FrameChannel(f"camera{suffix}", (*size, 3), "|u1"))
-            for output in camera.outputs:
-                shape = (*size, *_DEPTHS.get(output, ()))
-                found.append(FrameChannel(f"{output}{suffix}", shape, _DTYPES[output]))
+            for kind in (MAIN, *(OUTPUTS_BY_NAME[output] for output in camera.outputs)):
+                shape = kind.shape(slots, camera.height, camera.width)
+                found.append(FrameChannel(kind.name + suffix, shape, kind.dtype))
         return found
 
     def memory(
