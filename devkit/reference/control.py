@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 
 from msgspec import Meta, Struct
 
-from devkit.reference.planning import Plan
+from devkit.reference.planning import DrivePlan
 
 
 class Controller(Struct, frozen=True, forbid_unknown_fields=True):
@@ -56,7 +56,7 @@ class Actuation:
 
 
 def control(
-    integral: float, plan: Plan, speed_mps: float, period_s: float, controller: Controller
+    integral: float, plan: DrivePlan, speed_mps: float, period_s: float, controller: Controller
 ) -> tuple[float, Actuation]:
     """One control tick.
 

@@ -113,7 +113,7 @@ State = Cruise | Brake | Hold | React
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
+class DrivePlan:
     """What the controller is asked to do."""
 
     speed_mps: float
@@ -132,7 +132,7 @@ def plan(
     view: CameraView,
     planner: Planner,
     curvature_per_m: float = 0.0,
-) -> tuple[State, Plan]:
+) -> tuple[State, DrivePlan]:
     """One control tick.
 
     Args:
@@ -146,8 +146,8 @@ def plan(
     """
     state, trigger = _next_state(state, detections, speed_mps, view, planner, curvature_per_m)
     if isinstance(state, Cruise) or (isinstance(state, React) and not state.aeb):
-        return state, Plan(planner.cruise_speed_mps, aeb=False)
-    return state, Plan(0.0, aeb=True, trigger=trigger)
+        return state, DrivePlan(planner.cruise_speed_mps, aeb=False)
+    return state, DrivePlan(0.0, aeb=True, trigger=trigger)
 
 
 def _next_state(

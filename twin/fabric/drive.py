@@ -25,6 +25,7 @@ from schemas.messages import Commands, Episode, Frame, Ready, Tick
 from schemas.wire import topics
 from schemas.wire.codec import ATTACHMENT_BYTES_MAX, MESSAGE_BYTES_MAX, WireError, decode, encode
 from twin.base.errors import InfrastructureError, RefusedError, StackFaultError
+from twin.fabric.answers import Answers
 from twin.fabric.bus import Bus, Sample
 from twin.fabric.endpoint import is_socket
 from twin.fabric.frames import HEADER_BYTES, FrameBuffer, open_frames
@@ -38,12 +39,6 @@ READY_PERIOD_S = 0.05
 
 RESEND_S = 1.0
 """A seq without commands is published again after this long [s]."""
-
-SEQS_KEPT = 64
-"""So many seqs are remembered to tell late answers from wrong ones."""
-
-ODD_ANSWERS_MAX = 2
-"""So many answers more than a seq may have are let pass."""
 
 WAITING_MAX = 1000
 """Most messages of the stack that wait for the simulator."""
@@ -161,7 +156,7 @@ class SimulatorEnd:
         self.resent = 0
         """Seqs published again."""
         self._fault = ""
-        self._answers = _Answers()
+        self._answers = Answers()
         # Each counted by one thread: what arrived, and what was looked at [bytes].
         self._arrived, self._read = 0, 0
         self._link, self._link_seen_s = LinkWatch(bus.endpoints), time.monotonic()
@@ -340,31 +335,6 @@ class SimulatorEnd:
             return None
         self._read += len(sample.payload)
         return sample
-
-
-class _Answers:
-    """Tells an answer that comes late, or twice, from one with a wrong seq."""
-
-    def __init__(self) -> None:
-        self._due: dict[int, int] = {}
-        """Seq, of the last few, and how many more answers to it may come."""
-
-    def asked(self, seq: int) -> None:
-        """A seq is published, perhaps again."""
-        # What is asked may come twice, and so may what is answered.
-        self._due[seq] = self._due.get(seq, ODD_ANSWERS_MAX) + 4
-        while len(self._due) > SEQS_KEPT:
-            del self._due[next(iter(self._due))]
-
-    def other(self, seq: int, asked: int) -> None:
-        """An answer to ``seq`` has come, and not to the one that was ``asked`` last.
-
-        Raises:
-            StackFaultError: it cannot be a late one.
-        """
-        due = self._due[seq] = self._due.get(seq, ODD_ANSWERS_MAX) - 1
-        if seq > asked or due < 0:
-            raise StackFaultError(f"stack: answers seq {seq}, asked for {asked}; echo the tick's")
 
 
 def _commands_in(sample: Sample) -> Commands | None:

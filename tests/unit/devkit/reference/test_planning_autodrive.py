@@ -8,7 +8,7 @@ import msgspec
 import pytest
 from camera_sites import camera_site
 
-from devkit.reference.planning import Brake, Cruise, Plan, Planner, React, plan
+from devkit.reference.planning import Brake, Cruise, DrivePlan, Planner, React, plan
 from devkit.reference.planning_autodrive import trigger
 from devkit.reference.view import CameraView
 from schemas.messages import Detection
@@ -64,8 +64,8 @@ def test_every_frame_decides_anew_and_ticks_between_frames_keep_it():
         seen.append(asked.aeb)
     assert seen == [False, False, True, True, True, False, False, True]
     assert isinstance(state, React)
-    assert asked == Plan(0.0, aeb=True, trigger=0)
-    assert plan(state, [], 0.0, VIEW, PLANNER) == (React(), Plan(5.0, aeb=False))
+    assert asked == DrivePlan(0.0, aeb=True, trigger=0)
+    assert plan(state, [], 0.0, VIEW, PLANNER) == (React(), DrivePlan(5.0, aeb=False))
 
 
 def test_the_default_rules_need_two_frames_and_latch():

@@ -5,14 +5,14 @@ from __future__ import annotations
 import pytest
 
 from devkit.reference.control import Actuation, Controller, control
-from devkit.reference.planning import Plan
+from devkit.reference.planning import DrivePlan
 
 CONTROLLER = Controller()
-CRUISE = Plan(speed_mps=8.0, aeb=False)
-AEB = Plan(speed_mps=0.0, aeb=True)
+CRUISE = DrivePlan(speed_mps=8.0, aeb=False)
+AEB = DrivePlan(speed_mps=0.0, aeb=True)
 
 
-def one(plan: Plan, speed_mps: float, integral: float = 0.0) -> Actuation:
+def one(plan: DrivePlan, speed_mps: float, integral: float = 0.0) -> Actuation:
     return control(integral, plan, speed_mps, 0.05, CONTROLLER)[1]
 
 

@@ -14,7 +14,7 @@ from devkit.reference.planning import (
     Brake,
     Cruise,
     Hold,
-    Plan,
+    DrivePlan,
     Planner,
     extent_m,
     is_relevant,
@@ -259,7 +259,7 @@ def run(frames, speeds=None, planner=PLANNER, state=None):
 
 
 def test_cruise_on_a_free_road():
-    free = Plan(speed_mps=8.0, aeb=False)
+    free = DrivePlan(speed_mps=8.0, aeb=False)
     assert plan(Cruise(), [], 3.0, VIEW, PLANNER) == (Cruise((False,)), free)
     assert plan(Cruise(), None, 3.0, VIEW, PLANNER) == (Cruise(), free)
 
@@ -304,7 +304,7 @@ def test_a_window_smaller_than_the_count_is_refused():
 
 
 def test_the_tick_of_the_trigger_already_brakes():
-    braking = Plan(0.0, aeb=True, trigger=0)
+    braking = DrivePlan(0.0, aeb=True, trigger=0)
     assert plan(Cruise((True,)), [THREAT], 8.0, VIEW, PLANNER) == (Brake(), braking)
 
 
@@ -313,10 +313,12 @@ def test_the_trigger_is_the_nearest_object_in_the_path_and_told_once():
     faint = changed(THREAT, confidence=0.1)
     seen = [parked, faint, far, THREAT]
     state, first = plan(Cruise(), seen, 8.0, VIEW, PLANNER)
-    assert first == Plan(8.0, aeb=False)
+    assert first == DrivePlan(8.0, aeb=False)
     state, second = plan(state, seen, 8.0, VIEW, PLANNER)
-    assert second == Plan(0.0, aeb=True, trigger=3)
-    assert plan(state, seen, 8.0, VIEW, PLANNER)[1] == Plan(0.0, aeb=True), "latched, not triggered"
+    assert second == DrivePlan(0.0, aeb=True, trigger=3)
+    assert plan(state, seen, 8.0, VIEW, PLANNER)[1] == DrivePlan(0.0, aeb=True), (
+        "latched, not triggered"
+    )
 
 
 def test_brake_is_latched_and_ends_below_standstill_speed():
@@ -327,4 +329,4 @@ def test_brake_is_latched_and_ends_below_standstill_speed():
 
 def test_hold_stays_for_good():
     assert run([False, True, None], [0.0, 5.0, 8.0], state=Hold()) == [Hold()] * 3
-    assert plan(Hold(), [], 0.0, VIEW, PLANNER)[1] == Plan(0.0, aeb=True)
+    assert plan(Hold(), [], 0.0, VIEW, PLANNER)[1] == DrivePlan(0.0, aeb=True)
