@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Literal, Self
+from typing import Literal, Self
 
 import msgspec
 
@@ -15,6 +15,7 @@ from schemas.wire import topics
 from schemas.wire.codec import decode, encode
 from schemas.wire.control import Control, Explain, Reply, Request, StatusRequest, Stop, Submit
 from schemas.wire.rpc_routes import door
+from schemas.wire.status import ConductorStatus
 from twin.base.errors import InfrastructureError, UsageError
 from twin.base.software import software_digest
 from twin.fabric.connection_options import ConductorOptions
@@ -72,7 +73,7 @@ class ConductorClient:
         self._ask(request, timeout_s=30.0)
         return str(self.status()["campaigns"][campaign.campaign]["out"])
 
-    def status(self, *, running: bool = False) -> dict[str, Any]:
+    def status(self, *, running: bool = False) -> ConductorStatus:
         """The conductor's state; with ``running`` also the cases that run now."""
         return self._ask(StatusRequest(v=SCHEMA_VERSION, running=running)).status
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 from rich.console import Console, Group, RenderableType
 from rich.table import Table
@@ -12,18 +11,19 @@ from rich.text import Text
 
 from conductor.commands.pace import Pace, shown_time
 from schemas.reference import FieldKey
+from schemas.wire.status import CampaignStatus, ConductorStatus, RunningCase, counts_of
 from schemas.words import counted
 
 _COUNTS = ("cases", "waiting", "leased", "passed", "not_passed", "failed", "unresolved")
 _COUNTS_IF_ANY = ("cancelled", "quarantined")
 
 
-def status_tables(found: dict[str, Any]) -> None:
+def status_tables(found: ConductorStatus) -> None:
     """Print campaigns, workers, notes and alarms of a conductor."""
     _print(status_view(found))
 
 
-def running_table(rows: Sequence[dict[str, Any]]) -> None:
+def running_table(rows: Sequence[RunningCase]) -> None:
     """Print the cases that run, or that there is none."""
     if not rows:
         print("no case runs now")
@@ -35,7 +35,7 @@ def running_table(rows: Sequence[dict[str, Any]]) -> None:
     _print(table)
 
 
-def status_view(found: dict[str, Any], paces: Mapping[str, Pace] | None = None) -> RenderableType:
+def status_view(found: ConductorStatus, paces: Mapping[str, Pace] | None = None) -> RenderableType:
     """Campaigns, workers, notes and alarms; with throughput and remaining time if ``paces``."""
     parts: list[RenderableType] = [_campaigns(found["campaigns"], paces), _workers(found)]
     parts += [Text(note) for note in found["notes"]]
@@ -43,7 +43,7 @@ def status_view(found: dict[str, Any], paces: Mapping[str, Pace] | None = None) 
     return Group(*parts)
 
 
-def alarms(found: dict[str, Any]) -> list[str]:
+def alarms(found: ConductorStatus) -> list[str]:
     """What must not happen: broken hosts, attempts that disagree, storage that refuses."""
     lines = [f"alarm: {line}" for line in found.get("broken_hosts", [])]
     for name, row in found["campaigns"].items():
@@ -71,14 +71,15 @@ def _print(view: RenderableType) -> None:
     Console(width=None if sys.stdout.isatty() else 180).print(view)
 
 
-def _campaigns(rows: dict[str, Any], paces: Mapping[str, Pace] | None) -> Table:
+def _campaigns(rows: Mapping[str, CampaignStatus], paces: Mapping[str, Pace] | None) -> Table:
     counts = _COUNTS + tuple(
-        name for name in _COUNTS_IF_ANY if any(row.get(name) for row in rows.values())
+        name for name in _COUNTS_IF_ANY if any(counts_of(row).get(name) for row in rows.values())
     )
     heads = [name.replace("_", " ") for name in counts]
     table = Table("campaign", *heads, *(("cases/s", "ETA") if paces is not None else ()), "folder")
     for name, row in rows.items():
-        cells = [str(row.get(count, 0)) for count in counts]
+        numbers = counts_of(row)
+        cells = [str(numbers.get(count, 0)) for count in counts]
         if paces is not None:
             pace = paces.get(name) or Pace()
             rate = "-" if pace.per_s is None else f"{pace.per_s:.2f}"
@@ -88,7 +89,7 @@ def _campaigns(rows: dict[str, Any], paces: Mapping[str, Pace] | None) -> Table:
     return table
 
 
-def _workers(found: dict[str, Any]) -> Table:
+def _workers(found: ConductorStatus) -> Table:
     table = Table("worker", "host", "device", "slots", "held", "progress", "last seen")
     for row in found["workers"]:
         seen = f"{row['age_s']:.1f} s ago"

@@ -10,7 +10,7 @@ import json
 import threading
 import time
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Protocol
 
 from rich.console import Console
 from rich.live import Live
@@ -18,6 +18,7 @@ from rich.text import Text
 
 from conductor.commands.pace import Pace, shown_time
 from conductor.commands.tables import alarms, status_view
+from schemas.wire.status import ConductorStatus
 from schemas.words import counted
 from twin.base.errors import EXIT_PASS, TwinError
 
@@ -30,7 +31,7 @@ HASTE_S = 0.2
 class StatusSource(Protocol):
     """Where status and events come from; see :class:`conductor.commands.client.ConductorClient`."""
 
-    def status(self) -> dict[str, Any]:
+    def status(self) -> ConductorStatus:
         """The conductor's state."""
 
     def on_event(self, handler: Callable[[], None]) -> None:
@@ -41,10 +42,10 @@ class Watched:
     """What was seen so far: the last status and the pace of each campaign."""
 
     def __init__(self) -> None:
-        self.found: dict[str, Any] = {}
+        self.found: ConductorStatus = {}
         self.paces: dict[str, Pace] = {}
 
-    def saw(self, found: dict[str, Any], now_s: float) -> None:
+    def saw(self, found: ConductorStatus, now_s: float) -> None:
         """A status, asked for at ``now_s``."""
         self.found = found
         for name, row in found["campaigns"].items():
@@ -141,6 +142,6 @@ def _wait(changed: threading.Event) -> None:
     time.sleep(HASTE_S)
 
 
-def _counts(found: dict[str, Any]) -> object:
+def _counts(found: ConductorStatus) -> object:
     """What a line per change is about: not the ages of workers."""
     return json.dumps([found["campaigns"], found["notes"], found.get("storage_error")])

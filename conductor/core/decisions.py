@@ -57,6 +57,7 @@ from schemas.wire.control import (
     Stop,
     Submit,
 )
+from schemas.wire.status import ConductorStatus
 from twin.fabric.session import SECRET_BYTES, hash_of, proves, signer_of
 
 NAME_CHARS_MAX = 200
@@ -332,7 +333,7 @@ def _retry_after_s(state: State, request: Next, leases: list[Lease]) -> float:
     return state.config.retry_busy_s if state.left else state.config.retry_idle_s
 
 
-def _notes(lines: list[str]) -> dict[str, Any]:
+def _notes(lines: list[str]) -> ConductorStatus:
     return {"notes": lines} if lines else {}
 
 

@@ -1,14 +1,13 @@
-"""The state as a plain dictionary, for ``conductor status`` and the progress bar."""
+"""The state as ``conductor status`` and progress bars get it (:mod:`schemas.wire.status`)."""
 
 from __future__ import annotations
 
-from typing import Any
-
 from conductor.core.grant import broken, mismatches, present
 from conductor.core.state import CampaignState, State, WorkerState
+from schemas.wire.status import CampaignStatus, ConductorStatus, RunningCase, WorkerStatus
 
 
-def status(state: State, now_ns: int) -> dict[str, Any]:
+def status(state: State, now_ns: int) -> ConductorStatus:
     """Counts per campaign, workers, and why a worker gets nothing; MessagePack-able."""
     return {
         "epoch": state.epoch,
@@ -26,7 +25,7 @@ def status(state: State, now_ns: int) -> dict[str, Any]:
     }
 
 
-def running(state: State, now_ns: int) -> list[dict[str, Any]]:
+def running(state: State, now_ns: int) -> list[RunningCase]:
     """The leases, by campaign and case; a case may have two."""
     return [
         {
@@ -55,7 +54,7 @@ def _broken(state: State) -> list[str]:
     ]
 
 
-def _campaign(campaign: CampaignState) -> dict[str, Any]:
+def _campaign(campaign: CampaignState) -> CampaignStatus:
     passed = campaign.ended.get("passed", 0)
     not_passed = campaign.ended.get("not_passed", 0)
     failed = campaign.ended.get("failed", 0)
@@ -83,7 +82,7 @@ def _campaign(campaign: CampaignState) -> dict[str, Any]:
     }
 
 
-def _worker(state: State, worker: WorkerState, now_ns: int) -> dict[str, Any]:
+def _worker(state: State, worker: WorkerState, now_ns: int) -> WorkerStatus:
     return {
         "id": worker.joined.worker,
         "host": worker.joined.host,

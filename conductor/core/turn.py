@@ -9,6 +9,7 @@ from conductor.core.fold import apply
 from conductor.core.state import State, WorkerState
 from schemas import SCHEMA_VERSION
 from schemas.wire.control import Reply
+from schemas.wire.status import ConductorStatus
 
 
 class RequestTurn:
@@ -26,7 +27,13 @@ class RequestTurn:
         apply(self.state, fact)
         self.facts.append(fact)
 
-    def reply(self, worker: WorkerState | None = None, **fields: Any) -> Reply:
+    def reply(
+        self,
+        worker: WorkerState | None = None,
+        *,
+        status: ConductorStatus | None = None,
+        **fields: Any,
+    ) -> Reply:
         """A reply with the fields that every reply has; ``worker``: to whom, if to one."""
         return Reply(
             v=SCHEMA_VERSION,
@@ -34,5 +41,6 @@ class RequestTurn:
             ttl_s=self.state.config.ttl_ns / 1e9,
             left=self.state.left,
             drain=self.state.draining or (worker is not None and worker.draining),
+            status=status or {},
             **fields,
         )

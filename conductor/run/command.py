@@ -15,7 +15,6 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 import msgspec
 from rich.console import Console
@@ -51,6 +50,7 @@ from schemas.plan import Plan
 from schemas.sections.autonomy import UNPROTECTED, open_by_nature
 from schemas.verdict import no_collision
 from schemas.wire.control import Stop, Submit
+from schemas.wire.status import CampaignStatus
 from schemas.wire.view import ViewMode
 from schemas.words import counted
 from twin.base.cli import heed_signals
@@ -486,9 +486,8 @@ def _verdicts(outcomes: Outcomes) -> dict[str, int]:
     return counts
 
 
-def _row(conductor: Conductor, campaign: Campaign) -> dict[str, Any]:
-    row: dict[str, Any] = conductor.snapshot()["campaigns"][campaign.campaign]
-    return row
+def _row(conductor: Conductor, campaign: Campaign) -> CampaignStatus:
+    return conductor.snapshot()["campaigns"][campaign.campaign]
 
 
 def again() -> str:
@@ -496,7 +495,7 @@ def again() -> str:
     return shlex.join(["conductor", *sys.argv[1:]])
 
 
-def _check_software(row: dict[str, Any], options: RunOptions) -> None:
+def _check_software(row: CampaignStatus, options: RunOptions) -> None:
     """A campaign is finished by the software that began it: results must be comparable."""
     ours = software_digest()
     if row["software"] and row["software"] != ours:

@@ -20,6 +20,7 @@ from conductor.records.outcomes import exit_code, read_outcomes
 from conductor.serve.shell import Conductor
 from conductor.trust.sign_run import require_agreement, sign_run
 from schemas.sections.view_mode import ViewMode
+from schemas.wire.status import counts_of
 from twin.base.errors import EXIT_INTERRUPTED, InfrastructureError, TwinError
 from twin.base.process import end, how_it_ended, raised_in, spawn
 from twin.fabric.endpoint import is_loopback, is_tls
@@ -84,7 +85,7 @@ def serve_folder(
         signing.join()
     if signal.SIGINT in received:
         return EXIT_INTERRUPTED
-    rows = conductor.snapshot().get("campaigns", {}).values()
+    rows = [counts_of(row) for row in conductor.snapshot().get("campaigns", {}).values()]
     counts = ("cases", "passed", "unresolved", "left")
     return exit_code(**{name: sum(row[name] for row in rows) for name in counts})
 

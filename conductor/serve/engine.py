@@ -8,7 +8,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass, field
-from typing import Any, Protocol
+from typing import Protocol
 
 import msgspec
 
@@ -22,6 +22,7 @@ from schemas import SCHEMA_VERSION
 from schemas.wire.codec import WireError, encode
 from schemas.wire.control import Reply, Request, StatusRequest, Submit
 from schemas.wire.rpc_routes import read_request
+from schemas.wire.status import ConductorStatus
 from schemas.words import plain
 from twin.base.errors import TwinError
 
@@ -171,7 +172,7 @@ class ConductorEngine:
         their way, so every live lease gets a full time to live, as after a restart."""
         revive(self.state, self._clock(now_ns))
 
-    def health(self) -> dict[str, Any]:
+    def health(self) -> ConductorStatus:
         """What a status says beyond the state: the counters, and whether the storage works."""
         return {
             "storage_error": self.storage_error,

@@ -17,6 +17,7 @@ from prometheus_client import CollectorRegistry, Metric, start_http_server
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
 from prometheus_client.registry import Collector
 
+from schemas.wire.status import ConductorStatus, counts_of
 from schemas.words import plain
 from twin.base.errors import UsageError
 from twin.fabric.endpoint import is_loopback, plain_is_allowed
@@ -43,7 +44,7 @@ COUNTERS = {
 Application = Callable[[dict[str, Any], Any], Iterable[bytes]]
 """Of WSGI."""
 
-Snapshot = Callable[[], dict[str, Any]]
+Snapshot = Callable[[], ConductorStatus]
 """Status and counters; empty before the conductor has started."""
 
 
@@ -68,7 +69,7 @@ class ConductorCollector(Collector):
             value=counters["journal_s"],
         )
 
-    def _gauges(self, found: dict[str, Any]) -> Iterator[Metric]:
+    def _gauges(self, found: ConductorStatus) -> Iterator[Metric]:
         cases = GaugeMetricFamily(
             f"{PREFIX}_cases", "Cases by campaign and state", labels=("campaign", "state")
         )
@@ -78,8 +79,9 @@ class ConductorCollector(Collector):
             labels=("campaign",),
         )
         for name, row in found["campaigns"].items():
+            counts = counts_of(row)
             for state in CASE_STATES:
-                cases.add_metric((name, state), row.get(state, 0))
+                cases.add_metric((name, state), counts.get(state, 0))
             disagreements.add_metric((name,), row["disagreements"])
         yield cases
         yield disagreements

@@ -51,6 +51,7 @@ from schemas.wire import topics
 from schemas.wire.codec import decode, encode
 from schemas.wire.control import Reply, Request
 from schemas.wire.delivery import Delivery
+from schemas.wire.status import ConductorStatus
 from twin.base.errors import InfrastructureError, TwinError, UsageError, storage_error
 from twin.base.software import software_digest
 from twin.fabric.address import check_free
@@ -288,7 +289,7 @@ class Conductor:
         """It has started and has not begun to shut down; from any thread."""
         return self.started.is_set() and not self._stopping
 
-    def snapshot(self) -> dict[str, Any]:
+    def snapshot(self) -> ConductorStatus:
         """Status as of the last commit; from any thread."""
         with self._lock:
             if self._engine is None:

@@ -23,6 +23,7 @@ from schemas.wire.bounds import (
     Whole,
 )
 from schemas.wire.realtime import Realtime
+from schemas.wire.status import ConductorStatus
 
 Outcome = Literal["verdict", "failed", "unresolved", "cancelled"]
 """Terminal outcomes of a case; exactly one each."""
@@ -293,4 +294,4 @@ class Reply(Struct, frozen=True):
     retry_after_s: float = 0.0
     lost: list[Token] = []
     """Tokens that are no longer valid: stop working on them."""
-    status: dict[str, Any] = {}
+    status: ConductorStatus = {}

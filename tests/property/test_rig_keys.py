@@ -48,7 +48,7 @@ RIG: dict[str, st.SearchStrategy[Any]] = {
     "parameters": st.dictionaries(words, counts, max_size=2),
     "slots": counts,
     "placement": st.sampled_from(["worker", "inline", "node"]),
-    "models": st.lists(words, max_size=2),
+    "models": st.lists(words, max_size=2).map(sorted),  # in any order they are the same
     "sandbox": st.sampled_from(["default", "strict", "off"]),
     "cosim": st.booleans(),
 }

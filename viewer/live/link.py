@@ -18,6 +18,7 @@ from schemas.wire import topics
 from schemas.wire.codec import WireError, decode, encode
 from schemas.wire.control import Explain, Reply, Request, StatusRequest
 from schemas.wire.rpc_routes import door
+from schemas.wire.status import ConductorStatus
 from schemas.wire.view import SceneMesh
 from twin.base.errors import InfrastructureError, TwinError, UnreachableError, UsageError
 from twin.fabric.bus import Bus, Cancel, Sample
@@ -44,7 +45,7 @@ EVENTS_MAX = 1000
 class Status:
     """What the conductor says of itself."""
 
-    found: dict[str, Any]
+    found: ConductorStatus
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,7 +199,7 @@ class Link:
         finally:
             bus.close()
 
-    def _answered(self, bus: Bus, target: Target, found: dict[str, Any], *, first: bool) -> None:
+    def _answered(self, bus: Bus, target: Target, found: ConductorStatus, *, first: bool) -> None:
         self._word_s = time.monotonic()
         self._until_s = None
         if first and self._told:

@@ -8,6 +8,7 @@ from typing import Any
 
 import rerun as rr
 
+from schemas.wire.status import ConductorStatus
 from viewer.recording import naming
 from viewer.recording.scenery import (
     BLUE,
@@ -55,7 +56,7 @@ class Pulse:
         """Worker -> entity path of its plot."""
         self._fresh: list[Logged] = []
 
-    def status(self, found: Mapping[str, Any], now_s: float) -> None:
+    def status(self, found: ConductorStatus, now_s: float) -> None:
         """The conductor's status as of ``now_s``; takes the place of one not logged yet."""
         campaigns = list(found.get("campaigns", {}).values())
         ended = sum(row["cases"] - row["left"] for row in campaigns)

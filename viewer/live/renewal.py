@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from schemas.wire.status import ConductorStatus
 
 
 class Renewal:
@@ -12,7 +11,7 @@ class Renewal:
     def __init__(self) -> None:
         self._seen: dict[str, tuple[str, int, int]] = {}
 
-    def status(self, found: Mapping[str, Any]) -> list[str]:
+    def status(self, found: ConductorStatus) -> list[str]:
         """Campaigns that are no longer those of the same name in the status before.
 
         In one folder neither the conductor's epoch nor the number of attempts ever falls.

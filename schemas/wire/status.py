@@ -1,0 +1,110 @@
+"""What a conductor tells of itself: the answer to a status request, and to a few others.
+
+A conductor of another version may leave keys out.
+"""
+
+from __future__ import annotations
+
+from typing import TypedDict
+
+
+class CampaignStatus(TypedDict, total=False):
+    """Counts of one campaign."""
+
+    out: str
+    """Its folder, as the conductor sees it."""
+    digest: str
+    simulator: str
+    cases: int
+    priority: int
+    paused: bool
+    waiting: int
+    leased: int
+    committed: int
+    passed: int
+    not_passed: int
+    failed: int
+    unresolved: int
+    cancelled: int
+    attempts: int
+    disagreements: int
+    """Late attempts of ended cases that came to another result."""
+    left: int
+    """Cases that have not ended."""
+    p95_s: int | float | None
+    """95th percentile of what a case took [s]; None: too few have ended."""
+    software: str
+    device_class: str
+
+
+def counts_of(campaign: CampaignStatus) -> dict[str, int]:
+    """Its whole numbers by name."""
+    return {k: v for k, v in campaign.items() if isinstance(v, int) and not isinstance(v, bool)}
+
+
+class WorkerStatus(TypedDict, total=False):
+    """One worker."""
+
+    id: str
+    host: str
+    device_class: str
+    slots: int
+    draining: bool
+    held: int
+    """Leases."""
+    progress: int
+    """Ticks of its leases together."""
+    memory_bytes: int | None
+    tags: list[str]
+    remaining_s: int | float | None
+    """Of its allocation, as it said last; None: without end [s]."""
+    age_s: int | float
+    """Since its last word [s]."""
+    present: bool
+
+
+class RunningCase(TypedDict, total=False):
+    """One lease; a case may have two."""
+
+    campaign: str
+    case: str
+    worker: str
+    host: str
+    attempt: int
+    tick: int
+    for_s: int | float
+    """Since it was granted [s]."""
+    by_hand: str
+    """What somebody has done to it; empty: nothing."""
+
+
+class ConductorStatus(TypedDict, total=False):
+    """What a reply says beyond leases; which keys there are depends on the request."""
+
+    epoch: int
+    """Starts on this folder."""
+    draining: bool
+    left: int
+    """Cases of all campaigns that have not ended."""
+    campaigns: dict[str, CampaignStatus]
+    workers: list[WorkerStatus]
+    notes: list[str]
+    """Why workers get nothing, a line each."""
+    broken_hosts: list[str]
+    """A line per host that is avoided."""
+    running: list[RunningCase]
+    """If the cases were asked for."""
+    storage_error: str
+    counters: dict[str, int | float]
+    explain: list[str]
+    """Of one case: sentences about why it waits, runs or ended."""
+    changed: int
+    """So many were acted on."""
+    campaign: str
+    """That was submitted."""
+    out: str
+    """Its folder, as the conductor sees it."""
+    cases: int
+    digest: str
+    resumed: bool
+    """It was here already, and goes on."""
