@@ -15,7 +15,7 @@ from schemas.campaign import UNREPEATABLE, Campaign, campaign_mistakes
 from schemas.case import Case
 from schemas.files.assets import asset_digest, file_digest, is_path
 from schemas.files.yaml_file import YamlError, load_yaml
-from schemas.plan import Plan, examine
+from schemas.plan import Plan, examine, parse_plan
 from schemas.sections.autonomy import driver
 from schemas.sections.lidar import Lidar
 from schemas.sections.perception import file_fields, with_absolute_files
@@ -142,11 +142,15 @@ def with_render(plan: Plan, render: bool) -> Plan:
     """The plan with cameras that see, or that do not.
 
     Raises:
-        UsageError: its stack cannot do without.
+        UsageError: its stack cannot do without, or the rate of a camera does not fit.
     """
     changed = msgspec.structs.replace(plan.campaign, render=render)
     if mistakes := campaign_mistakes(changed):
         raise UsageError(f"--render {mistakes[0].message}")
+    if render and not plan.campaign.render:  # nobody has looked at the cameras' rates
+        _, mistakes = parse_plan(msgspec.to_builtins(changed))
+        if mistakes:
+            raise UsageError(mistakes[0].line("--render on"))
     return plan.amended(changed)
 
 
