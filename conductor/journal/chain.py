@@ -76,12 +76,12 @@ def cut_head(cut: Cut, images: Mapping[str, bytes]) -> bytes:
 
 
 def image_digest(data: bytes) -> bytes:
-    """Of one image of a snapshot."""
+    """SHA-256 of one image of a snapshot."""
     return sha256(data).digest()
 
 
 def reply_digest(worker: str, seq: int, data: bytes) -> bytes:
-    """Of a row of replies."""
+    """SHA-256 of a row of replies."""
     name = worker.encode("utf-8", "surrogateescape")
     return sha256(struct.pack("<Qq", len(name), seq) + name + data).digest()
 

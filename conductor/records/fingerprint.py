@@ -62,7 +62,7 @@ class Fingerprinter:
         self._sha.update(rows)
 
     def result(self, outcomes: Outcomes) -> Fingerprint:
-        """Of all cases that were added."""
+        """The fingerprint of all cases that were added."""
         return Fingerprint(
             sha256=self._sha.hexdigest(),
             cases=len(outcomes.cases),

@@ -41,7 +41,7 @@ class WorkerPlace:
     """Which cases it prefers."""
 
     def options(self) -> tuple[str, ...]:
-        """Of ``twin worker``."""
+        """Options of ``twin worker``."""
         cores = ("--cores", ranges(self.cores)) if self.cores else ()
         return ("--device", self.device, *cores)
 

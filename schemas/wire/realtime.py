@@ -11,7 +11,7 @@ OVERRUN_SHARE_MAX = 0.01
 
 
 class Realtime(Struct, frozen=True):
-    """Of one attempt of ``clock: realtime``; never part of a KPI's digest.
+    """The pace of one attempt of ``clock: realtime``; never part of a KPI's digest.
 
     The age of a command is the sim time between the oldest reading that it was first to answer and
     the tick at which it acts; it grows while the command is held.

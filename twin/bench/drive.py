@@ -86,7 +86,7 @@ class DriveFigures:
 
     @property
     def ratio(self) -> float | None:
-        """Of the drive plane to the bridge."""
+        """Drive plane over bridge."""
         if self.bridge_ticks_per_s is None:
             return None
         return self.shared_ticks_per_s / self.bridge_ticks_per_s

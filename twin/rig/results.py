@@ -61,7 +61,7 @@ class ResultWriter(SlotListener):
 
     @property
     def tokens(self) -> list[int]:
-        """Of the cases whose attempts are not complete yet."""
+        """Tokens of the cases whose attempts are not complete yet."""
         with self._settled:
             return list(self._tokens)
 

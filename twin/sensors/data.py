@@ -39,7 +39,7 @@ class SensorData:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Of the values; nothing is brought to the host for it."""
+        """Shape of the values; nothing is brought to the host for it."""
         if self.device is None:
             return self.values.shape
         return tuple(self.device.__cuda_array_interface__["shape"])

@@ -48,7 +48,7 @@ class SlotSeen:
 
     @property
     def nbytes(self) -> int:
-        """Of the large arrays."""
+        """Bytes of the large arrays."""
         arrays = [*self.pictures.values(), *(cloud.points for cloud in self.clouds.values())]
         return sum(a.nbytes for a in (self.image, *arrays) if a is not None)
 

@@ -52,7 +52,7 @@ class Effect:
 
 
 def main_effects(dossier: Dossier) -> list[Effect]:
-    """Of every axis that is varied, in the order of the page."""
+    """The main effect of every axis that is varied, in the order of the page."""
     found = []
     for axis in varied_axes(dossier):
         groups: dict[Any, list[CaseRow]] = {value: [] for value in axis_values(dossier, axis)}

@@ -35,7 +35,7 @@ class Highlights:
 
 
 def highlights(dossier: Dossier, rests_m: dict[str, list[float]]) -> Highlights:
-    """Of the cases with a verdict; ``rests_m`` says where each came to rest [m]."""
+    """The cases that stand out; ``rests_m`` says where each one came to rest [m]."""
     decided = [row for row in dossier.rows if row.passed is not None]
     unhurt = [row for row in decided if row.no_collision]
     braked = [

@@ -85,7 +85,7 @@ def store(folder: Path, cache: Cache) -> None:
 
 
 def stamp(path: Path, kpi_sha256: str) -> Stamp | None:
-    """Of a file as it is; None: it is not there."""
+    """Size and times of a file as it is; None: it is not there."""
     try:
         found = path.stat()
     except OSError:

@@ -36,7 +36,7 @@ class Track:
 
     @classmethod
     def of(cls, table: pa.Table) -> Track:
-        """Of a KPI table."""
+        """The drive in a KPI table."""
         names = ("x_m", "y_m", "dtc_m", "speed_mps")
         columns = [table.column(n).to_numpy().astype(np.float64) for n in names]
         return cls(table.column("sim_time_ns").to_numpy() / 1e9, *columns)
