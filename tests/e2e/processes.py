@@ -156,7 +156,8 @@ def nothing_left(marked: Marked) -> Iterator[None]:
     before = _shared()
     yield
     wait_for(lambda: not marked.processes(), "the end of every process")
-    assert os.listdir(marked.temporary) == []
+    left = [str(path) for path in marked.temporary.rglob("*")]
+    assert left == []
     # Others on this machine may share memory as well, for a while.
     wait_for(lambda: _shared() <= before, f"the end of {_shared() - before} in /dev/shm")
 

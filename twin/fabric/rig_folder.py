@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import os
 import secrets
-import shutil
 import tempfile
 from pathlib import Path
 
@@ -23,8 +22,21 @@ SEEN_IN_CONTAINERS = Path("/tmp")
 
 _DRIVE, _FRAMES = "drive", "frames"
 
-# Ended by the end of its lifeline alone, so that it outlives a worker that is killed.
-_GUARD = 'trap "" TERM INT HUP; read -r _; exec rm -rf -- "$0"'
+# Ended by the end of its lifeline alone, so that it outlives a worker that is killed. It makes the
+# folder itself, so that none exists before its guard can outlive a kill. A process that has not
+# noticed the end may still put something into the folder while it is removed: so it loses its name
+# first, and is removed again.
+_GUARD = """
+trap "" TERM INT HUP
+mkdir -m 700 -- "$0" 2>&1 || exit 1
+echo
+read -r _
+mv -- "$0" "$0-gone"
+for _ in 1 2 3 4 5 6 7 8 9 10; do
+  rm -rf -- "$0-gone" 2>/dev/null && exit
+  sleep 0.5
+done
+"""
 
 
 class PrivateFolder:
@@ -43,12 +55,12 @@ class PrivateFolder:
         name = f"twin-{secrets.token_hex(4)}"
         self.path = (place or _place(name)) / name
         """Of the folder; absolute."""
-        try:
-            self.path.mkdir(mode=0o700)
-            self._guard = spawn(["sh", "-c", _GUARD, str(self.path)])
-        except OSError:
-            shutil.rmtree(self.path, ignore_errors=True)
-            raise
+        self._guard = spawn(["sh", "-c", _GUARD, str(self.path)], pipe_output=True)
+        assert self._guard.stdout is not None
+        with self._guard.stdout as answer:
+            if problem := answer.readline().decode(errors="replace").strip():
+                self.close()
+                raise OSError(problem)
 
     def close(self) -> None:
         """Remove it, with all that is in it; its processes have ended."""

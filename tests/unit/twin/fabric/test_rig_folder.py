@@ -59,6 +59,33 @@ def test_it_is_gone_after_a_kill_of_its_worker(tmp_path):
     worker.stdout.close()
 
 
+def test_it_goes_though_a_process_still_writes_into_it():
+    folder = RigFolder()
+    source = (
+        "import pathlib, sys\n"
+        "folder = pathlib.Path(sys.argv[1])\n"
+        "for number in range(10**9):\n"
+        "    try: (folder / str(number)).touch()\n"
+        "    except FileNotFoundError: break\n"
+        "    if number == 100: print('writing', flush=True)\n"
+    )
+    writer = subprocess.Popen(
+        [sys.executable, "-c", source, str(folder.path)], stdout=subprocess.PIPE
+    )
+    try:
+        assert writer.stdout.readline() == b"writing\n"
+        folder.close()
+        assert not list(folder.path.parent.glob(f"{folder.path.name}*"))
+    finally:
+        writer.kill()
+        writer.communicate()
+
+
+def test_no_folder_is_one_error(tmp_path):
+    with pytest.raises(OSError, match="mkdir: .*nowhere"):
+        RigFolder(tmp_path / "nowhere")
+
+
 def test_no_more_is_let_through_its_socket_than_a_stack_may(folder):
     simulator = open_bus("peer", listen=[folder.drive], namespace="ns/r")
     stack = open_bus("peer", connect=[folder.drive], namespace="ns/r")
