@@ -82,7 +82,7 @@ def test_it_goes_though_a_process_still_writes_into_it():
 
 
 def test_no_folder_is_one_error(tmp_path):
-    with pytest.raises(OSError, match="mkdir: .*nowhere"):
+    with pytest.raises(OSError, match=r"mkdir: .*nowhere"):
         RigFolder(tmp_path / "nowhere")
 
 
