@@ -20,8 +20,6 @@ from schemas.sections.camera import Camera as Camera
 from schemas.sections.environment import Environment, environment_mistakes
 from schemas.sections.lidar import Lidar
 from schemas.sections.objects import ObjectVariation
-from schemas.sections.perception import GroundTruthPerception as GroundTruthPerception
-from schemas.sections.perception import NetworkPerception as NetworkPerception
 from schemas.sections.scenario import Scenario as Scenario
 from schemas.sections.sensors import Sensors
 from schemas.sections.stack_identity import StackIdentity

@@ -10,22 +10,29 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import Any
 
 import msgspec
 
-from conductor.run.good_networks import FILE, identities, unchanged
 from conductor.run.known_good import remember, remembered
+from schemas.files.assets import file_digest
+from schemas.identity import digest
+from schemas.kinds.perception import perception_kind, perception_kinds
 from schemas.plan import Plan
-from schemas.sections.perception import NetworkPerception
+from schemas.sections.perception import Perception, file_fields, what_is_loaded
 from schemas.validation import Mistake
 from twin.base.errors import InfrastructureError, UsageError
 from twin.base.process import how_it_ended
+from twin.base.software import device_class, software_digest
 
 TIMEOUT_S = 100.0
 """Longest time to load all networks [s]; less than `hpc` waits for the check of a campaign."""
+
+FILE = "good-networks.json"
+"""Where digests of good ones are kept, see :mod:`conductor.run.known_good`."""
 
 
 def check_models(plan: Plan, shown: str, device: str = "cpu") -> None:
@@ -38,7 +45,7 @@ def check_models(plan: Plan, shown: str, device: str = "cpu") -> None:
 def models_checked(plan: Plan, shown: str, device: str = "cpu") -> Iterator[None]:
     """Load the networks that cases of ``plan`` use, on this machine, while the body
     of the ``with`` does something else; it is known at its end. Those that are known to be good
-    (:mod:`conductor.run.good_networks`) are not loaded.
+    (:mod:`conductor.run.models`) are not loaded.
 
     Args:
         plan: with absolute paths, see :func:`conductor.run.source.load`.
@@ -53,15 +60,15 @@ def models_checked(plan: Plan, shown: str, device: str = "cpu") -> Iterator[None
     used = {
         case.variation.model: case.variation.perception
         for case in cases
-        if isinstance(case.variation.perception, NetworkPerception)
+        if perception_kind(case.variation.perception).loaded
     }
     if not used:
         yield
         return
     # The same network with another threshold is loaded once.
-    first: dict[tuple[str, ...], str] = {}
+    first: dict[bytes, str] = {}
     for name, variant in used.items():
-        first.setdefault(_what_is_loaded(variant), name)
+        first.setdefault(msgspec.json.encode(what_is_loaded(variant)), name)
     camera, files = cases[0].rig.camera, plan.campaign.files
     size_px = (camera.width, camera.height)
     known = identities({name: used[name] for name in first.values()}, files, device, size_px)
@@ -89,12 +96,8 @@ def models_checked(plan: Plan, shown: str, device: str = "cpu") -> Iterator[None
         raise UsageError("\n".join(mistake.line(shown) for mistake in mistakes))
 
 
-def _what_is_loaded(variant: NetworkPerception) -> tuple[str, ...]:
-    return (variant.model, variant.weights, variant.names, variant.description, variant.runtime)
-
-
 def _ask(
-    variants: dict[str, NetworkPerception], size_px: tuple[int, int], device: str
+    variants: dict[str, Perception], size_px: tuple[int, int], device: str
 ) -> subprocess.Popen[bytes]:
     command = [
         *(sys.executable, "-m", "devkit", "check-models", "--device", device),
@@ -130,3 +133,46 @@ def _answer(child: subprocess.Popen[bytes], names: Collection[str]) -> dict[str,
         f"networks {shown}: the process that loads them ended without an answer"
         f" ({how_it_ended(child.returncode)}): {words[-1][:300]}"
     )
+
+
+def identities(
+    variants: Mapping[str, Perception],
+    files: Mapping[str, str],
+    device: str,
+    size_px: tuple[int, int],
+) -> dict[str, str]:
+    """Name -> digest of what decides whether the network can be loaded; without those of which
+    that is not known.
+
+    Args:
+        variants: paths in them are absolute.
+        files: path -> SHA-256 of the files that they name.
+        device: where the networks are loaded, ``cpu`` or ``cuda:N``.
+        size_px: width and height of the pictures [px].
+    """
+    try:
+        place = (software_digest(), device_class(device), *map(str, size_px))
+    except UsageError:
+        return {}  # no such device: whoever loads them says so
+    return {
+        name: digest(part.encode() for part in (*place, *_parts(variant, files)))
+        for name, variant in variants.items()
+        if all(path in files for path in file_fields(variant).values())
+    }
+
+
+def _parts(variant: Perception, files: Mapping[str, str]) -> list[str]:
+    """Where a file lies does not matter, but what its name ends with does."""
+    keys = what_is_loaded(variant)
+    for key, path in file_fields(variant).items():
+        keys[key] = [Path(path).suffix, files[path]]
+    plugin = perception_kinds().brought.get(perception_kind(variant).name, ())
+    return [*plugin, msgspec.json.encode(keys).decode()]
+
+
+def unchanged(variant: Perception, files: Mapping[str, str]) -> bool:
+    """Whether the files of ``variant`` are still those of ``files``."""
+    try:
+        return all(file_digest(Path(p)) == files[p] for p in file_fields(variant).values())
+    except OSError:
+        return False

@@ -8,7 +8,6 @@ from typing import Any
 
 import msgspec
 
-from conductor.run.repository import with_repository
 from conductor.run.stack_check import stack_mistakes
 from conductor.run.twin_check import twin_mistakes
 from schemas.campaign import UNREPEATABLE, Campaign, campaign_mistakes
@@ -21,7 +20,8 @@ from schemas.sections.lidar import Lidar
 from schemas.sections.perception import file_fields, with_absolute_files
 from schemas.sections.stack_identity import StackIdentity
 from schemas.validation import Mistake, suggest
-from twin.base.errors import UsageError
+from twin.base.errors import InfrastructureError, UsageError
+from twin.base.fetch import fetch
 from twin.stack_identity.identity import Named, find_stack, named_files
 
 _SHIPPED = Path(__file__).parents[1] / "campaigns"
@@ -324,3 +324,21 @@ def _simulator_folder(folder: str) -> Path:
     assert spec is not None
     assert spec.submodule_search_locations is not None
     return Path(next(iter(spec.submodule_search_locations))) / folder
+
+
+def with_repository(campaign: Campaign, shown: str) -> Campaign:
+    """The campaign with the commit in place of a branch or tag; the files are in the cache.
+
+    Raises:
+        UsageError: no such repository or ref, or its set-up failed, with its last lines.
+    """
+    repository = campaign.autonomy.repository
+    if repository is None:
+        return campaign
+    try:
+        commit = fetch(repository).commit
+    except InfrastructureError as error:
+        raise UsageError(Mistake("autonomy.repository", str(error)).line(shown)) from None
+    pinned = msgspec.structs.replace(repository, ref=commit)
+    autonomy = msgspec.structs.replace(campaign.autonomy, repository=pinned)
+    return msgspec.structs.replace(campaign, autonomy=autonomy)

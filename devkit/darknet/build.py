@@ -11,7 +11,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, cast, get_args
 
-from devkit.darknet import training_keys
 from devkit.darknet.network import (
     IMAGE,
     Activation,
@@ -28,6 +27,32 @@ from devkit.darknet.network import (
 )
 from devkit.darknet.sections import CfgSection, DarknetError, Reader, read_sections
 from schemas.validation import suggest
+
+# Keys that matter in training only, by kind of section; they are passed over.
+_NET_TRAINING = frozenset(
+    {
+        "angle", "aspect", "batch", "blur", "burn_in", "cutmix", "decay", "ema_alpha", "exposure",
+        "flip", "gamma", "gaussian_noise", "hue", "learning_rate", "max_batches",
+        "max_chart_loss", "max_crop", "min_crop", "mixup", "momentum", "mosaic", "policy",
+        "power", "random", "resize_step", "saturation", "scale", "scales", "seed", "step",
+        "steps", "subdivisions", "track",
+    }
+)  # fmt: skip
+_LAYER_TRAINING = frozenset(
+    {
+        "learning_rate", "stopbackward", "train_only_bn",
+    }
+)  # fmt: skip
+_HEAD_TRAINING = frozenset(
+    {
+        "absolute", "beta_nms", "bias_match", "class_scale", "cls_normalizer", "coord_scale",
+        "counters_per_class", "delta_normalizer", "focal_loss", "ignore_thresh", "iou_loss",
+        "iou_normalizer", "iou_thresh", "iou_thresh_kind", "jitter", "label_smooth_eps",
+        "mask_scale", "max", "max_delta", "noobject_scale", "obj_normalizer", "object_scale",
+        "objectness_smooth", "random", "rescore", "resize", "thresh", "truth_thresh",
+    }
+)  # fmt: skip
+
 
 LAYERS_MAX = 1000
 """Longest network that is read; the longest published detector has 400 layers."""
@@ -110,7 +135,7 @@ def _read_net(reader: Reader, width: int | None, height: int | None) -> MapShape
     needed_width = reader.integer("width", width, 1, SIZE_MAX_PX)
     needed_height = reader.integer("height", height, 1, SIZE_MAX_PX)
     channels = reader.integer("channels", 3, 1)
-    reader.finish(training_keys.NET, {"letter_box": 0, "time_steps": 1})
+    reader.finish(_NET_TRAINING, {"letter_box": 0, "time_steps": 1})
     return MapShape(channels, height or needed_height, width or needed_width)
 
 
@@ -130,7 +155,7 @@ def _convolutional(build: _Build, reader: Reader, section: CfgSection) -> Darkne
     normalize = reader.flag("batch_normalize", False)
     activation = _activation(reader, "logistic")
     reader.finish(
-        training_keys.LAYER,
+        _LAYER_TRAINING,
         {
             "dilation": 1, "stride_x": stride, "stride_y": stride, "antialiasing": 0, "xnor": 0,
             "binary": 0, "flipped": 0, "share_index": -1, "assisted_excitation": 0, "cbn": 0,
@@ -163,7 +188,7 @@ def _maxpool(build: _Build, reader: Reader, section: CfgSection) -> DarknetLayer
     size = reader.integer("size", stride, 1, 99)
     padding = reader.integer("padding", size - 1, 0, 2 * (size - 1))
     reader.finish(
-        training_keys.LAYER,
+        _LAYER_TRAINING,
         {"stride_x": stride, "stride_y": stride, "antialiasing": 0, "maxpool_depth": 0},
     )
     height, width = (
@@ -183,7 +208,7 @@ def _route(build: _Build, reader: Reader, section: CfgSection) -> DarknetLayer:
     inputs = [build.earlier(reader, "layers", i) for i in reader.integers("layers", None)]
     groups = reader.integer("groups", 1, 1)
     group_id = reader.integer("group_id", 0, 0, groups - 1)
-    reader.finish(training_keys.LAYER)
+    reader.finish(_LAYER_TRAINING)
     shapes = [build.shape_of(index) for index in inputs]
     for index, shape in zip(inputs, shapes, strict=True):
         if shape[1:] != shapes[0][1:]:
@@ -208,7 +233,7 @@ def _shortcut(build: _Build, reader: Reader, section: CfgSection) -> DarknetLaye
     before, shape = build.previous(reader)
     other = build.earlier(reader, "from", reader.integer("from", None, -LAYERS_MAX, LAYERS_MAX))
     activation = _activation(reader, "linear")
-    reader.finish(training_keys.LAYER, {"alpha": 1, "beta": 1})
+    reader.finish(_LAYER_TRAINING, {"alpha": 1, "beta": 1})
     if build.shape_of(other) != shape:
         raise reader.error(
             f"{build.layers[other].label} is {build.shape_of(other)}, its other input {shape};"
@@ -224,7 +249,7 @@ def _upsample(build: _Build, reader: Reader, section: CfgSection) -> DarknetLaye
     before, shape = build.previous(reader)
     stride = reader.integer("stride", 2, 1, 99)
     scale = reader.number("scale", 1.0)
-    reader.finish(training_keys.LAYER)
+    reader.finish(_LAYER_TRAINING)
     return Upsample(
         **_place(build, section),
         inputs=(before,),
@@ -237,7 +262,7 @@ def _upsample(build: _Build, reader: Reader, section: CfgSection) -> DarknetLaye
 def _reorg(build: _Build, reader: Reader, section: CfgSection) -> DarknetLayer:
     before, shape = build.previous(reader)
     stride = reader.integer("stride", 1, 1, 99)
-    reader.finish(training_keys.LAYER, {"reverse": 0, "flatten": 0, "extra": 0})
+    reader.finish(_LAYER_TRAINING, {"reverse": 0, "flatten": 0, "extra": 0})
     for extent, needed in zip(shape, (stride * stride, stride, stride), strict=True):
         if extent % needed:
             raise reader.error(f"input {shape} cannot be split with stride {stride}", "stride")
@@ -256,7 +281,7 @@ def _region(build: _Build, reader: Reader, section: CfgSection) -> DarknetLayer:
     number = reader.integer("num", 1, 1, 1000)
     anchors = reader.numbers("anchors", None)
     softmax = reader.flag("softmax", False)
-    reader.finish(training_keys.HEAD | training_keys.LAYER, {"coords": 4, "log": 0, "sqrt": 0})
+    reader.finish(_HEAD_TRAINING | _LAYER_TRAINING, {"coords": 4, "log": 0, "sqrt": 0})
     pairs = _pairs(reader, anchors, number)
     _, grid = build.previous(reader)
     # Anchors of a region are in cells.
@@ -278,7 +303,7 @@ def _yolo(build: _Build, reader: Reader, section: CfgSection) -> DarknetLayer:
     mask = reader.integers("mask", list(range(number)))
     scale_xy = reader.number("scale_x_y", 1.0)
     reader.word("nms_kind", "default", ("default", "greedynms"))
-    reader.finish(training_keys.HEAD | training_keys.LAYER, {"new_coords": 0})
+    reader.finish(_HEAD_TRAINING | _LAYER_TRAINING, {"new_coords": 0})
     pairs = _pairs(reader, anchors, number)
     if not all(0 <= index < number for index in mask):
         raise reader.error(f"given {mask}, allowed: 0 to {number - 1}", "mask")

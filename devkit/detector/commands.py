@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import msgspec
 import typer
 
-from schemas.words import counted
+from schemas.words import counted, plain
 from twin.base.cli import Output, OutputOption
 from twin.base.errors import EXIT_FAILED, EXIT_PASS, UsageError
 
@@ -113,26 +113,33 @@ def check_models(
     width: Annotated[int, typer.Option(min=1, help="Of the pictures [px].")] = 640,
     height: Annotated[int, typer.Option(min=1, help="Of the pictures [px].")] = 360,
 ) -> None:
-    """Load perception variants of type network, as a worker would, and say what is wrong.
+    """Load perception variants, as a worker would, and say what is wrong.
 
     Reads JSON from standard input, name -> variant with absolute paths, and writes JSON, name ->
     {"error": one line, empty: it works; "runtime": what would run it}. The exit code is 0 either
     way; `conductor` asks this before it leases a case.
     """
-    from devkit.detector.model_files import open_detector
-    from schemas.sections.perception import NetworkPerception
+    from devkit.perception import Setting, build_perception
+    from schemas.kinds.perception import perception_kind, perception_kinds
+    from schemas.sections.perception import Perception
 
     try:
-        variants = msgspec.json.decode(sys.stdin.buffer.read(), type=dict[str, NetworkPerception])
+        variants = msgspec.json.decode(sys.stdin.buffer.read(), type=dict[str, Perception])
     except msgspec.DecodeError as error:
         raise UsageError(f"standard input: {error}") from None
     answer = {}
     for name, variant in variants.items():
         try:
-            detector = open_detector(variant, {}, device, (width, height))
-            answer[name] = {"error": "", "runtime": detector.runtime}
-        except UsageError as error:
+            found = build_perception(variant, Setting(device, (width, height)))
+            answer[name] = {"error": "", "runtime": found.runtime}
+        except (UsageError, ValueError) as error:
             answer[name] = {"error": str(error), "runtime": ""}
+        except Exception as error:
+            plugin = perception_kinds().brought.get(perception_kind(variant).name)
+            if plugin is None:
+                raise
+            why = f"{' '.join(plugin)}: {type(error).__name__}: {error}"
+            answer[name] = {"error": plain(why), "runtime": ""}
     print(json.dumps(answer))
 
 

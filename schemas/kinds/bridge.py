@@ -12,7 +12,7 @@ from schemas.kinds.registry import Kinds, read_kinds
 GROUP = "drivetwin.bridges"
 """Entry points that bring bridges."""
 
-OURS = {"autodrive": "schemas.kinds.bridge:AUTODRIVE"}
+OURS = {"shipped": "schemas.kinds.bridge:KINDS"}
 """Those that are shipped; the same as in pyproject.toml."""
 
 NONE = "none"
@@ -57,6 +57,9 @@ AUTODRIVE = BridgeKind(
     cameras=("front_left", "front_right"),
 )
 """Scripts of the AutoDRIVE devkit."""
+
+KINDS = (AUTODRIVE,)
+"""The shipped ones."""
 
 
 @cache

@@ -14,10 +14,7 @@ from schemas.kinds.registry import Kinds, read_kinds
 GROUP = "drivetwin.perception"
 """Entry points that bring perception variants."""
 
-OURS = {
-    "ground_truth": "schemas.kinds.perceptions.ground_truth:KIND",
-    "network": "schemas.kinds.perceptions.network:KIND",
-}
+OURS = {"shipped": "schemas.kinds.perceptions:KINDS"}
 """Those that are shipped; the same as in pyproject.toml."""
 
 TAG = "type"
@@ -45,7 +42,12 @@ class PerceptionKind:
     """Keys of a variant that name files by path, and the paths."""
     loaded: str = ""
     """Key that names what the stack loads onto its device: reckoned with the size of the variant's
-    files. Empty: it loads nothing."""
+    files, and tried before any case is leased. Empty: it loads nothing."""
+    chosen: tuple[str, ...] = ()
+    """Keys that only choose from what is seen: variants that differ in nothing else load the
+    same."""
+    shipped: Callable[[Any], Mapping[str, str]] = _no_files
+    """What a variant names that comes with this package -> its path, from the packages' folder."""
     text: str = ""
     """What it sees with, in reports; empty: its name says so."""
     shown: tuple[str, ...] = ()

@@ -9,9 +9,9 @@ from collections.abc import Mapping
 from functools import reduce
 from operator import or_
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from msgspec import Struct, defstruct, structs
+from msgspec import Struct, defstruct, structs, to_builtins
 
 from schemas.kinds.perception import TAG, perception_kind, perception_kinds
 from schemas.kinds.perceptions.ground_truth import GroundTruthPerception as GroundTruthPerception
@@ -45,6 +45,13 @@ else:
 def file_fields(variant: Perception) -> Mapping[str, str]:
     """Keys of ``variant`` that name files by path, and the paths."""
     return perception_kind(variant).files(variant)
+
+
+def what_is_loaded(variant: Perception) -> dict[str, Any]:
+    """Keys of ``variant`` that decide what is loaded, and its type."""
+    chosen = perception_kind(variant).chosen
+    keys: dict[str, Any] = to_builtins(variant)
+    return {key: value for key, value in keys.items() if key not in chosen}
 
 
 def with_absolute_files(variants: Mapping[str, Perception], folder: Path) -> dict[str, Perception]:

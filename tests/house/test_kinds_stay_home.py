@@ -10,6 +10,7 @@ import pytest
 
 from schemas.kinds.batch_system import batch_systems
 from schemas.kinds.bridge import bridges
+from schemas.kinds.perception import perception_kinds
 from schemas.kinds.scenario import scenario_kinds
 from schemas.kinds.sensor import sensor_kinds
 
@@ -23,6 +24,24 @@ KINDS = (
     *(kind for kind in sensor_kinds().declared if kind.name != "pose"),
 )
 """Declarations that are looked for; a table joins with its own. A pose is much besides a sensor."""
+
+SIGHTS = perception_kinds().declared
+"""Declarations of perception variants. Their folders are libraries of devkit's, open to others of
+it, so only their names and types are looked for."""
+
+SIGHTS_NAMED = {
+    "ground_truth": (
+        *("schemas/sections/perception.py", "schemas/sections/autonomy.py"),
+        "conductor/bench/report_campaign.py",
+    ),
+    "network": (
+        *("schemas/sections/perception.py", "conductor/report/autodrive/importing.py"),
+        *("devkit/darknet/build.py", "devkit/darknet/variant.py"),
+        *("twin/sandbox/view.py", "twin/worker/protection.py"),
+    ),
+}
+"""Files that join the types to one, say what a campaign has without any, or write a campaign file;
+and the section of a Darknet file and the network of a host, which are called the same."""
 
 HOMONYMS = {
     "encoders": ("devkit/bridges/autodrive/fields.py", "schemas/messages.py"),
@@ -93,10 +112,23 @@ def test_nothing_outside_its_folder_names_a_kind(kind):
     assert not strangers, f"'{kind.name}' is named there; ask its declaration in {TABLES} instead"
 
 
+@pytest.mark.parametrize("kind", SIGHTS, ids=lambda kind: kind.name)
+def test_nothing_outside_devkit_names_a_perception_variant(kind):
+    own = (f"{kind.implementation.partition(':')[0].replace('.', '/')}.py", "devkit/detector/")
+    words = (kind.name, f".{kind.config.__name__}.", f"schemas.kinds.perceptions.{kind.name}.")
+    strangers = {
+        path
+        for path, found in modules().items()
+        if not path.startswith(own)
+        if any(text == words[0] or text.endswith(words[1:]) for _, text in found)
+    }
+    assert strangers == set(SIGHTS_NAMED[kind.name])
+
+
 def test_no_template_names_a_kind():
     paths = [p for name in PACKAGES for end in ("*.j2", "*.js") for p in (ROOT / name).rglob(end)]
     assert len(paths) > 5
-    names = [kind.name for kind in KINDS if kind.name not in HOMONYMS]
+    names = [kind.name for kind in (*KINDS, *SIGHTS) if kind.name not in HOMONYMS]
     found = {path.name: path.read_text(encoding="utf-8") for path in paths}
     assert [(path, n) for path, text in found.items() for n in names if f'"{n}"' in text] == []
 

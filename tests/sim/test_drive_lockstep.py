@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from schemas import SCHEMA_VERSION
-from schemas.campaign import GroundTruthPerception
 from schemas.messages import Command, Commands, Episode, Frame, Ready, Tick
+from schemas.sections.perception import GroundTruthPerception
 from schemas.wire.codec import MESSAGE_BYTES_MAX, encode
 from twin.base.errors import InfrastructureError, RefusedError, StackFaultError
 from twin.base.gpu import cuda

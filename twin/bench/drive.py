@@ -33,9 +33,9 @@ from schemas.messages import (
     LidarSite,
     Tick,
 )
+from schemas.sections.autonomy import Autonomy
 from schemas.sections.lens import Lens
 from schemas.sections.lidar import POINT_COLUMNS
-from schemas.sections.perception import GroundTruthPerception
 from schemas.wire import topics
 from twin.base.errors import InfrastructureError
 from twin.base.process import end, how_it_ended, last_lines, spawn
@@ -286,7 +286,7 @@ def _episode() -> Episode:
         case="bench",
         seed=1,
         model="default",
-        perception=GroundTruthPerception(),
+        perception=Autonomy().perception["default"],
         camera="front_right",
         width=WIDTH,
         height=HEIGHT,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import threading
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -20,7 +21,30 @@ from viewer.recording.blueprint import case_blueprint
 from viewer.recording.convert import CaseConverter
 from viewer.recording.rows import EntityRows, send
 from viewer.recording.scenery import Logged
-from viewer.recording.sequence import Sequence
+
+
+@dataclass(slots=True)
+class Sequence:
+    """Counts the samples of an attempt as they arrive, in order."""
+
+    received: int = 0
+    lost: int = 0
+    _next: int = 0
+
+    def take(self, seq: int, count: int = 1) -> bool:
+        """Note ``count`` samples from ``seq`` on; False: an old one that is not to be used."""
+        if seq < self._next:
+            return False
+        self.lost += seq - self._next
+        self.received += count
+        self._next = seq + count
+        return True
+
+    @property
+    def complete(self) -> bool:
+        """Nothing is missing so far."""
+        return self.lost == 0
+
 
 FLUSH_PERIOD_S = 5.0
 """Messages are written in batches of this age; what a killed recorder loses [s]."""

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from conductor.report.reading.dossier import Dossier
 from schemas.files.assets import file_digest
-from schemas.sections.perception import NetworkPerception, is_model_path
+from schemas.kinds.perception import perception_kind
 from twin.base.software import package_folder, software_digest
 
 
@@ -29,19 +29,19 @@ def _shown(name: str) -> str:
 
 
 def _shipped_models(dossier: Dossier) -> list[tuple[str, str]]:
-    specs = [row.case.variation.perception for row in dossier.rows]
-    used = {
-        spec.model
-        for spec in specs
-        if isinstance(spec, NetworkPerception)
-        if not spec.weights and not is_model_path(spec.model)
-    }
-    if not used or dossier.outcomes.software != software_digest():
+    if dossier.outcomes.software != software_digest():
         return []
     # Found without asking `devkit models`, which takes as long to start as a report of 256 cases.
-    folder = package_folder("devkit") / "models"
-    paths = {name: folder / f"{name}.onnx" for name in sorted(used)}
-    return [(f"model {n}", file_digest(path)) for n, path in paths.items() if path.is_file()]
+    named: dict[str, str] = {}
+    for row in dossier.rows:
+        spec = row.case.variation.perception
+        named.update(perception_kind(spec).shipped(spec))
+    root = package_folder("devkit").parent
+    return [
+        (name, file_digest(root / path))
+        for name, path in sorted(named.items())
+        if (root / path).is_file()
+    ]
 
 
 def text_digest(text: str) -> str:

@@ -64,10 +64,18 @@ def _files(variant: NetworkPerception) -> dict[str, str]:
     return found
 
 
+def _shipped(variant: NetworkPerception) -> dict[str, str]:
+    if variant.weights or is_model_path(variant.model):
+        return {}
+    return {f"model {variant.model}": f"devkit/models/{variant.model}.onnx"}
+
+
 KIND = PerceptionKind(
     name="network",
     config=NetworkPerception,
     implementation="devkit.detector.network_perception:DetectorPerception",
     files=_files,
     loaded="model",
+    chosen=("confidence_min", "overlap_max", "across_classes", "order"),
+    shipped=_shipped,
 )

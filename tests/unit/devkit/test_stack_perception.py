@@ -20,8 +20,8 @@ from devkit.perception import (
     pixels_of,
     visible_contrast,
 )
-from schemas import campaign
 from schemas.messages import Detection
+from schemas.sections import perception as variants
 
 WIDTH, HEIGHT = 160, 90
 BOX = Region(60, 40, 100, 70)
@@ -50,7 +50,7 @@ def row(box: Region = BOX, class_id: int = 0, visible_px: float = 1e4) -> np.nda
 
 def perception(contrast_min: float = 0.05, pixels_min: int = 24) -> Perception:
     return build_perception(
-        campaign.GroundTruthPerception(contrast_min=contrast_min, pixels_min=pixels_min)
+        variants.GroundTruthPerception(contrast_min=contrast_min, pixels_min=pixels_min)
     )
 
 

@@ -17,7 +17,6 @@ from twin.actors.motion import Placement, Still
 from twin.dataset.images.cameras import Eye
 from twin.dataset.images.cast import Street
 from twin.dataset.images.eyepoint import Eyepoint, EyeView, Outline, eyepoint_of, outlines_of
-from twin.dataset.images.heights import on_steps
 from twin.dataset.images.pose import attitude, quaternion
 from twin.dataset.images.shot import Shot
 from twin.dataset.images.silhouette import Silhouettes, Subject, bodies_of, sign_fronts
@@ -31,7 +30,7 @@ from twin.render.memory import check_free, plan
 from twin.render.trace.geometry import Geometry
 from twin.vehicle.state import COLUMN
 from twin.vehicle.vehicle_file import Vehicle
-from twin.world.sky.almanac import heavens
+from twin.world.sky.almanac import Heavens, heavens
 from twin.world.sky.environment import wind_towards
 from twin.world.sky.sun import daylight_under
 from twin.world.sky.weather import parameters
@@ -295,3 +294,28 @@ def _columns(shot: Shot) -> dict[int, int]:
 
 def _padded(values: list[float], slots: int) -> np.ndarray:
     return np.array([*values, *([0.0] * (slots - len(values)))])
+
+
+SUN_STEP_DEG = 0.5
+"""[deg]"""
+MOON_STEP_DEG = 2.0
+"""Step of the moon's height; its sky is faint [deg]."""
+
+
+def on_steps(bodies: Heavens) -> Heavens:
+    """The heavens with both bodies at the nearest height of their grids, in the same direction.
+
+    The sky of one height and haze costs 10 ms; a day holds some hundred heights, and a dataset
+    asks for each of them many times. Nothing but the height moves, by half a step at most.
+    """
+    sun = _raised(bodies.sun, bodies.sun_elevation_rad, SUN_STEP_DEG)
+    return replace(
+        bodies, sun=sun, moon=_raised(bodies.moon, bodies.moon_elevation_rad, MOON_STEP_DEG)
+    )
+
+
+def _raised(direction: np.ndarray, elevation_rad: float, step_deg: float) -> np.ndarray:
+    steps = round(math.degrees(elevation_rad) / step_deg)
+    elevation = math.radians(steps * step_deg)
+    flat = math.cos(elevation) / max(math.hypot(direction[0], direction[1]), 1e-9)
+    return np.array([direction[0] * flat, direction[1] * flat, math.sin(elevation)])

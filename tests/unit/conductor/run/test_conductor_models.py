@@ -12,10 +12,9 @@ from msgspec import structs
 from tiny_networks import write_dark_spot_detector
 from waiting import PATIENCE_S
 
-from conductor.run import good_networks, models
-from conductor.run.good_networks import FILE, unchanged
+from conductor.run import models
 from conductor.run.known_good import BYTES_MAX, KEPT_MAX, remember, remembered
-from conductor.run.models import check_models, models_checked
+from conductor.run.models import FILE, check_models, models_checked, unchanged
 from conductor.run.source import load
 from schemas.files.assets import file_digest
 from schemas.plan import Plan, parse_plan
@@ -109,7 +108,7 @@ def test_what_was_good_once_is_not_loaded_again(asked, cache, monkeypatch, tmp_p
     write_dark_spot_detector(path, label="truck")
     assert check("a", "b") == [["a"]]
     assert check("a") == []
-    monkeypatch.setattr(good_networks, "device_class", lambda device: "cpu:another")
+    monkeypatch.setattr(models, "device_class", lambda device: "cpu:another")
     assert check("a") == [["a"]]
 
 

@@ -14,8 +14,8 @@ from devkit.reference.control import Controller
 from devkit.reference.lights import LightsSwitch
 from devkit.reference.planning import Planner
 from devkit.stack import Observation
-from schemas.campaign import GroundTruthPerception
 from schemas.messages import BOXES_MAX, Command, Episode
+from schemas.sections.perception import GroundTruthPerception
 from twin.road.lane import straight
 
 WIDTH, HEIGHT = 160, 90

@@ -73,6 +73,37 @@ def test_a_variant_that_cannot_be_used_says_why_to_who_names_it(tmp_path, old, n
     assert reason in lines[0]
 
 
+def test_what_a_variant_of_others_loads_is_tried_before_any_case_is_leased(tmp_path):
+    env = beside(tmp_path, "1.0") | {"XDG_CACHE_HOME": str(tmp_path / "cache")}
+    copy = tmp_path / "plugin_example"
+    copy.mkdir()
+    changes = {
+        'name="tunnel"': 'name="tunnel", loaded="share"',
+        "        width_px =": "        {}['share']\n        width_px =",
+    }
+    for file in (ROOT / "tests/plugin_example/plugin_example").glob("*.py"):
+        text = file.read_text()
+        for old, new in changes.items():
+            text = text.replace(old, new)
+        (copy / file.name).write_text(text)
+    campaign = tmp_path / "c.yaml"
+    campaign.write_text(
+        "campaign: c\nautonomy: {perception: {wide: {type: tunnel}, plain: {type: ground_truth}}}\n"
+        "matrix: {model: [wide, plain]}\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-m", "conductor", "validate", str(campaign)],
+        env=env,
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 2
+    assert done.stderr.strip().endswith(
+        "c.yaml: autonomy.perception.wide: plugin-example 1.0: KeyError: 'share'"
+    )
+
+
 def test_an_entry_point_called_like_a_shipped_variant_disturbs_nobody(tmp_path):
     env = beside(tmp_path, "1.0")
     points = next(tmp_path.glob("*.dist-info")) / "entry_points.txt"

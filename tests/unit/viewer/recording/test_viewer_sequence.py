@@ -1,6 +1,6 @@
 """Running numbers: gaps are counted, old samples refused."""
 
-from viewer.recording.sequence import Sequence
+from viewer.recording.recording import Sequence
 
 
 def test_nothing_missing():

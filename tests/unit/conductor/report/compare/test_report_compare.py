@@ -18,9 +18,9 @@ from conductor.cli import app
 from conductor.commands.report_commands import compare_folders
 from conductor.records.outcomes import encode_outcomes, read_outcomes
 from conductor.report.compare.page import as_html, as_json, as_markdown, told
-from schemas.campaign import GroundTruthPerception
 from schemas.names import WEATHERS
 from schemas.plan import expand, parse_campaign
+from schemas.sections.perception import GroundTruthPerception
 from twin.base.errors import EXIT_FAILED, EXIT_PASS, InfrastructureError, UnfinishedError
 from twin.base.errors import UsageError as Usage
 
