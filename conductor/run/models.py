@@ -7,13 +7,11 @@ one that was loaded before by the same software on such a device is not loaded a
 
 from __future__ import annotations
 
-import json
 import subprocess
 import sys
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
 
 import msgspec
 
@@ -83,12 +81,12 @@ def models_checked(plan: Plan, shown: str, device: str = "cpu") -> Iterator[None
             answer = _answer(child, asked)
         finally:
             child.kill()
-    loaded = [name for name in asked if not answer[name]["error"]]
+    loaded = [name for name in asked if not answer[name].error]
     # What was loaded may be other files than those that were read before.
     good_now = [known[n] for n in loaded if n in known and unchanged(asked[n], files)]
     remember(FILE, good_now)
     mistakes = [
-        Mistake(f"autonomy.perception.{name}", answer[name]["error"])
+        Mistake(f"autonomy.perception.{name}", answer[name].error)
         for name in asked
         if name not in loaded
     ]
@@ -113,7 +111,14 @@ def _ask(
     return child
 
 
-def _answer(child: subprocess.Popen[bytes], names: Collection[str]) -> dict[str, Any]:
+class Tried(msgspec.Struct, frozen=True):
+    """What `devkit check-models` says of one variant."""
+
+    error: str
+    """One line; empty: it can be loaded."""
+
+
+def _answer(child: subprocess.Popen[bytes], names: Collection[str]) -> dict[str, Tried]:
     shown = ", ".join(names)
     try:
         said, errors = child.communicate(timeout=TIMEOUT_S)
@@ -124,9 +129,10 @@ def _answer(child: subprocess.Popen[bytes], names: Collection[str]) -> dict[str,
     try:
         if child.returncode == 0:
             # What libraries may print stands before the answer.
-            found: dict[str, Any] = json.loads(said.splitlines()[-1])
-            return found
-    except (ValueError, IndexError):
+            found = msgspec.json.decode(said.splitlines()[-1], type=dict[str, Tried])
+            if found.keys() >= set(names):
+                return found
+    except (msgspec.DecodeError, IndexError):
         pass
     words = errors.decode(errors="replace").strip().splitlines() or ["it said nothing"]
     raise InfrastructureError(
