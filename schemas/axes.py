@@ -19,8 +19,10 @@ from schemas.sections.scenario import Scenario
 from schemas.sections.sensors import Sensors
 from schemas.validation import Mistake, convert_all
 
-_PARAMETERS = "autonomy.parameters."
-_OBJECTS = "objects."
+PARAMETER_AXES = "autonomy.parameters."
+"""How an axis begins that is a parameter of the stack, by its name."""
+OBJECT_AXES = "objects."
+"""How an axis begins that is a field of :class:`ObjectVariation`, by the object's name."""
 
 # Axes that are not fields of a section; sections are reached by ``section.field``.
 _PLAIN_AXES = ("model", "time_of_day", "weather", "repeat")
@@ -43,7 +45,7 @@ _NO_AXES = (
 def axes_allowed() -> list[str]:
     """Every axis a matrix may name."""
     fields = [f"{s}.{f}" for s, type_ in _SECTIONS.items() for f in type_.__struct_fields__]
-    named = [_PARAMETERS + "NAME", *(f"{_OBJECTS}NAME.{name}" for name in PARAMETERS)]
+    named = [PARAMETER_AXES + "NAME", *(f"{OBJECT_AXES}NAME.{name}" for name in PARAMETERS)]
     return [*_PLAIN_AXES, *(f for f in fields if f not in _NO_AXES), *named]
 
 
@@ -52,10 +54,10 @@ def is_axis(axis: str, allowed: list[str]) -> bool:
 
     The ``NAME`` of a parameter or an object is checked where the stack and the scene are known.
     """
-    for prefix in (_PARAMETERS, _OBJECTS):
+    for prefix in (PARAMETER_AXES, OBJECT_AXES):
         if axis.startswith(prefix):
             name, dot, parameter = axis.removeprefix(prefix).rpartition(".")
-            if prefix == _PARAMETERS:
+            if prefix == PARAMETER_AXES:
                 return parameter.isidentifier() and not dot
             return bool(name) and parameter in PARAMETERS
     return axis in allowed
@@ -114,21 +116,21 @@ def _below(prefix: str, axes: tuple[str, ...]) -> list[tuple[str, str]]:
 
 def parameters_of(point: dict[str, Any]) -> dict[str, Any]:
     """The stack's parameters that a point of the matrix sets."""
-    return {name: point[axis] for axis, name in _below(_PARAMETERS, tuple(point))}
+    return {name: point[axis] for axis, name in _below(PARAMETER_AXES, tuple(point))}
 
 
 def objects_of(
     objects: dict[str, ObjectVariation], point: dict[str, Any], where: str, memo: Memo
 ) -> tuple[dict[str, ObjectVariation], list[Mistake]]:
     """Variations of objects by name, with what a point of the matrix sets."""
-    varied = {rest.rpartition(".")[0] for _, rest in _below(_OBJECTS, tuple(point))}
+    varied = {rest.rpartition(".")[0] for _, rest in _below(OBJECT_AXES, tuple(point))}
     if not varied:
         return objects, []
     changed = dict(objects)
     mistakes: list[Mistake] = []
     for name in sorted(varied):
         variation = objects.get(name, ObjectVariation())
-        changed[name], found = section_of(variation, f"{_OBJECTS}{name}", point, where, memo)
+        changed[name], found = section_of(variation, f"{OBJECT_AXES}{name}", point, where, memo)
         mistakes += found
     return changed, mistakes
 
@@ -183,6 +185,10 @@ def _plain(axis: str, value: bool | int | float | str) -> str:
     if type(value) is int and value >= 0:
         return str(value)  # most of what a hundred thousand cases differ in
     text = str(value).lower() if isinstance(value, bool) else f"{value}"
-    if axis.startswith((_PARAMETERS, _OBJECTS)) and isinstance(value, int | float) and value < 0:
+    if (
+        axis.startswith((PARAMETER_AXES, OBJECT_AXES))
+        and isinstance(value, int | float)
+        and value < 0
+    ):
         text = f"minus{text}"  # -1 and 1 are two cases
     return re.sub(r"[^A-Za-z0-9_.]+", "_", text).strip("_.") or "x"

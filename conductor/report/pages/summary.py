@@ -10,7 +10,7 @@ import pyarrow as pa
 import pyarrow.csv as pa_csv
 import pyarrow.parquet as pq
 
-from conductor.report.reading.axes import PLAIN, axis_value, further_axes
+from conductor.report.reading.axes import LEFT_OUT, PLAIN, axis_value, further_axes
 from conductor.report.reading.dossier import Dossier, open_dossier
 from schemas.files.kpi import NAMES
 from schemas.wire.realtime import Realtime
@@ -76,7 +76,7 @@ def summary_table(dossier: Dossier) -> pa.Table:
             kinds = [str(row.case.variation.perception.__struct_config__.tag) for row in rows]
             add("perception", kinds, pa.string())
     for axis in further_axes(dossier.campaign):
-        add(axis, [axis_value(row.case, axis) for row in rows], None)
+        add(axis, _of_one_type([axis_value(row.case, axis) for row in rows]), None)
     text("outcome", [row.end.outcome for row in rows])
     text("verdict", [row.end.verdict for row in rows])
     add("passed", [row.passed for row in rows], pa.bool_())
@@ -118,3 +118,13 @@ _FORMULA = ("=", "+", "-", "@", "\t", "\r", "\n")
 def inert(text: str | None) -> str | None:
     """``text`` so that no spreadsheet runs it: an apostrophe before what would be a formula."""
     return f"'{text}" if text is not None and text.startswith(_FORMULA) else text
+
+
+def _of_one_type(values: list[Any]) -> list[Any]:
+    """Values of an axis for a column: nothing where it is left out, and texts where a parameter has
+    values of several types."""
+    given = [None if value in LEFT_OUT else value for value in values]
+    types = {type(value) for value in given if value is not None}
+    if len(types) < 2 or types == {int, float}:
+        return given
+    return [None if value is None else str(value) for value in given]

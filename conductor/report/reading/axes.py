@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
+from msgspec import UNSET
+
 from conductor.report.reading.dossier import Dossier
+from schemas.axes import OBJECT_AXES, PARAMETER_AXES
 from schemas.campaign import WEATHERS, Campaign
 from schemas.case import Case
+from schemas.sections.objects import ObjectVariation
 
 PLAIN = ("model", "time_of_day", "weather", "repeat", "batch")
 """Axes that every case has."""
@@ -36,16 +41,27 @@ def further_axes(campaign: Campaign) -> list[str]:
     return [axis for axis in dict.fromkeys(named) if axis not in PLAIN]
 
 
+LEFT_OUT = ("as the stack has it", "as in the scene", "no such sensor")
+"""Values of an axis that a case says nothing of."""
+
+
 def axis_value(case: Case, axis: str) -> Any:
-    """Value of ``axis`` for a case; time of day as ``HH:MM``."""
+    """Value of ``axis`` for a case; time of day as ``HH:MM``, one of :data:`LEFT_OUT` where it says
+    nothing of it."""
     rig, variation = case.rig, case.variation
+    if axis.startswith(PARAMETER_AXES):
+        return rig.parameters.get(axis.removeprefix(PARAMETER_AXES), LEFT_OUT[0])
+    if axis.startswith(OBJECT_AXES):
+        name, _, field = axis.removeprefix(OBJECT_AXES).rpartition(".")
+        value = getattr(variation.objects.get(name, ObjectVariation()), field)
+        return LEFT_OUT[1] if value is None else value
     if axis == "time_of_day":
         return f"{variation.time_of_day_min // 60:02}:{variation.time_of_day_min % 60:02}"
     # A case holds what it needs of the section autonomy itself.
     first, *rest = axis.removeprefix("autonomy.").split(".")
-    value: Any = getattr(variation if hasattr(variation, first) else rig, first)
+    value = getattr(variation if hasattr(variation, first) else rig, first)
     for part in rest:
-        value = getattr(value, part)
+        value = getattr(value, part) if value is not UNSET else LEFT_OUT[2]
     return value
 
 
@@ -54,11 +70,11 @@ def axis_label(axis: str) -> str:
     if axis in _LABELS:
         return _LABELS[axis]
     suffix = next((s for s in _UNITS if axis.endswith(s)), "")
-    name = axis.split(".", 1)[-1]
+    name = axis.removeprefix(PARAMETER_AXES).split(".", 1)[-1]
     if suffix.startswith("_"):
         name = name.removesuffix(suffix)
     unit = f" [{_UNITS[suffix]}]" if suffix else ""
-    return name.replace("_", " ").capitalize() + unit
+    return re.sub("[_.]", " ", name).capitalize() + unit
 
 
 def axis_values(dossier: Dossier, axis: str) -> list[Any]:
