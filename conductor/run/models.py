@@ -43,7 +43,7 @@ def check_models(plan: Plan, shown: str, device: str = "cpu") -> None:
 def models_checked(plan: Plan, shown: str, device: str = "cpu") -> Iterator[None]:
     """Load the networks that cases of ``plan`` use, on this machine, while the body
     of the ``with`` does something else; it is known at its end. Those that are known to be good
-    (:mod:`conductor.run.models`) are not loaded.
+    (:func:`identities`) are not loaded.
 
     Args:
         plan: with absolute paths, see :func:`conductor.run.source.load`.

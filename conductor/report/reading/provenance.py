@@ -29,13 +29,13 @@ def _shown(name: str) -> str:
 
 
 def _shipped_models(dossier: Dossier) -> list[tuple[str, str]]:
-    if dossier.outcomes.software != software_digest():
-        return []
-    # Found without asking `devkit models`, which takes as long to start as a report of 256 cases.
     named: dict[str, str] = {}
     for row in dossier.rows:
         spec = row.case.variation.perception
         named.update(perception_kind(spec).shipped(spec))
+    if not named or dossier.outcomes.software != software_digest():
+        return []
+    # Found without asking `devkit models`, which takes as long to start as a report of 256 cases.
     root = package_folder("devkit").parent
     return [
         (name, file_digest(root / path))
