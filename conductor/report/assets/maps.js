@@ -41,7 +41,7 @@ function heatMap(members, xAxis, yAxis, width) {
     zmin: -0.5, zmax: all.statuses.length - 0.5, colorscale: STATUS_SCALE, showscale: false, xgap: 2, ygap: 2,
   };
   const layout = {
-    height: Math.max(170, 92 + MAP_ROW_PX * down.values.length), margin: { l: MAP_LEFT_PX, r: 8, t: 8, b: 52 },
+    height: Math.max(210, 92 + MAP_ROW_PX * down.values.length), margin: { l: MAP_LEFT_PX, r: 8, t: 8, b: 52 },
     xaxis: { title: { text: esc(across.label) }, type: "category", showgrid: false },
     yaxis: { title: { text: esc(down.label), standoff: 14 }, type: "category", autorange: "reversed", showgrid: false },
   };
