@@ -12,14 +12,14 @@ from hpc.request import JobRequest
 PBS_STUBS = {
     "bin/conductor": STUBS["bin/conductor"],
     "bin/twin": """
-        echo "$(cat "$T/node" 2>/dev/null || echo here) ${CUDA_VISIBLE_DEVICES-none}" >> "$T/seen"
+        echo "${NODE-here} ${CUDA_VISIBLE_DEVICES-none}" >> "$T/seen"
         printf '%s\\n' "$@" > "$T/worker.args"; [ ! "$STAY" ] || exec sleep 60
     """,
     "bin/devkit": 'echo "$@" >> "$T/devkit.args"; exec sleep 60',
     "pbs/qsub": 'echo "$@" >> "$T/qsub.args"; [ ! "$NO_QSUB" ] || exit 1; echo 12.head',
     "pbs/ssh": """
         echo "$@" >> "$T/ssh.args"; shift 2
-        case $1 in head) echo 13.head ;; *) echo "$1" > "$T/node"; shift; exec "$@" ;; esac
+        case $1 in head) echo 13.head ;; *) export NODE="$1"; shift; exec "$@" ;; esac
     """,
 }
 
