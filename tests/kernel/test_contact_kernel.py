@@ -1,4 +1,4 @@
-"""Contacts of hulls: momentum, energy, walls at any speed and angle, props, events."""
+"""Contacts of hulls: momentum, energy, walls at any speed and angle, events."""
 
 import math
 
@@ -9,9 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from twin.vehicle.fleet import Fleet
-from twin.vehicle.kernel import CAR, EVENT, MOVER, PROP, WALL
+from twin.vehicle.kernel import CAR, EVENT, MOVER, WALL
 from twin.vehicle.model import vehicle_model
-from twin.vehicle.props import PROPS
 from twin.vehicle.state import COLUMN, columns
 from twin.vehicle.vehicle_file import load_vehicle
 from twin.world.kernel_cache import prepare_kernels
@@ -160,52 +159,6 @@ def test_pushing_against_a_wall_gives_no_speed_back():
     assert front == pytest.approx(9.5, abs=0.02)
     assert abs(made.state[0, 0, COLUMN["speed_mps"]]) < 0.05
     assert made.state[0, 0, COLUMN["dtc_m"]] < 0.02
-
-
-@pytest.mark.parametrize("kind", list(PROPS))
-def test_props_are_pushed_and_come_to_rest(kind):
-    made = fleet(props=[PROPS[kind]])
-    made.place(0, 0.0, 10.0, 0.85)
-    made.place_prop(0, 0, 8.0, 0.3, 0.2)
-    speed = made.state[0, 0, COLUMN["speed_mps"]]
-    advance(made, 300)
-    assert made.props[0, 0, 0] > 8.5
-    event = dict(zip(EVENT, made.events[0, 0], strict=True))
-    assert (event["partner_kind"], event["partner"]) == (PROP, 0)
-    assert 9.5 < event["speed_mps"] < 10.5
-    lost = speed - made.state[0, 0, COLUMN["speed_mps"]]
-    assert lost > 0.2 if kind == "barrier" else lost < 2.0
-    made.state[0, 0, columns("com")] += (0.0, 50.0, 0.0)  # out of the way
-    made.refresh()
-    advance(made, 4000, 300)
-    assert made.props[0, 0, 3:].tolist() == [0.0, 0.0, 0.0]
-    rest = made.props[0, 0].copy()
-    advance(made, 100, 4300)
-    assert made.props[0, 0].tobytes() == rest.tobytes()
-
-
-def test_a_prop_slides_as_far_as_friction_and_drag_let_it():
-    kind = PROPS["bin"]
-    made = fleet(props=[kind])
-    made.place(0, -50.0, 0.0, 0.8)
-    made.place_prop(0, 0, 0.0, 0.0)
-    made.props[0, 0, 3] = 8.0
-    advance(made, 2000)
-    grip = kind.friction * 0.8 * 9.80665
-    drag = 0.5 * 1.225 * kind.drag_area_m2 / kind.mass_kg
-    way = math.log1p(drag * 64.0 / grip) / (2 * drag)
-    assert made.props[0, 0, 0] == pytest.approx(way, rel=0.01)
-
-
-def test_a_prop_cannot_be_pushed_through_a_wall():
-    wall = np.array([[12.0, 0.0, 0.0, 0.2, 20.0]])
-    made = fleet(props=[PROPS["bin"]], colliders=wall)
-    made.place(0, 0.0, 25.0, 0.85)
-    made.place_prop(0, 0, 8.0, 0.0)
-    for k in range(40):
-        advance(made, 10, 10 * k)
-        assert made.props[0, 0, 0] < 12.0
-        assert made.state[0, 0, COLUMN["com_x_m"]] < 12.0
 
 
 def test_events_count_separate_touches_only():

@@ -5,7 +5,6 @@ import pytest
 import warp as wp
 
 from twin.vehicle.fleet import Fleet
-from twin.vehicle.props import PROPS
 from twin.vehicle.state import columns
 from twin.vehicle.vehicle_file import load_vehicle
 
@@ -13,14 +12,13 @@ CAR = load_vehicle("opencav")
 HULL = (CAR.length_m / 2, CAR.width_m / 2)
 
 
-def fleet(walls=(), *, slots=1, movers=0, props=()):
+def fleet(walls=(), *, slots=1, movers=0):
     made = Fleet(
         [CAR],
         slots,
         wp.get_device("cpu"),
         colliders=np.array(walls, float).reshape(-1, 5),
         movers=movers,
-        props=props,
     )
     for slot in range(slots):
         made.place(slot, 0.0, 0.0, 0.9, refresh=False)
@@ -132,18 +130,16 @@ def test_a_hull_beside_the_way_is_near_and_never_hit():
     assert found[3] == -1
 
 
-def test_movers_come_after_walls_and_props_after_movers():
+def test_movers_come_after_walls():
     """Each is the nearest in a slot of its own; those that are not there do not count."""
-    made = fleet([(50.0, 0.0, 0.0, 1.0, 1.0)], slots=4, movers=2, props=[PROPS["cone"]])
-    for slot in range(4):
+    made = fleet([(50.0, 0.0, 0.0, 1.0, 1.0)], slots=3, movers=2)
+    for slot in range(3):
         at(made, slot, 0.0, 0.0, 0.0, (5.0, 0.0))
-        made.place_prop(slot, 0, 200.0, 0.0)
     made.movers[1, 1] = (20.0, 0.0, 0.0, 0.3, 0.3, -2.0, 0.0, 0.0)
-    made.movers[3, 0] = (20.0, 0.0, 0.0, 0.0, 0.3, -2.0, 0.0, 0.0)
-    made.place_prop(2, 0, 30.0, 0.0)
+    made.movers[2, 0] = (20.0, 0.0, 0.0, 0.0, 0.3, -2.0, 0.0, 0.0)
     found = surveyed(made)
-    assert found[:, 1].tolist() == [0, 2, 3, 0]
-    assert found[:, 3].tolist() == [0, 2, 3, 0]
+    assert found[:, 1].tolist() == [0, 2, 0]
+    assert found[:, 3].tolist() == [0, 2, 0]
     gap = 20.0 - 0.3 - HULL[0]
     assert found[1, 0] == pytest.approx(gap)
     assert found[1, 2] == pytest.approx(gap / 7.0)
@@ -164,13 +160,12 @@ def test_nothing_depends_on_the_slot_and_inactive_ones_have_nothing():
 
 
 def test_what_was_hit_first_is_told_by_the_same_count():
-    made = fleet([(80.0, 0.0, 0.0, 1.0, 1.0)], movers=1, props=[PROPS["barrier"]])
-    made.place_prop(0, 0, 12.0, 0.0)
+    made = fleet([(80.0, 0.0, 0.0, 1.0, 1.0)], movers=2)
     made.movers[0, 0] = (30.0, 0.0, 0.0, 0.3, 0.3, 0.0, 0.0, 0.0)
+    made.movers[0, 1] = (12.0, 0.0, 0.0, 1.0, 0.3, 0.0, 0.0, 0.0)
     assert made.first_hit(0) == -1
     made.place(0, 0.0, 10.0, 0.9)
-    made.place_prop(0, 0, 12.0, 0.0)
     while not made.event_count[0]:
         made.advance(25)
         made.first_step[0] += 25
-    assert made.first_hit(0) == 2  # one wall, one mover, then the prop
+    assert made.first_hit(0) == 2  # one wall, one mover, then this one

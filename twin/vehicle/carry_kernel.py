@@ -65,7 +65,6 @@ def carry_kernel(
     movers: wp.array3d(dtype=wp.float64),
     # state in and out
     states: wp.array2d(dtype=VehicleState),
-    props: wp.array3d(dtype=wp.float64),
     events: wp.array3d(dtype=wp.float64),
     counts: wp.array(dtype=wp.int32),
 ):
@@ -119,7 +118,7 @@ def carry_kernel(
             elif n.moved > _ZERO and n.rest_step < _ZERO:
                 n.rest_step = now
             states[slot, 0] = n
-            vehicle_contacts(models, scene, states, props, events, counts, slot, 0, now)
+            vehicle_contacts(models, scene, states, events, counts, slot, 0, now)
             since = wp.float64(k + 1) * _STEP_S
             mover_contacts(m, scene, states, movers, events, counts, slot, 0, now, since)
     states[slot, 0] = measure(m, scene, states[slot, 0], targets[slot])

@@ -12,10 +12,9 @@ from twin.vehicle import kernel, nearest
 from twin.vehicle.carry_kernel import carry_kernel
 from twin.vehicle.ground import FlatGround, GroundMesh
 from twin.vehicle.guard import FAULTS
-from twin.vehicle.model import GRAVITY_MPS2, PHYSICS_STEP_NS, VehicleModel, vehicle_model
+from twin.vehicle.model import GRAVITY_MPS2, VehicleModel, vehicle_model
 from twin.vehicle.nearest import NEAREST
 from twin.vehicle.powertrain import COMMANDS
-from twin.vehicle.props import PROP_STATE, PropKind, PropModel, prop_model
 from twin.vehicle.state import COLUMN, TELEMETRY, VehicleState, columns
 from twin.vehicle.vehicle_file import Vehicle
 from twin.vehicle.wall_grid import wall_grid
@@ -28,14 +27,14 @@ _NO_COLLIDERS = np.zeros((0, 5))
 
 
 class Fleet:
-    """V vehicles and P props in each of S slots.
+    """V vehicles in each of S slots.
 
     Host arrays, written before :meth:`advance`: ``friction`` [S], ``wind`` [S, 2]
     (world x and y [m/s], 0 after :meth:`place`), ``commands`` [S, V, 2, 5] with
     the columns :data:`twin.vehicle.powertrain.COMMANDS`, ``switch_step`` [S], ``first_step`` [S],
     ``active`` [S], ``targets`` [S] (collider to which distances are measured; -1: none),
     ``movers`` [S, M, 8]; see :func:`twin.vehicle.kernel.drive_kernel`. ``state``
-    [S, V, T] and ``props`` [S, P, 6] are valid after each call.
+    [S, V, T] is valid after each call.
     """
 
     def __init__(
@@ -46,11 +45,10 @@ class Fleet:
         *,
         colliders: np.ndarray = _NO_COLLIDERS,
         ground: FlatGround | GroundMesh | None = None,
-        props: Sequence[PropKind] = (),
         movers: int = 0,
         stop_at_impact: bool = False,
     ) -> None:
-        """Every slot has the same ``vehicles`` and ``props``.
+        """Every slot has the same ``vehicles``.
 
         Args:
             colliders: static hulls [K, 5]: x, y, yaw, half length, half width.
@@ -64,7 +62,7 @@ class Fleet:
         self._host_models = [vehicle_model(v) for v in vehicles]
         self._models = wp.array(self._host_models, dtype=VehicleModel, device=device)
         self._ground = ground or FlatGround(device)
-        self._scene = self._build_scene(colliders, props)
+        self._scene = self._build_scene(colliders)
         self._scene.stop_at_impact = int(stop_at_impact)
         count = len(self.vehicles)
         self._state = Mirror((slots, count, len(TELEMETRY)), wp.float64, device)
@@ -75,7 +73,6 @@ class Fleet:
             device=device,
             copy=False,
         )
-        self._props = Mirror((slots, len(props), len(PROP_STATE)), wp.float64, device)
         self._events = Mirror((slots, kernel.EVENTS_MAX, len(kernel.EVENT)), wp.float64, device)
         self._event_count = Mirror((slots,), wp.int32, device)
         self._friction = Mirror((slots,), wp.float64, device)
@@ -88,14 +85,10 @@ class Fleet:
         self._movers = Mirror((slots, movers, len(kernel.MOVER_COLUMNS)), wp.float64, device)
         self._scene_movers = Mirror((slots, movers, len(kernel.MOVER_COLUMNS)), wp.float64, device)
         self._nearest = Mirror((slots, len(NEAREST)), wp.float64, device)
-        self._outputs = [self._state]
         self._unseen = False
         """Events on the device are newer than those on the host."""
         self._placed: list[int] = []
-        if props:
-            self._outputs.append(self._props)
         self.state = self._state.host
-        self.props = self._props.host
         self.friction = self._friction.host
         self.wind = self._wind.host
         self.commands = self._commands.host
@@ -108,13 +101,11 @@ class Fleet:
         wp.load_module(kernel, device=device, block_dim=_BLOCK)
         wp.load_module(nearest, device=device, block_dim=_BLOCK)
 
-    def _build_scene(self, colliders: np.ndarray, props: Sequence[PropKind]) -> kernel.VehicleScene:
+    def _build_scene(self, colliders: np.ndarray) -> kernel.VehicleScene:
         """Everything that vehicles can stand on or hit."""
         device, scene = self._device, kernel.VehicleScene()
         scene.colliders = wp.array(colliders, dtype=wp.float64, device=device, ndim=2)
         scene.grid = wall_grid(colliders, max(map(_extent_m, self._host_models)), device)
-        models = [prop_model(kind, PHYSICS_STEP_NS / 1e9) for kind in props]
-        scene.props = wp.array(models or [PropModel()], dtype=PropModel, device=device)
         scene.ground = self._ground.kernel
         return scene
 
@@ -134,7 +125,6 @@ class Fleet:
         """What vehicle 0 of a slot hit first, counted as :meth:`nearest` counts; -1: nothing, or
         another vehicle."""
         first = {kernel.WALL: 0, kernel.MOVER: self._scene.colliders.shape[0]}
-        first[kernel.PROP] = first[kernel.MOVER] + self.movers.shape[1]
         count = min(int(self.event_count[slot]), kernel.EVENTS_MAX)
         for _, vehicle, kind, partner, *_ in self.events[slot, :count].tolist():
             if vehicle == 0.0 and kind in first:
@@ -156,11 +146,9 @@ class Fleet:
             inputs=[
                 self._models,
                 self._scene.colliders,
-                self._scene.props,
                 self._active.device,
                 self._rows,
                 self._scene_movers.device,
-                self._props.device,
             ],
             outputs=[self._nearest.device],
             device=self._device,
@@ -218,13 +206,6 @@ class Fleet:
         if refresh:
             self.refresh()
 
-    def place_prop(
-        self, slot: int, prop: int, x_m: float, y_m: float, yaw_rad: float = 0.0
-    ) -> None:
-        """Put a prop at rest somewhere."""
-        self.props[slot, prop] = (x_m, y_m, yaw_rad, 0.0, 0.0, 0.0)
-        self._props.push()
-
     def refresh(self) -> None:
         """Derived columns anew, after ``state`` was written on the host."""
         self._see()
@@ -248,8 +229,7 @@ class Fleet:
         self.push()
         self.launch(steps)
         self._unseen = True
-        for mirror in self._outputs:
-            mirror.pull()
+        self._state.pull()
 
     def push(self) -> None:
         """Host inputs -> device."""
@@ -285,7 +265,6 @@ class Fleet:
             ],
             outputs=[
                 self._rows,
-                self._props.device,
                 self._events.device,
                 self._event_count.device,
             ],
@@ -319,7 +298,6 @@ class Fleet:
             ],
             outputs=[
                 self._rows,
-                self._props.device,
                 self._events.device,
                 self._event_count.device,
             ],

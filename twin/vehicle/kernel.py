@@ -1,6 +1,6 @@
 """The vehicles' kernels: one thread per slot, the loop over physics steps inside.
 
-A slot's vehicles and props advance one after the other, then meet: nothing depends on other slots
+A slot's vehicles advance one after the other, then meet: nothing depends on other slots
 or on how many there are. A vehicle whose state leaves its limits keeps the last good state and a
 fault; its slot ends, the batch goes on.
 """
@@ -10,12 +10,11 @@ from __future__ import annotations
 import warp as wp
 
 from twin.vehicle.chassis import VehicleCommand, advance, observe
-from twin.vehicle.contact import Meeting, RigidBox, extent_of, hull_of, in_reach, meet, near
+from twin.vehicle.contact import RigidBox, extent_of, hull_of, in_reach, meet, near
 from twin.vehicle.ground import Ground
 from twin.vehicle.guard import fault_of
-from twin.vehicle.hull import hull_at, overlap, separation
+from twin.vehicle.hull import hull_at, separation
 from twin.vehicle.model import PHYSICS_STEP_NS, VehicleModel
-from twin.vehicle.props import PropModel, prop_box, slide_prop, write_prop
 from twin.vehicle.state import VehicleState
 from twin.vehicle.wall_grid import WallGrid, walls_near
 
@@ -28,8 +27,8 @@ EVENT = ("step", "vehicle", "partner_kind", "partner", "speed_mps", "x_m", "y_m"
 """Columns of a collision event, float64 [S, EVENTS_MAX, 8]: the physics step since reset at which
 two hulls met, who, with which relative speed, where, and the last step at which they touched."""
 
-WALL, CAR, PROP, MOVER = 0, 1, 2, 3
-"""Kinds of partners: a static collider, a vehicle, a prop, an object that follows a script."""
+WALL, CAR, MOVER = 0, 1, 3
+"""Kinds of partners: a static collider, a vehicle, an object that follows a script."""
 
 MOVER_COLUMNS = (
     *("x_m", "y_m", "yaw_rad", "half_length_m", "half_width_m"),
@@ -37,7 +36,7 @@ MOVER_COLUMNS = (
 )
 """Columns of a scripted object's hull, float64 [S, M, 8]; half length 0: it is not there."""
 
-_WALL, _CAR, _PROP, _MOVER = (wp.constant(wp.int32(k)) for k in (WALL, CAR, PROP, MOVER))
+_WALL, _CAR, _MOVER = (wp.constant(wp.int32(k)) for k in (WALL, CAR, MOVER))
 _STEP_S = wp.constant(wp.float64(PHYSICS_STEP_NS / 1e9))
 _EVENTS_MAX = wp.constant(wp.int32(EVENTS_MAX))
 _APART_STEPS = wp.constant(wp.float64(50.0))
@@ -54,7 +53,6 @@ class VehicleScene:
     """[K, 5]: centre x, y [m], yaw [rad], half length and width [m]."""
     grid: WallGrid
     """Which of them a vehicle can touch."""
-    props: wp.array(dtype=PropModel)
     ground: Ground
     stop_at_impact: wp.int32
     """1: a vehicle's first collision freezes it where it is, for cases that end there."""
@@ -182,43 +180,17 @@ def _touch(
 
 
 @wp.func
-def _blocked(scene: VehicleScene, b: RigidBox) -> wp.bool:
-    """Whether a prop stands in a wall."""
-    for k in range(scene.colliders.shape[0]):
-        wall = _wall_box(scene.colliders, k)
-        if near(b, wall) and overlap(hull_of(b), hull_of(wall)):
-            return True
-    return False
-
-
-@wp.func
-def _meet_prop(scene: VehicleScene, a: RigidBox, b: RigidBox) -> Meeting:
-    """Contact of a vehicle and a prop; a prop that would be pushed into a wall is as hard as it."""
-    t = meet(a, b)
-    if t.touched and _blocked(scene, t.b):
-        wall = b
-        wall.inverse_mass = _ZERO
-        wall.inverse_inertia = _ZERO
-        wall.vx = _ZERO
-        wall.vy = _ZERO
-        wall.rate = _ZERO
-        t = meet(a, wall)
-    return t
-
-
-@wp.func
 def vehicle_contacts(
     models: wp.array(dtype=VehicleModel),
     scene: VehicleScene,
     states: wp.array2d(dtype=VehicleState),
-    props: wp.array3d(dtype=wp.float64),
     events: wp.array3d(dtype=wp.float64),
     counts: wp.array(dtype=wp.int32),
     slot: int,
     v: int,
     now: wp.float64,
 ):
-    """Contacts of vehicle ``v`` with vehicles after it, props and walls."""
+    """Contacts of vehicle ``v`` with vehicles after it and with walls."""
     m = models[v]
     # Made anew only after a touch: a GPU waits for what it reads from memory in every round.
     a = _vehicle_box(m, states[slot, v])
@@ -230,15 +202,6 @@ def vehicle_contacts(
                 new = _note(events, counts, slot, now, v, _CAR, u, t.speed, t.x, t.y)
                 _touch(m, scene, states, slot, v, t.a, new, now)
                 _touch(models[u], scene, states, slot, u, t.b, new, now)
-                a = _vehicle_box(m, states[slot, v])
-    for p in range(props.shape[1]):
-        b = prop_box(scene.props[p], props, slot, p)
-        if near(a, b):
-            t = _meet_prop(scene, a, b)
-            if t.touched:
-                new = _note(events, counts, slot, now, v, _PROP, p, t.speed, t.x, t.y)
-                _touch(m, scene, states, slot, v, t.a, new, now)
-                write_prop(props, slot, p, t.b)
                 a = _vehicle_box(m, states[slot, v])
     extent = extent_of(a)
     walls = scene.colliders
@@ -279,26 +242,6 @@ def mover_contacts(
                     new = _note(events, counts, slot, now, v, _MOVER, k, t.speed, t.x, t.y)
                     _touch(m, scene, states, slot, v, t.a, new, now)
                     a = _vehicle_box(m, states[slot, v])
-
-
-@wp.func
-def _prop_contacts(scene: VehicleScene, props: wp.array3d(dtype=wp.float64), slot: int, p: int):
-    """Contacts of prop ``p`` with props after it and with walls; they are no events."""
-    for q in range(p + 1, props.shape[1]):
-        a = prop_box(scene.props[p], props, slot, p)
-        b = prop_box(scene.props[q], props, slot, q)
-        if near(a, b):
-            t = meet(a, b)
-            if t.touched:
-                write_prop(props, slot, p, t.a)
-                write_prop(props, slot, q, t.b)
-    for k in range(scene.colliders.shape[0]):
-        a = prop_box(scene.props[p], props, slot, p)
-        b = _wall_box(scene.colliders, k)
-        if near(a, b):
-            t = meet(a, b)
-            if t.touched:
-                write_prop(props, slot, p, t.a)
 
 
 @wp.func
@@ -357,7 +300,6 @@ def drive_kernel(
     movers: wp.array3d(dtype=wp.float64),
     # state in and out
     states: wp.array2d(dtype=VehicleState),
-    props: wp.array3d(dtype=wp.float64),
     events: wp.array3d(dtype=wp.float64),
     counts: wp.array(dtype=wp.int32),
 ):
@@ -397,17 +339,13 @@ def drive_kernel(
                     elif n.moved > _ZERO and n.rest_step < _ZERO:
                         n.rest_step = now
                     states[slot, v] = n
-        for p in range(props.shape[1]):
-            slide_prop(scene.props[p], props, slot, p, friction[slot])
         for v in range(vehicles):
             frozen = scene.stop_at_impact != 0 and states[slot, v].collisions > _ZERO
             if states[slot, v].fault == _ZERO and not frozen:
-                vehicle_contacts(models, scene, states, props, events, counts, slot, v, now)
+                vehicle_contacts(models, scene, states, events, counts, slot, v, now)
                 since = wp.float64(k + 1) * _STEP_S
                 mover_contacts(
                     models[v], scene, states, movers, events, counts, slot, v, now, since
                 )
-        for p in range(props.shape[1]):
-            _prop_contacts(scene, props, slot, p)
     for v in range(vehicles):
         states[slot, v] = measure(models[v], scene, states[slot, v], targets[slot])

@@ -13,7 +13,6 @@ import warp as wp
 
 from twin.vehicle.hull import Hull, hull_at, separation
 from twin.vehicle.model import VehicleModel
-from twin.vehicle.props import PropModel
 from twin.vehicle.state import VehicleState
 
 wp.set_module_options({"enable_backward": False})
@@ -104,19 +103,17 @@ def nearest_kernel(
     # model
     models: wp.array(dtype=VehicleModel),
     walls: wp.array2d(dtype=wp.float64),
-    prop_models: wp.array(dtype=PropModel),
     # state in
     active: wp.array(dtype=wp.int32),
     states: wp.array2d(dtype=VehicleState),
     movers: wp.array3d(dtype=wp.float64),
-    props: wp.array3d(dtype=wp.float64),
     # out
     nearest_out: wp.array2d(dtype=wp.float64),
 ):
     """The nearest hull to every slot's vehicle 0, and the one it would hit first.
 
-    Indices count ``walls`` [K, 5], then ``movers`` [S, M, 8], then ``props`` [S, P, 6]; of equally
-    near ones the first counts.
+    Indices count ``walls`` [K, 5], then ``movers`` [S, M, 8]; of equally near ones the first
+    counts.
     """
     slot = wp.tid()
     n = NearestSoFar()
@@ -146,13 +143,6 @@ def nearest_kernel(
                     movers[slot, k, 4],
                 )
                 n = _closer(n, a, b, vx - movers[slot, k, 5], vy - movers[slot, k, 6], count + k)
-        count += movers.shape[1]
-        for k in range(props.shape[1]):
-            p = prop_models[k]
-            b = hull_at(
-                props[slot, k, 0], props[slot, k, 1], props[slot, k, 2], p.half_length, p.half_width
-            )
-            n = _closer(n, a, b, vx - props[slot, k, 3], vy - props[slot, k, 4], count + k)
     nearest_out[slot, 0] = n.distance
     nearest_out[slot, 1] = wp.float64(n.distance_index)
     nearest_out[slot, 2] = n.ttc

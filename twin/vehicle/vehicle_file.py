@@ -239,7 +239,7 @@ class Contact(_Spec):
     restitution: Share = 0.1
     """Rebound speed over approach speed [-]."""
     friction: NotNegative = 0.4
-    """Hull against walls, cars and props [-]."""
+    """Hull against walls and cars [-]."""
 
 
 class Reference(_Spec):
