@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal, TypeVar, cast
 import msgspec
 from msgspec import inspect
 
-from schemas.words import plain as on_one_line
+from schemas.escape import escape
 
 T = TypeVar("T")
 
@@ -36,7 +36,7 @@ class Mistake:
     def line(self, name: str) -> str:
         """The one line a user sees; ``name`` is the file."""
         where = f"{name}: {self.path}" if self.path else name
-        return on_one_line(f"{where}: {self.message}")
+        return escape(f"{where}: {self.message}")
 
 
 def convert_all(data: Any, type_: type[T]) -> tuple[T | None, list[Mistake]]:

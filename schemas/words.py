@@ -1,21 +1,8 @@
-"""Untrusted text escaped for one line, and nouns and verbs that go with a number."""
+"""Nouns and verbs that go with a number."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-
-WORDS_MAX = 1000
-"""Longest line made of them [characters]."""
-
-
-def plain(text: str, longest: int = WORDS_MAX) -> str:
-    """``text`` escaped on one line: what would end it or move a terminal's cursor becomes
-    ``\\x1b``, and what is too long is cut."""
-    if len(text) > longest:
-        text = f"{text[: longest - 3]}..."
-    if text.isprintable():
-        return text
-    return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
 
 
 def counted(number: int, one: str, many: str = "") -> str:

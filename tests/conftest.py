@@ -33,7 +33,7 @@ APART = (
     *("test_conductor_restart", "test_workers", "test_bad_input", "test_foreign_stacks"),
 )
 """Long files whose tests share only what is run once for all processes: each runs anywhere."""
-LONG = ("test_viewer", "test_viewer_web", "test_hand_on_a_case", "test_conductor_swarm")
+LONG = ("test_viewer", "test_viewer_web", "test_intervene_in_a_case", "test_conductor_swarm")
 """Further long files."""
 
 IMPORTS = {"playwright": "browser", "torch": "train"}

@@ -100,7 +100,7 @@ def worker(
         return
     loading, share = None, None
     if connect == LATER:
-        from twin.worker.preload import await_told, begin_loading
+        from twin.worker.preload import await_start, begin_loading
 
         loading = begin_loading(device) if load_simulator else None
         import cryptography.x509  # noqa: F401 - it will read a key
@@ -111,7 +111,7 @@ def worker(
 
     keep_to_itself()  # its session and its keys are nothing for a stack of the same user
     if connect == LATER:
-        told = await_told(loading)
+        told = await_start(loading)
         connect, slots, share = told.connect, told.slots, told.share
         key = Path(told.key) if told.key else None
     if state is not None and not connect:

@@ -23,7 +23,7 @@ from schemas.files.judging import RECORD_FILE, attempt_digest
 from schemas.files.kpi import SCALARS
 from schemas.wire.codec import decode, encode
 from schemas.wire.control import Hello, Lease, Next, Reply, Request, Result, noop_result
-from schemas.wire.rpc_routes import door
+from schemas.wire.rpc_routes import route_key
 from twin.base.files import write_atomic
 from twin.base.process import bind_to_parent
 from twin.fabric.bus import Bus
@@ -128,7 +128,7 @@ def with_files(template: dict[str, Any]) -> Made:
 def _ask(bus: Bus, request: Request) -> Reply:
     data = encode(request)
     for _ in range(TRIES):
-        answer = bus.request(door(request), data, TIMEOUT_S)
+        answer = bus.request(route_key(request), data, TIMEOUT_S)
         if answer is not None:
             reply: Reply = decode(answer, Reply)
             if reply.error:

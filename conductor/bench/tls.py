@@ -37,7 +37,7 @@ from schemas import SCHEMA_VERSION
 from schemas.wire import topics
 from schemas.wire.codec import decode, encode
 from schemas.wire.control import Hello, Next, Reply, Request, Result, noop_result
-from schemas.wire.rpc_routes import door
+from schemas.wire.rpc_routes import route_key
 from twin.base.errors import EXIT_FAILED, EXIT_PASS, InfrastructureError, storage_error
 from twin.base.software import software_digest
 from twin.fabric.bus import Bus
@@ -231,7 +231,7 @@ def _lease_and_commit(target: Target, k: int) -> float:
 
 
 def _ask(bus: Bus, request: Request) -> Reply:
-    data = bus.request(door(request), encode(request), WAIT_S)
+    data = bus.request(route_key(request), encode(request), WAIT_S)
     if data is None:
         raise InfrastructureError("the bench's conductor does not answer")
     reply: Reply = decode(data, Reply)

@@ -14,7 +14,7 @@ from schemas.campaign import Campaign
 from schemas.wire import topics
 from schemas.wire.codec import decode, encode
 from schemas.wire.control import Control, Explain, Reply, Request, StatusRequest, Stop, Submit
-from schemas.wire.rpc_routes import door
+from schemas.wire.rpc_routes import route_key
 from schemas.wire.status import ConductorStatus
 from twin.base.errors import InfrastructureError, UsageError
 from twin.base.software import software_digest
@@ -106,7 +106,7 @@ class ConductorClient:
 
     def _ask(self, request: Request, timeout_s: float = 5.0) -> Reply:
         for _ in range(TRIES):
-            data = self._bus.request(door(request), encode(request), timeout_s)
+            data = self._bus.request(route_key(request), encode(request), timeout_s)
             if data is None:
                 continue
             reply: Reply = decode(data, Reply)

@@ -9,12 +9,12 @@ from conductor.core.facts import Relocated, Submitted
 from conductor.core.relocate import moved
 from conductor.core.state import PROTECTED_ONLY, CampaignState, State
 from schemas.campaign import CASES_MAX, Campaign, cases_given
+from schemas.escape import escape
 from schemas.identity import DIGESTS, campaign_digest
 from schemas.plan import parse_plan
 from schemas.sections.autonomy import open_by_nature
 from schemas.sections.stack_identity import difference
 from schemas.wire.control import Submit
-from schemas.words import plain
 
 CAMPAIGNS_MAX = 5000
 """Most campaigns of one conductor."""
@@ -32,7 +32,7 @@ PART_BYTES_MAX = 255
 
 def out_mistake(out: str) -> str:
     """What is wrong with the path of a campaign folder, whatever is on the disk; or nothing."""
-    shown = f"out folder '{plain(out, 200)}'"
+    shown = f"out folder '{escape(out, 200)}'"
     if not out.startswith("/"):
         return f"{shown}: give an absolute path"
     if not out.isprintable() or len(out) > OUT_CHARS_MAX:
@@ -101,7 +101,7 @@ def _conflict(
     other = [path for path, sha in old.items() if new.get(path, sha) != sha]
     if other:
         return (
-            f"{name}: {known.out} was begun with another {plain(other[0], 200)}, or file that it "
+            f"{name}: {known.out} was begun with another {escape(other[0], 200)}, or file that it "
             f"names (SHA-256 {old[other[0]][:12]}, now {new[other[0]][:12]}); put it back, or "
             f"{elsewhere}"
         )
@@ -119,7 +119,7 @@ def _other_plugins(request: Submit, here: Campaign) -> str:
     for name, version in here.plugins.items():
         if given.get(name, version) != version:
             return (
-                f"uses plug-in '{plain(name, 80)}' {plain(str(given[name]), 80)} where it was "
+                f"uses plug-in '{escape(name, 80)}' {escape(str(given[name]), 80)} where it was "
                 f"submitted, the conductor has {version}; install the same version on both sides"
             )
     return ""
@@ -132,7 +132,7 @@ def admit(state: State, request: Submit) -> tuple[Submitted | Relocated | None, 
         The fact and no errors; or the fact that its files were moved, or None, and no errors: the
         campaign is known, this is a resume; or None and the errors, one line each.
     """
-    given = plain(str(request.campaign.get("campaign", "campaign")), 80)
+    given = escape(str(request.campaign.get("campaign", "campaign")), 80)
     out = request.out or f"{state.config.folder}/{given}"
     if given not in state.campaigns and (error := _unfit(state, request, out)):
         return None, [f"{given}: {error}"]

@@ -35,8 +35,8 @@ from conductor.journal.owner import (
     TakenOverError,
     this_process,
 )
+from schemas.escape import escape
 from schemas.wire.codec import WireError, decode, encode
-from schemas.words import plain
 from twin.base.errors import InfrastructureError, TwinError, UsageError
 
 VERSION = 4
@@ -128,7 +128,7 @@ class Journal:
             )
         except sqlite3.Error as error:
             raise UsageError(
-                f"{self.path}: cannot be opened ({plain(str(error))}); check the folder"
+                f"{self.path}: cannot be opened ({escape(str(error))}); check the folder"
             ) from None
         try:
             self._open()
@@ -170,7 +170,7 @@ class Journal:
             if not isinstance(error, sqlite3.Error):
                 raise
             raise JournalError(
-                f"storage: {self.path}: {plain(str(error))}; free some space, then retry"
+                f"storage: {self.path}: {escape(str(error))}; free some space, then retry"
             ) from None
 
     def probe(self) -> None:
@@ -186,7 +186,7 @@ class Journal:
         except sqlite3.Error as error:
             self._rollback()
             raise JournalError(
-                f"storage: {self.path}: {plain(str(error))}; free some space, then retry"
+                f"storage: {self.path}: {escape(str(error))}; free some space, then retry"
             ) from None
 
     def fold(self) -> Iterator[Fact]:
@@ -312,7 +312,7 @@ class Journal:
                 self._connection.execute("ROLLBACK")
 
     def _explain(self, error: sqlite3.Error) -> Exception:
-        words = plain(str(error))  # of a damaged file SQLite quotes what stands in it
+        words = escape(str(error))  # of a damaged file SQLite quotes what stands in it
         if "locked" in words or "busy" in words:
             return FolderLockedError(f"{self.path}: in use by another conductor")
         if "readonly" in words:
@@ -337,7 +337,7 @@ def read_journal(path: Path) -> tuple[Chain, Iterator[Fact]]:
         uri = f"{path.absolute().as_uri()}?mode=ro&immutable=1"
         connection = sqlite3.connect(uri, uri=True)
     except sqlite3.Error as error:
-        raise UsageError(f"{path}: cannot be opened ({plain(str(error))})") from None
+        raise UsageError(f"{path}: cannot be opened ({escape(str(error))})") from None
     try:
         version = _version(connection)
         if version not in READABLE:
@@ -345,7 +345,7 @@ def read_journal(path: Path) -> tuple[Chain, Iterator[Fact]]:
         chain = _read_chain(connection, path)
     except (sqlite3.Error, UnicodeDecodeError) as error:
         connection.close()
-        raise JournalError(f"{path}: cannot be read: {plain(str(error))}") from None
+        raise JournalError(f"{path}: cannot be read: {escape(str(error))}") from None
     except TwinError:
         connection.close()
         raise
@@ -387,7 +387,7 @@ def _folded(connection: sqlite3.Connection, path: Path, chain: Chain) -> Iterato
         if reply_sum(replies) != chain.replies:
             raise _broken(path, "a reply is not the one that was written")
     except (sqlite3.Error, UnicodeDecodeError) as error:
-        raise JournalError(f"{path}: cannot be read: {plain(str(error))}") from None
+        raise JournalError(f"{path}: cannot be read: {escape(str(error))}") from None
 
 
 def _start(path: Path, chain: Chain, images: dict[str, bytes]) -> tuple[bytes, int]:
@@ -402,7 +402,7 @@ def _start(path: Path, chain: Chain, images: dict[str, bytes]) -> tuple[bytes, i
 
 def _broken(path: Path, what: str) -> JournalError:
     return JournalError(
-        f"{path}: the chain of facts does not fit: {plain(what, 120)}; changed by somebody; put "
+        f"{path}: the chain of facts does not fit: {escape(what, 120)}; changed by somebody; put "
         "back a copy, or choose another folder"
     )
 
@@ -412,7 +412,7 @@ def _version(connection: sqlite3.Connection) -> str:
     query = "SELECT value FROM meta WHERE name = 'version'"
     with contextlib.suppress(UnicodeDecodeError):
         row = connection.execute(query).fetchone()
-        return plain(str(row[0]), 40) if row else "none"
+        return escape(str(row[0]), 40) if row else "none"
     return "unreadable"
 
 
@@ -464,7 +464,7 @@ def _image(path: Path, key: Any, data: Any) -> Image:
 
 def _as_bytes(data: Any, path: Path, what: str) -> bytes:
     if not isinstance(data, bytes):
-        raise JournalError(f"{path}: {plain(what, 80)} is damaged: no bytes")
+        raise JournalError(f"{path}: {escape(what, 80)} is damaged: no bytes")
     return data
 
 

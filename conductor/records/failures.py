@@ -7,7 +7,7 @@ from pathlib import Path
 
 from conductor.records.attempts import LOG_FILE, attempt_file
 from conductor.records.outcomes import CaseOutcome, Outcomes
-from schemas.words import plain
+from schemas.escape import escape
 from twin.base.errors import TwinError
 from twin.base.process import last_frames
 
@@ -39,7 +39,7 @@ def told(folder: Path, outcomes: Outcomes) -> list[str]:
     lines: list[str] = []
     for (outcome, reason), names in list(groups.items())[:GROUPS_MAX]:
         more = f" (and {len(names) - 1} more)" if len(names) > 1 else ""
-        lines.append(plain(f"{names[0]}{more} {outcome}: {reason}", LINE_CHARS_MAX))
+        lines.append(escape(f"{names[0]}{more} {outcome}: {reason}", LINE_CHARS_MAX))
         lines += _seen_in_log(folder, names[0], outcomes.cases[names[0]])
     left = sum(map(len, list(groups.values())[GROUPS_MAX:]))
     if left:
@@ -53,7 +53,7 @@ def _seen_in_log(folder: Path, name: str, case: CaseOutcome) -> list[str]:
     if log is None:
         return []
     frames = last_frames(_end_of(log))[-FRAME_LINES_MAX:]
-    shown = [f"  {plain(line, LINE_CHARS_MAX)}" for line in frames]
+    shown = [f"  {escape(line, LINE_CHARS_MAX)}" for line in frames]
     return [*shown, f"  log: {log}"]
 
 

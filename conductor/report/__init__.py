@@ -1,7 +1,7 @@
 """The report of a campaign: a table for programs, one page for people.
 
 ``write_summary`` writes ``summary.parquet`` and ``summary.csv``; ``make_report`` writes those,
-``report.html`` and plots, and :class:`conductor.run.report_preload.ReportAhead` does part of that
+``report.html`` and plots, and :class:`conductor.run.report_preload.ReportPreload` does part of that
 while the campaign runs; ``write_result_page`` writes a page to publish; ``report_json`` gives the
 tables of the report as plain data.
 """

@@ -34,7 +34,7 @@ from conductor.records.outcomes import Outcomes, read_outcomes
 from conductor.records.realtime import too_slow
 from conductor.run.local_workers import LocalWorkers
 from conductor.run.places import WorkerPlace, WorkersOption, gpu_slots, on_cpu, on_gpus
-from conductor.run.report_preload import ReportAhead
+from conductor.run.report_preload import ReportPreload
 from conductor.serve.command import metrics_of
 from conductor.serve.shell import Conductor
 from conductor.trust.sign_run import (
@@ -299,7 +299,7 @@ def _work(
         )
     try:
         workers.serve(WorkerStart(conductor.endpoint, slots, key), places)
-        report = None if campaign.simulator == "noop" else ReportAhead(options.out)
+        report = None if campaign.simulator == "noop" else ReportPreload(options.out)
         _wait(conductor, campaign, workers, report, console, signals)
         workers.ask()
         if report is not None:
@@ -340,7 +340,7 @@ def _wait(
     conductor: Conductor,
     campaign: Campaign,
     workers: LocalWorkers,
-    report: ReportAhead | None,
+    report: ReportPreload | None,
     console: Console,
     signals: Signals,
 ) -> None:

@@ -44,10 +44,10 @@ def turns(device: str) -> Iterator[None]:
         return
     path = folder.path / SOCKET_NAME
     try:
-        with socket.socket(socket.AF_UNIX) as door:
-            door.bind(str(path))
-            door.listen(socket.SOMAXCONN)
-            queue = Queue(door)
+        with socket.socket(socket.AF_UNIX) as listener:
+            listener.bind(str(path))
+            listener.listen(socket.SOMAXCONN)
+            queue = Queue(listener)
             os.environ[TURNS_VARIABLE] = str(path)
             try:
                 yield
@@ -61,8 +61,8 @@ def turns(device: str) -> Iterator[None]:
 class Queue:
     """Who has a turn, and who waits for one; a thread for each of them, while they do."""
 
-    def __init__(self, door: socket.socket) -> None:
-        self._door = door
+    def __init__(self, listener: socket.socket) -> None:
+        self._listener = listener
         self._changed = threading.Condition()
         self._guests: set[socket.socket] = set()
         self.waiting: set[tuple[int, int]] = set()
@@ -76,16 +76,16 @@ class Queue:
         """Nobody waits any more."""
         with self._changed:
             self._open = False
-            for end in (self._door, *self._guests):
+            for end in (self._listener, *self._guests):
                 with contextlib.suppress(OSError):
                     end.shutdown(socket.SHUT_RDWR)
             self._changed.notify_all()
 
     def _welcome(self) -> None:
         # Closed; or there is no room for one more, and whoever comes then must not wait for us.
-        with contextlib.suppress(OSError, RuntimeError), self._door:
+        with contextlib.suppress(OSError, RuntimeError), self._listener:
             while True:
-                guest, _ = self._door.accept()
+                guest, _ = self._listener.accept()
                 threading.Thread(target=self._greet, args=(guest,), daemon=True).start()
 
     def _greet(self, guest: socket.socket) -> None:

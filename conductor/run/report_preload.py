@@ -23,7 +23,7 @@ LOOK_PERIOD_S = 1.0
 """How often it is looked whether the outcomes, which tell of cases that have ended, are new [s]."""
 
 
-class ReportAhead:
+class ReportPreload:
     """The report of one campaign folder, as far as it can be made."""
 
     def __init__(self, folder: Path) -> None:

@@ -21,8 +21,9 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
+from schemas.escape import escape
 from schemas.wire.control import Control, Request, Stop, Submit
-from schemas.words import counted, plain
+from schemas.words import counted
 from twin.fabric.keys.roles import Act, Role, may
 from twin.fabric.refusals import Refusals
 
@@ -114,12 +115,12 @@ class Audit:
                 )
             )
 
-    def refused(self, door: str, words: str) -> None:
-        """A message that came on the RPC route ``door`` was refused."""
-        self._message("refused", door, words)
+    def refused(self, route: str, words: str) -> None:
+        """A message that came on the RPC route ``route`` was refused."""
+        self._message("refused", route, words)
 
-    def asked(self, door: str, request: Request, error: str) -> None:
-        """Request that came on the RPC route ``door``; it is logged if it is a command."""
+    def asked(self, route: str, request: Request, error: str) -> None:
+        """Request that came on the RPC route ``route``; it is logged if it is a command."""
         match request:
             case Submit():
                 words = f"submit {request.campaign.get('campaign', '')}"
@@ -130,16 +131,16 @@ class Audit:
                 words = "stop"
             case _:
                 return
-        self._message("command", door, f"{words}: {error}" if error else words)
+        self._message("command", route, f"{words}: {error}" if error else words)
 
     def close(self) -> None:
         """Say what was left out so far."""
         with self._lock:
             self._say_more()
 
-    def _message(self, what: str, door: str, words: str) -> None:
+    def _message(self, what: str, route: str, words: str) -> None:
         with self._lock:
-            roles = [role for role in Role if door and may(role, Act.ask, door)]
+            roles = [role for role in Role if route and may(role, Act.ask, route)]
             keys = sorted({key for role, key in self._members if role in roles and key})
             self._write(
                 AuditLine(
@@ -147,7 +148,7 @@ class Audit:
                     what,
                     role=" or ".join(role for role in roles if role is not Role.conductor),
                     keys=tuple(keys[:KEYS_MAX]),
-                    said=plain(words, WORDS_CHARS_MAX),
+                    said=escape(words, WORDS_CHARS_MAX),
                 )
             )
 

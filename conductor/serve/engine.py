@@ -19,11 +19,11 @@ from conductor.core.lease import next_expiry_ns
 from conductor.core.state import Config, State
 from conductor.journal.store import JournalError
 from schemas import SCHEMA_VERSION
+from schemas.escape import escape
 from schemas.wire.codec import WireError, encode
 from schemas.wire.control import Reply, Request, StatusRequest, Submit
 from schemas.wire.rpc_routes import read_request
 from schemas.wire.status import ConductorStatus
-from schemas.words import plain
 from twin.base.errors import TwinError
 
 RETRY_S = 1.0
@@ -48,11 +48,11 @@ class FactStore(Protocol):
 class Auditor(Protocol):
     """Who writes the log of refusals and commands; see :class:`conductor.serve.audit.Audit`."""
 
-    def refused(self, door: str, words: str) -> None:
-        """A message that came on the RPC route ``door`` was none."""
+    def refused(self, route: str, words: str) -> None:
+        """A message that came on the RPC route ``route`` was none."""
 
-    def asked(self, door: str, request: Request, error: str) -> None:
-        """Request that came on the RPC route ``door``, and was refused if there is an ``error``."""
+    def asked(self, route: str, request: Request, error: str) -> None:
+        """Request that came on the RPC route; it was refused if there is an ``error``."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +64,7 @@ class IncomingRequest:
     """When it arrived, not when its turn came: a stalled disk must not expire leases whose
     heartbeats wait in line."""
     vanished: str = ""
-    door: str = ""
+    route: str = ""
     """Key on which it came; empty: from inside this process."""
 
 
@@ -195,12 +195,12 @@ class ConductorEngine:
         self.counters.requests += 1
         try:
             # The access list knows keys, not requests: what is none of the sender's business must
-            # not come in by a door that is open to it.
-            request = read_request(message.payload, message.door)
+            # not come in by a route that is open to it.
+            request = read_request(message.payload, message.route)
         except WireError as error:
             self.counters.refused += 1
             if self._audit is not None:
-                self._audit.refused(message.door, str(error))
+                self._audit.refused(message.route, str(error))
             return [], self._error(str(error))
         before = self.state.applied
         try:
@@ -220,7 +220,7 @@ class ConductorEngine:
 
     def _asked(self, message: IncomingRequest, request: Request, error: str) -> None:
         if self._audit is not None:
-            self._audit.asked(message.door, request, error)
+            self._audit.asked(message.route, request, error)
 
     def _commit(self, decided: Sequence[tuple[list[Fact], bytes | None]]) -> TurnResult:
         facts = [fact for made, _ in decided for fact in made]
@@ -248,7 +248,7 @@ class ConductorEngine:
         except TwinError:
             raise
         except Exception as error:  # SQLite keeps no checksums: a fact may be any other
-            words = plain(f"{type(error).__name__}: {error}", 200)
+            words = escape(f"{type(error).__name__}: {error}", 200)
             raise JournalError(
                 f"the journal is damaged: its facts contradict each other ({words}); put back a "
                 "copy of conductor.db, or choose another folder"

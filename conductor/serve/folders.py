@@ -22,10 +22,10 @@ from conductor.records.attempts import LOG_FILE, leads_away
 from conductor.records.outcomes import FILE_NAME as OUTCOMES_FILE
 from conductor.records.outcomes import encode_campaign
 from schemas.campaign import Name
+from schemas.escape import escape
 from schemas.files.regular_file import open_regular
 from schemas.files.yaml_file import dump_yaml
 from schemas.wire.control import Submit
-from schemas.words import plain
 from twin.base.errors import storage_error
 from twin.base.files import write_atomic
 from twin.fabric.discovery import FILE_NAME as CONDUCTOR_FILE
@@ -78,7 +78,7 @@ class Folders:
                 )
             existing = next((p for p in (folder, *folder.parents) if p.exists()), Path("/"))
         except OSError as error:
-            return plain(f"{name}: {folder}: {error.strerror}; give another out folder")
+            return escape(f"{name}: {folder}: {error.strerror}; give another out folder")
         if not existing.is_dir():
             return f"{name}: {existing} is not a folder; give another out folder"
         if not os.access(existing, os.W_OK):

@@ -14,7 +14,7 @@ from schemas import SCHEMA_VERSION
 from schemas.wire import topics
 from schemas.wire.codec import encode
 from schemas.wire.control import Reply
-from schemas.wire.rpc_routes import DOORS, bytes_max
+from schemas.wire.rpc_routes import RPC_ROUTES, bytes_max
 from twin.fabric.bus import Respond
 
 GROUP_MAX = 64
@@ -30,7 +30,7 @@ WAITING_BYTES_MAX = 256 << 20
 
 Item = tuple[IncomingRequest, Respond]
 
-_OTHERS = DOORS.keys() - {topics.RPC_WORKER.key}
+_OTHERS = RPC_ROUTES.keys() - {topics.RPC_WORKER.key}
 
 
 class Inbox:
@@ -45,29 +45,29 @@ class Inbox:
         # Reentrant, so that a signal handler may call wake() in the middle of a get(). It holds a
         # True for each message in a lane.
         self._bells: queue.SimpleQueue[bool] = queue.SimpleQueue()
-        self._lanes: dict[str, deque[Item]] = {key: deque() for key in ("", *DOORS)}
+        self._lanes: dict[str, deque[Item]] = {key: deque() for key in ("", *RPC_ROUTES)}
         self._bytes = 0
         self._lock = threading.Lock()
 
-    def receive(self, payload: bytes, respond: Respond, door: str = "") -> None:
-        """A request came in, on the RPC route ``door`` if on any; from any thread."""
+    def receive(self, payload: bytes, respond: Respond, route: str = "") -> None:
+        """A request came in, on the RPC route ``route`` if on any; from any thread."""
         size = len(payload)
-        if size > (most := bytes_max(door)):
+        if size > (most := bytes_max(route)):
             # Unread, so that it does not wait in memory with others of its kind.
             error = f"message of {size} bytes, at most {most} are accepted"
-            self._turn_away(respond, door, error, 0.0)
+            self._turn_away(respond, route, error, 0.0)
             return
-        lane = self._lanes[door]
-        may_wait = OTHERS_WAITING_MAX if door in _OTHERS else WAITING_MAX
+        lane = self._lanes[route]
+        may_wait = OTHERS_WAITING_MAX if route in _OTHERS else WAITING_MAX
         with self._lock:
             fits = len(lane) < may_wait and self._bytes + size <= WAITING_BYTES_MAX
             if fits:
                 self._bytes += size
-                lane.append((IncomingRequest(payload, time.monotonic_ns(), door=door), respond))
+                lane.append((IncomingRequest(payload, time.monotonic_ns(), route=route), respond))
         if fits:
             self._bells.put(True)
             return
-        self._turn_away(respond, door, "busy: too many requests are waiting; retry", 1.0)
+        self._turn_away(respond, route, "busy: too many requests are waiting; retry", 1.0)
 
     def hint(self, worker: str) -> None:
         """The session of ``worker`` has vanished; from any thread."""
@@ -103,8 +103,8 @@ class Inbox:
             self._bytes -= sum(len(message.payload) for message, _ in group)
         return group
 
-    def _turn_away(self, respond: Respond, door: str, error: str, retry_after_s: float) -> None:
+    def _turn_away(self, respond: Respond, route: str, error: str, retry_after_s: float) -> None:
         with self._lock:
             self.turned_away += 1
-        self._heard(door, error)
+        self._heard(route, error)
         respond(encode(Reply(v=SCHEMA_VERSION, epoch=0, error=error, retry_after_s=retry_after_s)))

@@ -17,8 +17,8 @@ from prometheus_client import CollectorRegistry, Metric, start_http_server
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
 from prometheus_client.registry import Collector
 
+from schemas.escape import escape
 from schemas.wire.status import ConductorStatus, counts_of
-from schemas.words import plain
 from twin.base.errors import UsageError
 from twin.fabric.endpoint import is_loopback, plain_is_allowed
 from twin.fabric.loopback import NAMES, is_own_name
@@ -151,7 +151,7 @@ def _for_own_names(application: Application, bound: str) -> Application:
             return application(environ, start_response)
         start_response("403 Forbidden", [("Content-Type", "text/plain")])
         allowed = ", ".join([*NAMES, *names])
-        return [f"asked for {plain(host, 80)!r}; allowed: {allowed}\n".encode()]
+        return [f"asked for {escape(host, 80)!r}; allowed: {allowed}\n".encode()]
 
     return checked
 

@@ -204,7 +204,7 @@ class Conductor:
                 "anybody on this host" if is_loopback(self._listen) else "whoever reaches it",
             )
         for topic in (topics.RPC_WORKER, topics.RPC_STATUS, topics.RPC_ADMIN, topics.RPC_SUBMIT):
-            self._bus.serve(topic.key, partial(self._inbox.receive, door=topic.key))
+            self._bus.serve(topic.key, partial(self._inbox.receive, route=topic.key))
         self._deliveries = Deliveries(self._folder_of)
         self._bus.serve(topics.FILES.key, self._deliveries.receive)
         self._bus.watch(topics.WORKER_ALIVE.key.format(worker="*"), self._hint)

@@ -20,10 +20,10 @@ from msgspec import Struct
 
 from conductor.journal.store import FILE_NAME as JOURNAL_FILE
 from conductor.trust.signing import Signer, fits
+from schemas.escape import escape
 from schemas.files.json_text import JsonError, decode_json
 from schemas.files.regular_file import read_regular
 from schemas.files.resources import PARTS_FOLDER
-from schemas.words import plain
 from twin.base.errors import InfrastructureError, storage_error
 from twin.base.files import write_atomic
 from twin.fabric.discovery import FILE_NAME as CONDUCTOR_FILE
@@ -236,7 +236,7 @@ def listed(folder: Path, choose: Callable[[str], bool]) -> dict[str, str]:
     odd = [name for name, entry in found if odd_entry(entry) or not name.isprintable()]
     if odd:
         raise InfrastructureError(
-            f"{folder}: cannot be signed: '{plain(odd[0], 200)}' is a link, no plain file or has "
+            f"{folder}: cannot be signed: '{escape(odd[0], 200)}' is a link, no plain file or has "
             "an odd name; remove it"
         )
     sums = file_sums(folder, sorted(name for name, _ in found))

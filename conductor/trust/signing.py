@@ -18,8 +18,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from schemas.escape import escape
 from schemas.files.regular_file import read_regular
-from schemas.words import plain
 from twin.base.errors import InfrastructureError, UsageError, storage_error
 from twin.base.own_folder import VARIABLE, own_folder
 from twin.fabric.keys.key_file import read_private
@@ -108,7 +108,7 @@ def parse_key(given: str) -> str:
     except (OSError, ValueError) as error:
         said = getattr(error, "strerror", "") or "not text"
         raise UsageError(
-            f"public key '{plain(given, 200)}': {said}; give 64 hexadecimal digits, as `conductor "
+            f"public key '{escape(given, 200)}': {said}; give 64 hexadecimal digits, as `conductor "
             "verify` prints them, or a file that holds them"
         ) from None
     if not _HEX.fullmatch(text):

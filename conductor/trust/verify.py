@@ -31,8 +31,8 @@ from conductor.trust.manifest import (
     read_manifest,
 )
 from conductor.trust.signing import TRUSTED_FOLDER
+from schemas.escape import escape
 from schemas.files.judging import CLAIMED, Claim, Judgement
-from schemas.words import plain
 from twin.base.errors import TwinError, storage_error
 from twin.base.own_folder import own_folder
 from twin.records.campaign_file import read_plan
@@ -170,7 +170,7 @@ def _difference(name: str, now: str, signed: str) -> str:
     sha, _, size = signed.partition(" ")
     sha_now, _, size_now = now.partition(" ")
     if len(sha_now) != len(sha) or not size_now.isdigit():
-        return f"{_shown(name)}: cannot be read: {plain(now, 80)}"
+        return f"{_shown(name)}: cannot be read: {escape(now, 80)}"
     if size != size_now:
         return f"{_shown(name)}: {size_now} bytes, signed {size}"
     return f"{_shown(name)}: SHA-256 {sha_now[:12]}, signed {sha[:12]}"
@@ -182,7 +182,7 @@ def _check_outcomes(folder: Path, manifest: Manifest, outcomes: Outcomes, found:
         found.differences.append("outcomes.json and the manifest name different campaigns")
     judged = read_judged(folder)
     for name, lines in (judged.differences if judged else {}).items():
-        found.differences += [f"case {_shown(name)}: {plain(line, 300)}" for line in lines]
+        found.differences += [f"case {_shown(name)}: {escape(line, 300)}" for line in lines]
 
 
 def _check_journal(folder: Path, manifest: Manifest, outcomes: Outcomes, found: Verified) -> None:
@@ -271,4 +271,4 @@ def _check_deep(
 
 
 def _shown(name: str) -> str:
-    return plain(name, 200)
+    return escape(name, 200)

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Annotated
 import msgspec
 import typer
 
-from schemas.words import counted, plain
+from schemas.escape import escape
+from schemas.words import counted
 from twin.base.cli import Output, OutputOption
 from twin.base.errors import EXIT_FAILED, EXIT_PASS, UsageError
 
@@ -139,7 +140,7 @@ def check_models(
             if plugin is None:
                 raise
             why = f"{' '.join(plugin)}: {type(error).__name__}: {error}"
-            answer[name] = {"error": plain(why), "runtime": ""}
+            answer[name] = {"error": escape(why), "runtime": ""}
     print(json.dumps(answer))
 
 

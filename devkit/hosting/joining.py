@@ -20,9 +20,9 @@ from pathlib import Path
 
 from msgspec import Struct
 
+from schemas.escape import escape
 from schemas.files.json_text import JsonError, decode_json
 from schemas.files.regular_file import open_regular
-from schemas.words import plain
 from twin.base.errors import UsageError
 from twin.base.process import end, spawn
 
@@ -102,7 +102,7 @@ class Announcements:
         if path.name in self._told or len(self._told) >= TOLD_MAX:
             return
         self._told.add(path.name)
-        print(f"{plain(str(path))}: ignored: {plain(why)}", file=sys.stderr, flush=True)
+        print(f"{escape(str(path))}: ignored: {escape(why)}", file=sys.stderr, flush=True)
 
 
 def run_join(folder: Path, *, commands: bool = False) -> int:

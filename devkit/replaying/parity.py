@@ -16,10 +16,10 @@ from pathlib import Path
 from devkit.reference.planning import Cruise, Planner, plan
 from devkit.reference.planning_autodrive import HEIGHT_PX, WIDTH_PX
 from devkit.reference.view import CameraView
+from schemas.escape import escape
 from schemas.files.autodrive_log import AEB, CONFIDENCE, LABEL, MODEL, SIZE
 from schemas.messages import Detection
 from schemas.sections.lens_curve import Intrinsics
-from schemas.words import plain
 from twin.base.errors import UsageError
 from twin.records.autodrive_files import LogFile, read_log_files
 
@@ -205,4 +205,4 @@ def _number(column: str, text: str) -> float:
 
 
 def _shown(text: str) -> str:
-    return plain(text, SHOWN_CHARS_MAX)
+    return escape(text, SHOWN_CHARS_MAX)

@@ -23,12 +23,12 @@ from devkit.checking.stack_rig import StackRig, running
 from devkit.replaying.compare import FieldRow, compared
 from schemas import SCHEMA_VERSION
 from schemas.case import Case, RigSpec
+from schemas.escape import escape
 from schemas.files.drive_record import DRIVE_FILE, RecordHead, RecordSeen
 from schemas.identity import stack_name
 from schemas.messages import Command, Frame, Tick
 from schemas.sections.perception import Perception
 from schemas.wire import topics
-from schemas.words import plain
 from twin.base.errors import EXIT_FAILED, InfrastructureError, TwinError, UsageError
 from twin.fabric.drive import Outgoing
 from twin.records.drive_record import RecordReader, decoded
@@ -179,7 +179,7 @@ def _refuse_commands(paths: Sequence[Path]) -> None:
         except UsageError:
             continue  # told when its turn comes
         if foreign is not None:
-            shown = plain(shlex.join(foreign.command), COMMAND_CHARS_MAX)
+            shown = escape(shlex.join(foreign.command), COMMAND_CHARS_MAX)
             origin = f" from {foreign.repository.url}" if foreign.repository is not None else ""
             raise UsageError(
                 f"{path}: its stack is the command `{shown}`{origin}; give --run-command to run it"
@@ -317,7 +317,7 @@ def sensor_messages(
         try:
             kind = topics.sensor_topic(name).type
         except KeyError:
-            words = f"no sensor is called {plain(name, 80)!r}"
+            words = f"no sensor is called {escape(name, 80)!r}"
             raise UsageError(f"{reader.path}: damaged: tick {seen.tick}, {words}") from None
         try:
             data = decoded(array).tobytes()

@@ -6,7 +6,7 @@ from typing import Any, TypeVar
 
 import msgspec
 
-from schemas.words import plain
+from schemas.escape import escape
 
 T = TypeVar("T")
 
@@ -24,7 +24,7 @@ def decode_json(data: bytes | str, type_: type[T] | Any = Any) -> T:
     try:
         value: T = msgspec.json.decode(data, type=type_)
     except (msgspec.MsgspecError, UnicodeDecodeError) as error:
-        raise JsonError(plain(str(error))) from None
+        raise JsonError(escape(str(error))) from None
     except RecursionError:
         raise JsonError("nested too deeply") from None
     return value

@@ -8,8 +8,8 @@ from typing import Any
 
 import yaml
 
+from schemas.escape import escape
 from schemas.files.regular_file import read_regular
-from schemas.words import plain
 
 FILE_BYTES_MAX = 4 << 20
 """Largest YAML file that is read [bytes]."""
@@ -24,7 +24,7 @@ class YamlError(ValueError):
     """The file cannot be read as YAML; the message is one line and names the place."""
 
     def __init__(self, words: str) -> None:
-        super().__init__(plain(words))
+        super().__init__(escape(words))
 
 
 class _Loader(yaml.SafeLoader):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from typing import Any, NamedTuple
 
+from schemas.escape import escape
 from schemas.kinds.batch_system import batch_systems
 from schemas.kinds.bridge import bridges
 from schemas.kinds.kpi import kpi_kinds
@@ -12,7 +13,6 @@ from schemas.kinds.perception import perception_kinds
 from schemas.kinds.registry import Kinds, Plugin
 from schemas.kinds.scenario import NamesFamily, kind_of, scenario_kinds
 from schemas.kinds.sensor import sensor_kinds
-from schemas.words import plain
 
 _LACK_CHARS_MAX = 200
 """Longest reason why a plug-in cannot be used: a conductor keeps no longer ones."""
@@ -59,7 +59,7 @@ def foreign_kinds(
 def lacking_plugins() -> dict[str, str]:
     """Plug-ins of this installation that bring something that cannot be used, with the reason in a
     line, as workers announce it."""
-    return {plugin_lack(who.name): plain(why, _LACK_CHARS_MAX) for who, why in _broken()}
+    return {plugin_lack(who.name): escape(why, _LACK_CHARS_MAX) for who, why in _broken()}
 
 
 def plugin_lack(name: str) -> str:

@@ -14,7 +14,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 
-from schemas.words import plain
+from schemas.escape import escape
 
 OUR_DISTRIBUTION = "drivetwin"
 
@@ -93,7 +93,7 @@ def read_kinds(group: str, type_: type[D], ours: Mapping[str, str]) -> Kinds[D]:
                 raise ValueError(f"the name '{taken[0]}' is taken")
         except (Exception, SystemExit) as error:  # code of others may raise anything, or exit
             line = f"{_distribution(point)}: entry point '{point.name}' of {group}: {_why(error)}"
-            broken[point.name] = plain(" ".join(line.split()), 300)
+            broken[point.name] = escape(" ".join(line.split()), 300)
             if point.name not in names:  # else it would pass for who brings a kind that is good
                 brought[point.name] = _plugin(point)
             continue
@@ -121,7 +121,7 @@ def implementation(reference: str) -> Any:
         return _attribute(reference)
     except (Exception, SystemExit) as error:
         line = f"{_owner(reference)}'{reference}' cannot be imported: {_why(error)}"
-        raise ValueError(plain(" ".join(line.split()), 300)) from error
+        raise ValueError(escape(" ".join(line.split()), 300)) from error
 
 
 def _owner(reference: str) -> str:

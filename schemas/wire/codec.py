@@ -14,7 +14,7 @@ import msgpack
 import msgspec
 
 from schemas import SCHEMA_VERSION
-from schemas.words import plain
+from schemas.escape import escape
 
 T = TypeVar("T")
 
@@ -37,7 +37,7 @@ class WireError(ValueError):
     """The bytes are not a message of this type and version; one line."""
 
     def __init__(self, words: str) -> None:
-        super().__init__(plain(words))
+        super().__init__(escape(words))
 
 
 def encode(message: msgspec.Struct) -> bytes:

@@ -33,7 +33,7 @@ from schemas.wire.topics import Topic
 WORKER_BYTES_MAX = 4 << 20
 """Largest request of a worker [bytes]; its results are sent in portions that fit."""
 
-WORDS_BYTES_MAX = 4096
+COMMAND_BYTES_MAX = 4096
 """Largest question about the status, and command [bytes]: a few names."""
 
 PEEK_BYTES = 1 << 16
@@ -41,7 +41,7 @@ PEEK_BYTES = 1 << 16
 
 
 @dataclass(frozen=True, slots=True)
-class Door:
+class RpcRoute:
     """What may come on one key."""
 
     topic: Topic
@@ -50,28 +50,30 @@ class Door:
 
 
 _ALL = (
-    Door(topics.RPC_WORKER, (Hello, Next, Beat, Bye), WORKER_BYTES_MAX),
-    Door(topics.RPC_STATUS, (Explain, StatusRequest), WORDS_BYTES_MAX),
+    RpcRoute(topics.RPC_WORKER, (Hello, Next, Beat, Bye), WORKER_BYTES_MAX),
+    RpcRoute(topics.RPC_STATUS, (Explain, StatusRequest), COMMAND_BYTES_MAX),
     # Whoever submits says what workers run: apart from steering, so that nobody gets it with that.
-    Door(topics.RPC_SUBMIT, (Submit,), MESSAGE_BYTES_MAX),
-    Door(topics.RPC_ADMIN, (Control, Stop), WORDS_BYTES_MAX),
+    RpcRoute(topics.RPC_SUBMIT, (Submit,), MESSAGE_BYTES_MAX),
+    RpcRoute(topics.RPC_ADMIN, (Control, Stop), COMMAND_BYTES_MAX),
 )
-DOORS: dict[str, Door] = {door.topic.key: door for door in _ALL}
+RPC_ROUTES: dict[str, RpcRoute] = {route.topic.key: route for route in _ALL}
 """Key -> what may come on it."""
 
-_UNIONS: dict[str, Any] = {key: reduce(or_, each.requests) for key, each in DOORS.items()}
-_DOOR_OF: dict[type[Request], Door] = {kind: each for each in _ALL for kind in each.requests}
-_NAMED: dict[str, type[Request]] = {str(kind.__struct_config__.tag): kind for kind in _DOOR_OF}
+_UNIONS: dict[str, Any] = {key: reduce(or_, route.requests) for key, route in RPC_ROUTES.items()}
+_ROUTE_OF: dict[type[Request], RpcRoute] = {
+    kind: route for route in _ALL for kind in route.requests
+}
+_NAMED: dict[str, type[Request]] = {str(kind.__struct_config__.tag): kind for kind in _ROUTE_OF}
 
 
-def door(request: Request) -> str:
+def route_key(request: Request) -> str:
     """Key that ``request`` is sent to; the conductor refuses it on any other."""
-    return _DOOR_OF[type(request)].topic.key
+    return _ROUTE_OF[type(request)].topic.key
 
 
 def bytes_max(key: str) -> int:
     """Largest request on ``key`` [bytes]; on none: from inside the process."""
-    return DOORS[key].bytes_max if key in DOORS else MESSAGE_BYTES_MAX
+    return RPC_ROUTES[key].bytes_max if key in RPC_ROUTES else MESSAGE_BYTES_MAX
 
 
 def read_request(payload: bytes, key: str) -> Request:
@@ -80,17 +82,17 @@ def read_request(payload: bytes, key: str) -> Request:
     Raises:
         WireError: too large for this key, none that may come on it, or no request at all.
     """
-    found = DOORS.get(key)
-    if found is None:
+    route = RPC_ROUTES.get(key)
+    if route is None:
         return decode(payload, Request)
-    if PEEK_BYTES < len(payload) <= found.bytes_max:
-        _check_verb(payload, found)
+    if PEEK_BYTES < len(payload) <= route.bytes_max:
+        _check_verb(payload, route)
     try:
-        request: Request = decode(payload, _UNIONS[key], found.bytes_max)
+        request: Request = decode(payload, _UNIONS[key], route.bytes_max)
         return request
     except WireError:
-        if len(payload) <= found.bytes_max:
-            _check_verb(payload, found)
+        if len(payload) <= route.bytes_max:
+            _check_verb(payload, route)
         raise
 
 
@@ -103,13 +105,13 @@ class _Verb(Struct):
 _verb_of = Decoder(_Verb).decode
 
 
-def _check_verb(payload: bytes, found: Door) -> None:
+def _check_verb(payload: bytes, route: RpcRoute) -> None:
     """Raise WireError for a request that belongs on another key."""
     try:
         kind = _NAMED.get(_verb_of(payload).verb)
     except (MsgspecError, RecursionError, ValueError):
         return  # no request at all: its decoder says why
-    if kind is not None and _DOOR_OF[kind] is not found:
+    if kind is not None and _ROUTE_OF[kind] is not route:
         raise WireError(
-            f"{kind.__name__} came on {found.topic.key}; send it to {_DOOR_OF[kind].topic.key}"
+            f"{kind.__name__} came on {route.topic.key}; send it to {_ROUTE_OF[kind].topic.key}"
         )

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from processes import PATIENCE_S, Marked, keys_of, nothing_left, wait_for
 from test_conductor_restart import serve
-from test_hand_on_a_case import caught
+from test_intervene_in_a_case import caught
 from unit.viewer.recorded_case import write
 from view_messages import thumbnail
 

@@ -23,7 +23,7 @@ from schemas.wire.control import (
     StatusRequest,
 )
 from schemas.wire.delivery import AttemptFiles, Delivered, SeenFolder, files_sha256
-from schemas.wire.rpc_routes import door
+from schemas.wire.rpc_routes import route_key
 from twin.base.software import software_digest
 from twin.fabric.bus import Bus
 from twin.fabric.discovery import choose_target
@@ -97,7 +97,7 @@ def _outcome(reply: Reply, tokens: list[int]) -> str:
 
 
 def _ask(bus: Bus, request: Request) -> Reply:
-    data = bus.request(door(request), encode(request), TIMEOUT_S)
+    data = bus.request(route_key(request), encode(request), TIMEOUT_S)
     assert data is not None, "no answer"
     return decode(data, Reply)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import errno
 
-from schemas.words import plain
+from schemas.escape import escape
 
 EXIT_PASS = 0
 """Done, every case passed."""
@@ -31,7 +31,7 @@ class TwinError(Exception):
 
     def __init__(self, words: str) -> None:
         # A campaign's refusal has a line per mistake; within a line stands what strangers wrote.
-        super().__init__("\n".join(plain(line, LINE_MAX) for line in words.split("\n")))
+        super().__init__("\n".join(escape(line, LINE_MAX) for line in words.split("\n")))
 
 
 class UsageError(TwinError):

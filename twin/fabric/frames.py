@@ -79,26 +79,26 @@ class FrameBuffer:
         self.nonce = secrets.token_hex(16)
         self.path = str(place)
         """Where a process of the same user on this host gets it."""
-        self._door: socket.socket | None = None
+        self._listener: socket.socket | None = None
         self._fd = os.memfd_create("twin-frames", os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
         try:
             os.ftruncate(self._fd, HEADER_BYTES + size)
             self._map = mmap.mmap(self._fd, HEADER_BYTES + size)
             _seal(self._fd, _SEAL | _SHRINK | _GROW | _FUTURE_WRITE)
-            self._door = _listening(self.path)
+            self._listener = _listening(self.path)
         except OSError:
             self.close()
             raise
         self._map[: len(self.nonce)] = self.nonce.encode()
         threading.Thread(
-            target=self._hand_out, args=[self._door], name="frames", daemon=True
+            target=self._hand_out, args=[self._listener], name="frames", daemon=True
         ).start()
 
-    def _hand_out(self, door: socket.socket) -> None:
+    def _hand_out(self, listener: socket.socket) -> None:
         """Give the same user's first few processes the descriptor, until the socket is shut."""
         for _ in range(PEERS_MAX):
             try:
-                peer, _ = door.accept()
+                peer, _ = listener.accept()
             except OSError:  # it was shut
                 return
             with peer, contextlib.suppress(OSError):
@@ -108,11 +108,11 @@ class FrameBuffer:
 
     def shut(self) -> None:
         """Who was to have it has it, or never will."""
-        if self._door is not None:
+        if self._listener is not None:
             with contextlib.suppress(OSError):
-                self._door.shutdown(socket.SHUT_RDWR)  # wakes who waits there
-            self._door.close()
-            self._door = None
+                self._listener.shutdown(socket.SHUT_RDWR)  # wakes who waits there
+            self._listener.close()
+            self._listener = None
             Path(self.path).unlink(missing_ok=True)
 
     def array(self, channel: FrameChannel, offset: int) -> NDArray[Any]:
@@ -130,14 +130,14 @@ class FrameBuffer:
 
 
 def _listening(path: str) -> socket.socket:
-    door = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM | socket.SOCK_CLOEXEC)
+    listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM | socket.SOCK_CLOEXEC)
     try:
-        door.bind(path)
-        door.listen(PEERS_MAX)
+        listener.bind(path)
+        listener.listen(PEERS_MAX)
     except OSError:
-        door.close()
+        listener.close()
         raise
-    return door
+    return listener
 
 
 def _user_of(peer: socket.socket) -> int:
@@ -147,10 +147,10 @@ def _user_of(peer: socket.socket) -> int:
     return int(struct.unpack("3i", said)[1])
 
 
-def offer_frames(size: int, door: Path) -> FrameBuffer | None:
+def offer_frames(size: int, path: Path) -> FrameBuffer | None:
     """A buffer, or None where the system grants none: then frames travel as payload."""
     try:
-        return FrameBuffer(size, door)
+        return FrameBuffer(size, path)
     except OSError:
         return None
 
@@ -192,10 +192,10 @@ def open_frames(path: str, size: int, nonce: str) -> mmap.mmap | None:
 def _handed_out(path: str) -> int | None:
     """The descriptor that is had at ``path``, if one is."""
     try:
-        with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as door:
-            door.settimeout(HAND_OUT_S)
-            door.connect(path)
-            _, descriptors, _, _ = socket.recv_fds(door, 16, 1, socket.MSG_CMSG_CLOEXEC)
+        with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as connection:
+            connection.settimeout(HAND_OUT_S)
+            connection.connect(path)
+            _, descriptors, _, _ = socket.recv_fds(connection, 16, 1, socket.MSG_CMSG_CLOEXEC)
     except (OSError, ValueError):  # a path with a zero byte is the latter
         return None
     return descriptors[0] if descriptors else None

@@ -14,7 +14,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from schemas.words import plain
+from schemas.escape import escape
 from twin.fabric.zenoh_bus import log_refusals
 
 PERIOD_S = 60.0
@@ -45,7 +45,7 @@ def reason_of(line: str) -> str:
         return ""
     said = found[1].partition(" Hint:")[0].rstrip(".")
     known = (meaning for part, meaning in _REASONS if part in said)
-    return next(known, f"the handshake failed: {plain(said, REASON_CHARS_MAX)}")
+    return next(known, f"the handshake failed: {escape(said, REASON_CHARS_MAX)}")
 
 
 def _found(line: str) -> re.Match[str] | None:

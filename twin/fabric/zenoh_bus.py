@@ -38,7 +38,7 @@ def open_bus(
     connect_timeout_s: float = 10.0,
     connect_required: bool = True,
     message_bytes_max: int = 1 << 30,
-    door: tuple[str, Role] | None = None,
+    role_socket: tuple[str, Role] | None = None,
 ) -> Bus:
     """Open a session. Scouting is off: it hears only the endpoints it is given.
 
@@ -58,8 +58,8 @@ def open_bus(
         connect_required: False: open at once and keep trying in the background (peers only).
         message_bytes_max: of a larger message no more is kept in memory; it does not arrive, and
             nobody is told [bytes].
-        door: with a key, also listen on a Unix socket: its path, and the role of all who come
-            through it.
+        role_socket: with a key, also listen on a Unix socket: its path, and the role of all who
+            come through it.
 
     Raises:
         UsageError: a bad endpoint, plain TCP beyond loopback, an address that is in use, or
@@ -74,13 +74,15 @@ def open_bus(
             # Nobody there yet: Zenoh keeps trying until its time-out.
             with contextlib.suppress(UnreachableError):
                 greet(endpoint, key)
-    doors = [] if door is None else [f"{SOCKET}/{door[0]}"]
-    config = _config(mode, [*listen, *doors], connect, namespace, shared_memory, connect_timeout_s)
+    sockets = [] if role_socket is None else [f"{SOCKET}/{role_socket[0]}"]
+    config = _config(
+        mode, [*listen, *sockets], connect, namespace, shared_memory, connect_timeout_s
+    )
     config.insert_json5("transport/link/rx/max_message_size", json.dumps(message_bytes_max))
     if key is not None:
         config.insert_json5("transport/link/tls", json.dumps(_tls(key)))
         plain = "tcp" in json.loads(config.get_json("transport/link/protocols"))
-        through = {SOCKET: door[1]} if door is not None else {}
+        through = {SOCKET: role_socket[1]} if role_socket is not None else {}
         allowed = access_control(key.fabric, namespace, plain=plain, through=through)
         config.insert_json5("access_control", json.dumps(allowed))
     elif any(map(is_socket, listen)):

@@ -13,6 +13,7 @@ import numpy as np
 import pyarrow as pa
 
 from schemas import SCHEMA_VERSION
+from schemas.escape import escape
 from schemas.files.judging import (
     RECORD_BYTES_MAX,
     RECORD_FILE,
@@ -25,7 +26,6 @@ from schemas.files.regular_file import read_regular
 from schemas.kinds.kpi import KpiKind
 from schemas.kinds.scenario import kind_of
 from schemas.sections.scenario import Scenario
-from schemas.words import plain
 from twin.base.errors import InfrastructureError
 from twin.kpi import verdict as judging
 from twin.kpi.computed import computed_column
@@ -72,7 +72,7 @@ def examine(claim: Claim) -> Judgement:
         differences, known = _compare(claim)
     except Exception as error:  # files that others can write may hold anything
         words = str(error) if isinstance(error, InfrastructureError) else repr(error)
-        differences, known = [plain(" ".join(words.split()), 300)], True
+        differences, known = [escape(" ".join(words.split()), 300)], True
     found = "differs" if differences else "agrees" if known else "no record"
     return Judgement(
         folder=claim.folder,
@@ -131,7 +131,7 @@ def _judged(claim: Claim, record: JudgeRecord, rows: TableRows) -> list[str]:
         )
     elif not _alike(claim.reasons[: len(mine.reasons)], mine.reasons):
         differences.append(f"the reason is '{mine.reasons[0]}', committed {claim.reasons[:1]}")
-    return [plain(line, 300) for line in differences]
+    return [escape(line, 300) for line in differences]
 
 
 def _of_columns(kinds: Sequence[KpiKind], rows: TableRows) -> list[str]:

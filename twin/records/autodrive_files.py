@@ -15,8 +15,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import IO
 
+from schemas.escape import escape
 from schemas.files.autodrive_log import LOG_BYTES_MAX, parse_log_name
-from schemas.words import plain
 
 ARCHIVE_SUFFIXES = (".tar.gz", ".tgz")
 NAME_CHARS_MAX = 200
@@ -79,7 +79,7 @@ def parse_batch(name: str) -> int:
 
 
 def _shown(name: str) -> str:
-    return plain(name, NAME_CHARS_MAX)
+    return escape(name, NAME_CHARS_MAX)
 
 
 def _read_batch(path: Path) -> Iterator[LogFile]:
@@ -133,7 +133,7 @@ def _read_archive(path: Path) -> Iterator[LogFile]:
                 if block.count(0) < len(block):
                     raise tarfile.ReadError("a damaged header after the last file")
     except (tarfile.TarError, EOFError, OSError, zlib.error, ValueError) as error:
-        told = plain(str(error)) or type(error).__name__
+        told = escape(str(error)) or type(error).__name__
         reason = f"not read to its end, its logs may be damaged: {told}"
         yield LogFile(_shown(path.name), None, b"", reason, parse_batch(path.name))
 

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from schemas import SCHEMA_VERSION
+from schemas.escape import escape
 from schemas.files.drive_record import (
     BLOCK_BYTES_MAX,
     DRIVE_FILE,
@@ -34,7 +35,6 @@ from schemas.files.drive_record import (
 )
 from schemas.files.regular_file import open_regular
 from schemas.first_stage import head_of
-from schemas.words import plain
 from twin.base.errors import UsageError
 from twin.base.picture_file import DAMAGED
 
@@ -226,7 +226,7 @@ class RecordReader:
             try:
                 block = self._decode(data) if file.tell() > _LENGTH.size + size else _head(data)
             except (msgspec.MsgspecError, ValueError, RecursionError) as error:
-                words = plain(str(error) or "nested too deeply")
+                words = escape(str(error) or "nested too deeply")
                 raise UsageError(
                     f"{self.path}: damaged, or no record of a drive: {words}"
                 ) from None

@@ -17,10 +17,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
+from schemas.escape import escape
 from schemas.files.kpi import DETECTION_FIELDS, KPI_COLUMNS
 from schemas.files.regular_file import RUN_FILE_BYTES_MAX, read_regular
 from schemas.kinds.kpi import KpiKind, columns_by_name
-from schemas.words import plain
 from twin.base.errors import InfrastructureError, storage_error
 from twin.base.files import write_atomic
 
@@ -81,7 +81,7 @@ def read_kpi(path: Path) -> pa.Table:
         with pq.ParquetFile(pa.BufferReader(read_regular(path, RUN_FILE_BYTES_MAX))) as file:
             table = file.read(use_threads=False)
     except (OSError, ValueError, pa.ArrowException) as error:  # of text that is none, ValueError
-        raise InfrastructureError(f"{path}: {plain(' '.join(str(error).split()))}") from None
+        raise InfrastructureError(f"{path}: {escape(' '.join(str(error).split()))}") from None
     if not _is_known(table.schema):
         raise InfrastructureError(
             f"{path}: not the KPI columns of this version and of the installed distributions"
@@ -111,7 +111,7 @@ def read_kpi_columns(path: Path, names: Sequence[str]) -> pa.Table:
     try:
         table = pq.read_table(path, columns=list(names))
     except (OSError, ValueError, pa.ArrowException) as error:  # of text that is none, ValueError
-        raise InfrastructureError(f"{path}: {plain(' '.join(str(error).split()))}") from None
+        raise InfrastructureError(f"{path}: {escape(' '.join(str(error).split()))}") from None
     found = {field.name: field.type for field in table.schema}
     if found != {name: _TYPES[columns_by_name()[name].type] for name in names}:
         raise InfrastructureError(f"{path}: without the KPI columns {', '.join(names)}")

@@ -44,7 +44,7 @@ def begin_loading(device: str) -> Loading:
     return Loading(start_simulator(device, log), stack, folder, log)
 
 
-def await_told(loading: Loading | None) -> WorkerStart:
+def await_start(loading: Loading | None) -> WorkerStart:
     """Wait to be told whom to serve; from then on standard output and error go to the log.
 
     Raises:

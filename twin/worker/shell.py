@@ -27,7 +27,7 @@ from schemas.kinds.registry import installed_plugins
 from schemas.wire import topics
 from schemas.wire.codec import WireError, decode, encode
 from schemas.wire.control import Beat, Hello, Lease, Next, Reply, Request, Result
-from schemas.wire.rpc_routes import door
+from schemas.wire.rpc_routes import route_key
 from twin.base.errors import TwinError, UsageError, storage_error
 from twin.base.process import end
 from twin.base.software import device_class, software_digest
@@ -258,7 +258,7 @@ class Worker:
 
     def _ask(self, request: Request) -> Reply | None:
         assert self._bus is not None
-        data = self._bus.request(door(request), encode(request), REQUEST_TIMEOUT_S)
+        data = self._bus.request(route_key(request), encode(request), REQUEST_TIMEOUT_S)
         self._asked_s = time.monotonic()
         if data is None:
             return None

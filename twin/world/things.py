@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from schemas.words import plain
+from schemas.escape import escape
 
 NAME_MAX = 60
 """Longest name that is kept [characters]."""
@@ -31,7 +31,7 @@ class Thing:
 
 def named(name: str, kind: str) -> Thing:
     """A thing with a name that somebody wrote into a file."""
-    return Thing(plain(name, NAME_MAX), kind)
+    return Thing(escape(name, NAME_MAX), kind)
 
 
 def numbered(what: str, kind: str, count: int) -> list[Thing]:

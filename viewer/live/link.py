@@ -17,7 +17,7 @@ from schemas import SCHEMA_VERSION
 from schemas.wire import topics
 from schemas.wire.codec import WireError, decode, encode
 from schemas.wire.control import Explain, Reply, Request, StatusRequest
-from schemas.wire.rpc_routes import door
+from schemas.wire.rpc_routes import route_key
 from schemas.wire.status import ConductorStatus
 from schemas.wire.view import SceneMesh
 from twin.base.errors import InfrastructureError, TwinError, UnreachableError, UsageError
@@ -267,7 +267,7 @@ class Link:
         Raises:
             WireError: it is of another version.
         """
-        data = bus.request(door(request), encode(request), ASK_S)
+        data = bus.request(route_key(request), encode(request), ASK_S)
         return None if data is None else decode(data, Reply)
 
     def _on_view(self, sample: Sample) -> None:

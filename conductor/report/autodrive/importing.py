@@ -19,11 +19,11 @@ from conductor.report.autodrive.logs import Log
 from conductor.report.autodrive.source import LogFolder, StudyCase, read_source, short_logs, title
 from conductor.serve.folders import CAMPAIGN_FILE
 from schemas.case import Case
+from schemas.escape import escape
 from schemas.files.autodrive_log import CONFIG_FILE
 from schemas.files.yaml_file import dump_yaml
 from schemas.identity import DIGESTS, campaign_digest
 from schemas.plan import Plan, parse_plan
-from schemas.words import plain
 from twin.base.errors import UsageError, storage_error
 from twin.base.files import write_atomic
 from twin.records.kpi_file import kpi_sha256, kpi_table, write_kpi
@@ -82,11 +82,11 @@ def import_autodrive(folder: Path, out: Path) -> ImportNote:
             notes.append(f"{one.log.name}: {one.log.foreign}")
     read = [one for one in found if one.read]
     imported = ImportNote(
-        source=plain(folder.resolve().name),
+        source=escape(folder.resolve().name),
         sha256=source.sha256,
         files=sum(bool(one.log.sha256) for one in found),
         rows=sum(len(one.log.rows) for one in read),
-        left_out=[plain(note) for note in notes],
+        left_out=[escape(note) for note in notes],
         absent_batches=sorted({x.batch for x in source.places} - {x.batch for x in source.kept}),
         sources={one.case.id: one.log.name for one in found if one.log.sha256},
         batches={one.case.id: one.place.batch for one in found},
@@ -213,8 +213,8 @@ def _import_case(out: Path, case: Case, place: StudyCase, source: LogFolder) -> 
 def _as_exported(exported: ExportedEnd) -> CaseOutcome:
     return CaseOutcome(
         outcome=exported.outcome,
-        verdict=plain(exported.verdict),
-        reasons=[plain(reason) for reason in exported.reasons],
+        verdict=escape(exported.verdict),
+        reasons=[escape(reason) for reason in exported.reasons],
     )
 
 

@@ -14,6 +14,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 from conductor.report.autodrive.layout import Instance
+from schemas.escape import escape
 from schemas.files.autodrive_log import (
     AEB,
     BRAKE,
@@ -33,7 +34,7 @@ from schemas.files.autodrive_log import (
     TIMESTAMP,
     WEATHER,
 )
-from schemas.words import agree, plain
+from schemas.words import agree
 
 REQUIRED = (TIMESTAMP, DTC, COLLISIONS)
 """A log without one of these columns says nothing about a case."""
@@ -215,7 +216,7 @@ def _foreign(row: dict[str, str], instance: Instance, line: int) -> str:
     for column, value in zip(_IDENTITY, expected, strict=True):
         given = row.get(column, "")
         if given and given != value:
-            named = [plain(text, SHOWN_CHARS_MAX) for text in (given, value)]
+            named = [escape(text, SHOWN_CHARS_MAX) for text in (given, value)]
             return f"line {line} is of another case: {column} '{named[0]}', not '{named[1]}'"
     return ""
 

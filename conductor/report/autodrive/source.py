@@ -9,9 +9,9 @@ from pathlib import Path
 
 from conductor.report.autodrive.layout import Instance, StudyConfig, read_config
 from conductor.report.autodrive.logs import Log, read_log
+from schemas.escape import escape
 from schemas.files.autodrive_log import log_name
 from schemas.identity import digest
-from schemas.words import plain
 from twin.base.errors import UsageError
 from twin.records.autodrive_files import read_log_files
 
@@ -120,7 +120,7 @@ def title(folder: Path) -> str:
     names = [folder.name]
     if folder.name.lower() in _UNTELLING and folder.parent.name:
         names.insert(0, folder.parent.name)
-    return plain("/".join(names))
+    return escape("/".join(names))
 
 
 def short_logs(logs: Iterable[Log]) -> list[str]:

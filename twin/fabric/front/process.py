@@ -53,7 +53,7 @@ class Settings(msgspec.Struct, frozen=True):
 
     listener: int
     """Descriptor of the listening socket."""
-    doors: dict[str, int]
+    sockets: dict[str, int]
     """Role -> descriptor of the Unix socket behind."""
     fabric: str
     authority: str
@@ -162,7 +162,7 @@ class Front:
     def _check(self, session: Session) -> None:
         """Raise _UnwelcomeError unless the certificate is one to let in."""
         session.take_certificate()
-        if session.fabric != self._settings.fabric or session.role not in self._settings.doors:
+        if session.fabric != self._settings.fabric or session.role not in self._settings.sockets:
             raise _UnwelcomeError("its key is of another fabric or rig")
         if session.end_s <= time.time():
             raise _UnwelcomeError("its key has expired")
@@ -176,9 +176,9 @@ class Front:
         session.account = account
         self._sessions.add(session)
 
-    def door(self, role: str) -> str:
+    def socket_of(self, role: str) -> str:
         """Path of the Unix socket of ``role``: through a descriptor, there is no other."""
-        return f"/proc/self/fd/{self._settings.doors[role]}"
+        return f"/proc/self/fd/{self._settings.sockets[role]}"
 
     def closed(self, session: Session) -> None:
         """It is over."""
@@ -304,7 +304,7 @@ class Session(asyncio.BufferedProtocol):
             self.spoke = True
             self._front.say(self.event("opened"))
             self._inner = Inner(self)
-            self._inner.open(self._front.door(self.role))
+            self._inner.open(self._front.socket_of(self.role))
         assert self._inner is not None
         self._inner.write(data)
         wait_s = self.account.take(self._batches.count(data), count, time.monotonic())

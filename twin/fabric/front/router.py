@@ -85,7 +85,7 @@ class Fronted:
         self._thread = threading.Thread(target=self._run, name="front", daemon=True)
         self._process: subprocess.Popen[bytes] | None = None
         self._buses: list[Bus] = []
-        self._doors: dict[str, int] = {}
+        self._sockets: dict[str, int] = {}
         self._listener = _listener(listen)
         try:
             self.bus = self._open(namespace, connect, connect_required=connect_required)
@@ -110,8 +110,8 @@ class Fronted:
         for bus in reversed(self._buses):
             bus.close()
         self._listener.close()
-        while self._doors:
-            os.close(self._doors.popitem()[1])
+        while self._sockets:
+            os.close(self._sockets.popitem()[1])
 
     def _open(self, namespace: str, connect: str, *, connect_required: bool) -> Bus:
         try:
@@ -124,7 +124,7 @@ class Fronted:
         os.environ.setdefault("ZENOH_RUNTIME", RUNTIME)  # read by a process's first session
         try:
             for role in MEMBERS:
-                door = f"{folder}/{role}"
+                path = f"{folder}/{role}"
                 bus = open_bus(
                     "router",
                     listen=listen,
@@ -132,12 +132,12 @@ class Fronted:
                     namespace=namespace,
                     key=own,
                     connect_required=connect_required,
-                    door=(door, role),
+                    role_socket=(path, role),
                 )
                 self._buses.append(bus)
                 if listen:  # the first one is what the others join
                     listen, connect = [], bus.endpoints[0]
-                self._doors[role] = os.open(door, os.O_PATH | os.O_CLOEXEC)
+                self._sockets[role] = os.open(path, os.O_PATH | os.O_CLOEXEC)
         finally:
             shutil.rmtree(folder, ignore_errors=True)
             if not said:  # children need no more threads than usual
@@ -162,14 +162,14 @@ class Fronted:
     def _start(self) -> subprocess.Popen[bytes]:
         process = spawn(
             [sys.executable, "-m", "twin.fabric.front.process"],
-            descriptors=[self._listener.fileno(), *self._doors.values()],
+            descriptors=[self._listener.fileno(), *self._sockets.values()],
             pipe_output=True,
             log=open(2, "wb", closefd=False),  # noqa: SIM115
         )
         self._process = process
         settings = Settings(
             listener=self._listener.fileno(),
-            doors=self._doors,
+            sockets=self._sockets,
             fabric=self._key.fabric,
             authority=self._key.authority.decode(),
             certificate=self._key.certificate.decode(),

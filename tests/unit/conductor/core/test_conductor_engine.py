@@ -240,7 +240,7 @@ def test_a_request_that_comes_by_another_key_is_refused(
         (hello("w3"), "conductor/rpc/admin", False),
         (hello("w3"), "conductor/rpc/worker", True),
     ):
-        (data,) = engine.turn([IncomingRequest(encode(request), S, door=key)]).replies
+        (data,) = engine.turn([IncomingRequest(encode(request), S, route=key)]).replies
         error = decode(data or b"", Reply).error
         assert (error == "") is accepted
         assert accepted or error.startswith(f"{type(request).__name__} came on {key}; send it to ")

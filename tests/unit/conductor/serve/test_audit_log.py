@@ -21,7 +21,7 @@ from schemas import SCHEMA_VERSION as V
 from schemas.wire import topics
 from schemas.wire.codec import decode, encode
 from schemas.wire.control import Control, Reply, Request, StatusRequest, Stop
-from schemas.wire.rpc_routes import WORDS_BYTES_MAX, door
+from schemas.wire.rpc_routes import COMMAND_BYTES_MAX, route_key
 from twin.fabric.front.process import FrontEvent
 from twin.fabric.keys.authority import make_keys
 from twin.fabric.keys.key_file import read_certificate
@@ -120,12 +120,14 @@ def test_commands_and_refusals_of_a_conductor_are_there(tmp_path: Path) -> None:
         bus = hub.open()
 
         def ask(request: Request) -> Reply:
-            return decode(bus.request(door(request), encode(request), PATIENCE_S) or b"", Reply)
+            return decode(
+                bus.request(route_key(request), encode(request), PATIENCE_S) or b"", Reply
+            )
 
         ask(submit())
         ask(hello())
         ask(Control(v=V, action="pause", campaign="alpha\nforged line"))
-        bus.request(topics.RPC_STATUS.key, bytes(WORDS_BYTES_MAX + 1), PATIENCE_S)
+        bus.request(topics.RPC_STATUS.key, bytes(COMMAND_BYTES_MAX + 1), PATIENCE_S)
         bus.request(topics.RPC_STATUS.key, encode(Stop(v=V)), PATIENCE_S)
     said = [(line["what"], line["said"]) for line in lines(state)]
     assert said[0] == ("command", "submit alpha")
@@ -133,7 +135,7 @@ def test_commands_and_refusals_of_a_conductor_are_there(tmp_path: Path) -> None:
     assert said[2:] == [
         (
             "refused",
-            f"message of {WORDS_BYTES_MAX + 1} bytes, at most {WORDS_BYTES_MAX} are accepted",
+            f"message of {COMMAND_BYTES_MAX + 1} bytes, at most {COMMAND_BYTES_MAX} are accepted",
         ),
         ("refused", "Stop came on conductor/rpc/status; send it to conductor/rpc/admin"),
     ]

@@ -18,7 +18,7 @@ from schemas import SCHEMA_VERSION as V
 from schemas.wire import topics
 from schemas.wire.codec import MESSAGE_BYTES_MAX, WireError, decode, encode
 from schemas.wire.control import Reply, Request, StatusRequest, Stop
-from schemas.wire.rpc_routes import WORDS_BYTES_MAX, door
+from schemas.wire.rpc_routes import COMMAND_BYTES_MAX, route_key
 
 Ask = Callable[..., Reply]
 
@@ -29,7 +29,7 @@ def served(tmp_path: Path) -> Iterator[tuple[Conductor, Ask]]:
         bus = hub.open()
 
         def ask(payload: bytes, at: str = "") -> Reply:
-            return decode(bus.request(at or _door(payload), payload, PATIENCE_S) or b"", Reply)
+            return decode(bus.request(at or _route(payload), payload, PATIENCE_S) or b"", Reply)
 
         assert not ask(encode(submit())).error
         assert not ask(encode(hello())).error
@@ -37,16 +37,16 @@ def served(tmp_path: Path) -> Iterator[tuple[Conductor, Ask]]:
         assert ask(encode(StatusRequest(v=V))).status["left"] == 4, "a good client is still served"
 
 
-def _door(payload: bytes) -> str:
+def _route(payload: bytes) -> str:
     """Where a good client sends it; what is no request comes where large ones may."""
     try:
-        return door(decode(payload, Request))
+        return route_key(decode(payload, Request))
     except WireError:
         return topics.RPC_SUBMIT.key
 
 
 def test_a_request_by_another_door_is_refused(served: tuple[Conductor, Ask]) -> None:
-    """Access lists know keys only: a viewer must not cancel through the door for questions."""
+    """Access lists know keys only: a viewer must not cancel through the route for questions."""
     conductor, ask = served
     before = conductor.snapshot()["campaigns"]
     requests = [submit(), hello("w2"), Stop(v=V), next_of(worker="w1", seq=1, k=1)]
@@ -54,10 +54,10 @@ def test_a_request_by_another_door_is_refused(served: tuple[Conductor, Ask]) -> 
         (request, topic.key)
         for request in requests
         for topic in (topics.RPC_STATUS, topics.RPC_WORKER, topics.RPC_ADMIN, topics.RPC_SUBMIT)
-        if topic.key != door(request)
+        if topic.key != route_key(request)
     ]
     for request, at in tries:
-        assert f"came on {at}; send it to {door(request)}" in ask(encode(request), at).error
+        assert f"came on {at}; send it to {route_key(request)}" in ask(encode(request), at).error
     assert counters(conductor)["refused"] == len(tries) == 12
     assert conductor.snapshot()["campaigns"] == before
     assert [worker["id"] for worker in conductor.snapshot()["workers"]] == ["w1"]
@@ -86,7 +86,7 @@ def counters(conductor: Conductor) -> dict[str, Any]:
 )
 def test_refused_with_a_reason(served: tuple[Conductor, Ask], payload: bytes, reason: str) -> None:
     conductor, ask = served
-    fits_a_question = b"beat" not in payload and len(payload) <= WORDS_BYTES_MAX
+    fits_a_question = b"beat" not in payload and len(payload) <= COMMAND_BYTES_MAX
     reply = ask(payload, (topics.RPC_STATUS if fits_a_question else topics.RPC_WORKER).key)
     assert reason in reply.error
     assert len(reply.error.splitlines()) == 1

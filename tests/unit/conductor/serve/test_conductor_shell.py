@@ -29,7 +29,7 @@ from schemas.files.yaml_file import load_yaml
 from schemas.wire import topics
 from schemas.wire.codec import decode, encode
 from schemas.wire.control import Reply, StatusRequest, Stop
-from schemas.wire.rpc_routes import door
+from schemas.wire.rpc_routes import route_key
 from twin.base.errors import InfrastructureError, UsageError
 from twin.fabric.bus import Bus, Sample
 from twin.fabric.discovery import find_conductor
@@ -154,7 +154,9 @@ def test_requests_and_events_over_the_bus(tmp_path: Path, hub: MemoryHub) -> Non
         client.subscribe(topics.EVENT.key, hear)
 
         def ask(message: msgspec.Struct) -> Reply:
-            return decode(client.request(door(message), encode(message), PATIENCE_S) or b"", Reply)
+            return decode(
+                client.request(route_key(message), encode(message), PATIENCE_S) or b"", Reply
+            )
 
         assert not ask(submit()).error
         assert not ask(hello()).error

@@ -73,7 +73,7 @@ def test_an_admin_submits_nothing(conductor: Conductor, keys: Path, campaign: Ca
 def test_an_admin_that_minds_no_rule_submits_nothing_either(
     conductor: Conductor, keys: Path
 ) -> None:
-    """By the door that is open to it the request is refused, by the right one nothing comes."""
+    """By the route that is open to it the request is refused, by the right one nothing comes."""
     for role in (Role.admin, Role.viewer, Role.worker):
         lawless = dataclasses.replace(load_key(keys, role), role=Role.conductor)
         submission = encode(

@@ -1,4 +1,4 @@
-"""What comes in is bounded by its door before it costs anything: its size, and what it may be."""
+"""What comes in is bounded by its route before it costs anything: its size, and what it may be."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from schemas.wire import topics
 from schemas.wire.codec import MESSAGE_BYTES_MAX, WireError, decode, encode
 from schemas.wire.control import Beat, Reply, StatusRequest
 from schemas.wire.rpc_routes import (
-    DOORS,
+    COMMAND_BYTES_MAX,
     PEEK_BYTES,
-    WORDS_BYTES_MAX,
+    RPC_ROUTES,
     WORKER_BYTES_MAX,
     read_request,
 )
@@ -37,20 +37,20 @@ def beat_of(size: int) -> bytes:
 
 
 def test_each_door_has_a_size_of_its_own() -> None:
-    sizes = {key: found.bytes_max for key, found in DOORS.items()}
+    sizes = {key: found.bytes_max for key, found in RPC_ROUTES.items()}
     assert sizes == {
-        STATUS: WORDS_BYTES_MAX,
+        STATUS: COMMAND_BYTES_MAX,
         WORKER: WORKER_BYTES_MAX,
         SUBMIT: MESSAGE_BYTES_MAX,
-        ADMIN: WORDS_BYTES_MAX,
+        ADMIN: COMMAND_BYTES_MAX,
     }
-    assert WORDS_BYTES_MAX < WORKER_BYTES_MAX < MESSAGE_BYTES_MAX
+    assert COMMAND_BYTES_MAX < WORKER_BYTES_MAX < MESSAGE_BYTES_MAX
 
 
-@pytest.mark.parametrize("key", DOORS)
-def test_a_message_is_turned_away_by_the_size_of_its_door(key: str) -> None:
+@pytest.mark.parametrize("key", RPC_ROUTES)
+def test_a_message_is_turned_away_by_the_size_of_its_route(key: str) -> None:
     inbox, said = Inbox(), []
-    most = DOORS[key].bytes_max
+    most = RPC_ROUTES[key].bytes_max
     inbox.receive(bytes(most), pytest.fail, key)
     inbox.receive(bytes(most + 1), lambda data: said.append(decode(data, Reply).error), key)
     assert said == [f"message of {most + 1} bytes, at most {most} are accepted"]
@@ -73,7 +73,7 @@ def test_a_flood_of_giants_by_a_viewer_is_never_decoded(
         viewer, worker = hub.open(), hub.open()
         for _ in range(20):
             said = decode(viewer.request(STATUS, giant, PATIENCE_S) or b"", Reply)
-            assert f"at most {WORDS_BYTES_MAX} are accepted" in said.error
+            assert f"at most {COMMAND_BYTES_MAX} are accepted" in said.error
         assert not decode(worker.request(WORKER, encode(hello()), PATIENCE_S) or b"", Reply).error
         counters = conductor.snapshot()["counters"]
         assert (counters["turned_away"], counters["refused"]) == (20, 0)
@@ -89,7 +89,7 @@ def test_whoever_asks_too_much_waits_for_himself() -> None:
     assert all(reply.retry_after_s for reply in said), "busy: asked again later"
     for _ in range(3):
         inbox.receive(b"worker", pytest.fail, WORKER)
-    first = [message.door for message, _ in inbox.group(0.0)]
+    first = [message.route for message, _ in inbox.group(0.0)]
     assert len(first) == GROUP_MAX
     assert first.count(WORKER) == 3, "none of them waits behind the thousand"
     rest = 0

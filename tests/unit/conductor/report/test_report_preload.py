@@ -15,7 +15,7 @@ from conductor.records.outcomes import CaseOutcome
 from conductor.report import make_report
 from conductor.report.reading import kpi_files as reading
 from conductor.run import report_preload as report_ahead
-from conductor.run.report_preload import ReportAhead
+from conductor.run.report_preload import ReportPreload
 from twin.base.errors import InfrastructureError, UsageError
 from twin.records.kpi_file import read_kpi, write_kpi
 
@@ -44,7 +44,7 @@ def test_every_file_is_read_once_and_the_report_is_the_same(tmp_path: Path, file
     make_report(tmp_path / "other")
     files.clear()
     run = tmp_path / "run"
-    ahead = ReportAhead(run)
+    ahead = ReportPreload(run)
     make_campaign(run, change=half)
     ahead.look()
     ahead.look()
@@ -62,7 +62,7 @@ def test_every_file_is_read_once_and_the_report_is_the_same(tmp_path: Path, file
 
 def test_a_file_that_changes_afterwards_is_looked_at_again(tmp_path: Path) -> None:
     make_campaign(tmp_path)
-    ahead = ReportAhead(tmp_path)
+    ahead = ReportPreload(tmp_path)
     ahead.look()
     path = kpi(tmp_path)
     table = read_kpi(path)
@@ -76,7 +76,7 @@ def test_a_file_that_changes_afterwards_is_looked_at_again(tmp_path: Path) -> No
 def test_what_is_held_is_limited(tmp_path: Path, files, monkeypatch) -> None:
     monkeypatch.setattr(report_ahead, "ROWS_BYTES_MAX", 1)
     make_campaign(tmp_path)
-    ahead = ReportAhead(tmp_path)
+    ahead = ReportPreload(tmp_path)
     ahead.look()
     ahead.look()
     assert len(files) == 1
@@ -87,7 +87,7 @@ def test_what_is_held_is_limited(tmp_path: Path, files, monkeypatch) -> None:
 def test_a_thread_reads_while_the_campaign_runs(tmp_path: Path, files, monkeypatch) -> None:
     monkeypatch.setattr(report_ahead, "LOOK_PERIOD_S", 0.01)
     before = threading.active_count()
-    ahead = ReportAhead(tmp_path)
+    ahead = ReportPreload(tmp_path)
     ahead.begin()
     ahead.begin()
     assert threading.active_count() == before + 1
@@ -102,7 +102,7 @@ def test_a_thread_reads_while_the_campaign_runs(tmp_path: Path, files, monkeypat
 def test_a_folder_that_cannot_be_read_is_left_to_the_report(tmp_path: Path, outcomes) -> None:
     if outcomes is not None:
         (tmp_path / "outcomes.json").write_text(outcomes)
-    ahead = ReportAhead(tmp_path)
+    ahead = ReportPreload(tmp_path)
     ahead.look()
     ahead.finish()
     with pytest.raises(UsageError if outcomes is None else InfrastructureError) as error:
@@ -113,7 +113,7 @@ def test_a_folder_that_cannot_be_read_is_left_to_the_report(tmp_path: Path, outc
 def test_a_damaged_file_is_left_to_the_report(tmp_path: Path) -> None:
     make_campaign(tmp_path)
     kpi(tmp_path).write_bytes(b"no parquet")
-    ahead = ReportAhead(tmp_path)
+    ahead = ReportPreload(tmp_path)
     ahead.look()
     ahead.finish()
     content = make_report(tmp_path).content
