@@ -96,7 +96,7 @@ def test_a_link_is_called_like_its_module():
 
 def test_the_architecture_stays_short():
     words = len((ROOT / "ARCHITECTURE.md").read_text().split())
-    assert words <= 2600, "what was tried and measured belongs in docs/decisions"
+    assert words <= 2500, "what was tried and measured belongs in docs/decisions"
 
 
 def anchors(page: Path) -> set[str]:
