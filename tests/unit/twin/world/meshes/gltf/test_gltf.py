@@ -295,3 +295,13 @@ def test_without_the_library_of_draco(tmp_path, monkeypatch):
     row = file.primitive()
     row["extensions"] = {"KHR_draco_mesh_compression": {"bufferView": 0, "attributes": {}}}
     refused(file.write(tmp_path / "m.glb"), "install drivetwin[gltf], or export without")
+
+
+def test_a_file_has_so_many_notes_and_no_more(tmp_path):
+    file = GltfFile()
+    file.primitive()
+    file.tree["extensionsUsed"] = [f"EXT_{number}" for number in range(500)]
+    notes = load_mesh(file.write(tmp_path / "m.glb")).notes
+    assert len(notes) == 62
+    assert notes[60] == "m.glb: extension EXT_60 ignored"
+    assert notes[-1] == "m.glb: and so on"
