@@ -28,7 +28,7 @@ LOOKS = ("KHR_materials_", "KHR_lights_punctual", "KHR_animation_pointer", "EXT_
 """Beginnings of extensions that only change how something looks: without them it is still there."""
 
 _CHUNK_BIN = 0x004E4942
-_NOTES_MAX = 60
+NOTES_MAX = 60
 """Most notes of a file; a file names the extensions that it uses, as many as it likes."""
 
 
@@ -51,7 +51,7 @@ class Document:
 
     def note(self, text: str) -> None:
         """Say what is left out."""
-        if len(self.notes) > _NOTES_MAX:
+        if len(self.notes) > NOTES_MAX:
             text = "and so on"
         self.notes[f"{self.path.name}: {text}"] = None
 
