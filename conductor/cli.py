@@ -105,15 +105,13 @@ def run_command(
     from conductor.run.gpu_turns import turns
     from conductor.run.models import models_checked
     from conductor.run.places import parse_workers, where
-    from conductor.run.source import load, only_case, with_drive, with_render
+    from conductor.run.source import load, only_case, with_drive
 
-    plan = load(campaign, seed=seed)
+    plan = load(campaign, seed=seed, render=None if render is None else render is OnOff.on)
     if case:
         plan = only_case(plan, case)
     if cases is not None:
         plan = plan.first(cases)
-    if render is not None:
-        plan = with_render(plan, render is OnOff.on)
     loaded = plan.campaign
     if workers is None and loaded.clock == "realtime":
         workers = "1"  # two would take the processor from each other

@@ -78,7 +78,11 @@ SEMANTIC_CLASSES = (
 """Values of semantic images are indices into this tuple."""
 
 BOX_COLUMNS = ("class_id", "x_px", "y_px", "width_px", "height_px", "visible_px", "distance_m")
-"""Columns of a box message, float32 [S, B, 7]; x and y are the box's upper left corner."""
+"""Columns of a box message, float32 [S, B, 7]; x and y are the box's upper left corner.
+
+A box goes around whole pixels, from the left edge of its first to the right edge of its last: what
+goes on beyond the picture ends at 0 or at the picture's width or height.
+"""
 
 BOXES_MAX = 32
 """Largest number of boxes per camera [B]; the ones with most visible pixels are kept."""

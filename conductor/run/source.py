@@ -10,11 +10,11 @@ import msgspec
 
 from conductor.run.stack_check import stack_mistakes
 from conductor.run.twin_check import twin_mistakes
-from schemas.campaign import UNREPEATABLE, Campaign, campaign_mistakes
+from schemas.campaign import UNREPEATABLE, Campaign
 from schemas.case import Case
 from schemas.files.assets import asset_digest, file_digest, is_path
 from schemas.files.yaml_file import YamlError, load_yaml
-from schemas.plan import Plan, examine, parse_plan
+from schemas.plan import Plan, examine
 from schemas.sections.autonomy import driver
 from schemas.sections.lidar import Lidar
 from schemas.sections.perception import file_fields, with_absolute_files
@@ -53,13 +53,16 @@ def find(name: str) -> Path:
     raise UsageError(f"{name}: no such campaign; {suggest(name, shipped())}, or a file's path")
 
 
-def load(name: str, *, seed: int | None = None, fetch: bool = True) -> Plan:
+def load(
+    name: str, *, seed: int | None = None, fetch: bool = True, render: bool | None = None
+) -> Plan:
     """Load and check a campaign, with its cases.
 
     Args:
         name: shipped name or path.
         seed: replaces the file's seed.
         fetch: fetch the repository that it names, run its set-up, and pin it to the commit.
+        render: replaces the file's: whether cameras see.
 
     Raises:
         UsageError: one line per mistake.
@@ -70,9 +73,11 @@ def load(name: str, *, seed: int | None = None, fetch: bool = True) -> Plan:
     except YamlError as error:
         raise UsageError(str(error)) from None
     shown = name if path.parent != _SHIPPED else path.name
+    if render is not None and isinstance(data, dict):
+        data = {**data, "render": render}  # before rates are looked at: a blind camera has any
     plan, mistakes = check(data, path.parent)
     if plan is None:
-        raise UsageError("\n".join(mistake.line(shown) for mistake in mistakes))
+        raise UsageError("\n".join(_line(mistake, shown, render) for mistake in mistakes))
     campaign = plan.campaign
     if fetch:
         campaign = with_repository(campaign, shown)
@@ -82,6 +87,13 @@ def load(name: str, *, seed: int | None = None, fetch: bool = True) -> Plan:
         campaign, files=_digests(campaign), stack_identity=_identity(campaign, shown)
     )
     return plan.amended(complete)
+
+
+def _line(mistake: Mistake, shown: str, render: bool | None) -> str:
+    """A mistake in the file that is ``shown``, or in ``--render``."""
+    if render is not None and mistake.path == "render":
+        return f"--render {mistake.message}"
+    return mistake.line(shown)
 
 
 def _identity(campaign: Campaign, shown: str) -> StackIdentity:
@@ -136,22 +148,6 @@ def only_case(plan: Plan, case: str) -> Plan:
             "`conductor validate FILE --output json` lists them"
         )
     return found
-
-
-def with_render(plan: Plan, render: bool) -> Plan:
-    """The plan with cameras that see, or that do not.
-
-    Raises:
-        UsageError: its stack cannot do without, or the rate of a camera does not fit.
-    """
-    changed = msgspec.structs.replace(plan.campaign, render=render)
-    if mistakes := campaign_mistakes(changed):
-        raise UsageError(f"--render {mistakes[0].message}")
-    if render and not plan.campaign.render:  # nobody has looked at the cameras' rates
-        _, mistakes = parse_plan(msgspec.to_builtins(changed))
-        if mistakes:
-            raise UsageError(mistakes[0].line("--render on"))
-    return plan.amended(changed)
 
 
 def with_drive(plan: Plan) -> Plan:

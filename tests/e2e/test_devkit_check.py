@@ -2,7 +2,7 @@
 
 import json
 
-from foreign_campaigns import CLIENT, python
+from foreign_campaigns import CLIENT, FAULTS, python
 
 STACKS = '''
 import random
@@ -27,7 +27,12 @@ class Rules(Stack):
 
     def step(self, observation):
         self.all += 1
-        return [self.drive(slot, observation) for slot in observation.active_slots()]
+        commands = [self.drive(slot, observation) for slot in observation.active_slots()]
+        if self.broken == "twice":
+            commands += commands[:1]
+        if self.broken == "idle":
+            commands.append(Command(1, 0, 0, 0.0, 0.0, 0.0))
+        return commands
 
     def drive(self, slot, observation):
         self.steps[slot] += 1
@@ -61,7 +66,8 @@ def test_a_broken_rule_is_named(marked, tmp_path, monkeypatch):
     (tmp_path / "rules.py").write_text(STACKS)
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     said = {}
-    for broken in ("none", "clock", "memory", "slot", "range", "tick", "token", "raise"):
+    wrong = ("clock", "memory", "slot", "range", "tick", "token", "raise", "twice", "idle")
+    for broken in ("none", *wrong):
         given = json.dumps({"broken": broken})
         done, found = run(marked, "rules:Rules", "--parameters", given)
         assert done.returncode == (0 if broken == "none" else 1), done.stderr
@@ -76,6 +82,8 @@ def test_a_broken_rule_is_named(marked, tmp_path, monkeypatch):
     assert set(said["token"]) == {"forgets at reset"}
     assert "; echo the tick's" in said["token"]["forgets at reset"]
     assert "ValueError: no idea what to do" in said["raise"]["answers"]
+    assert said["twice"]["commands"] == "tick 0: commands for slots [0, 0], only 0 is active"
+    assert "tick 0: commands for slots [0, 1], only 0 is active" in said["idle"]["commands"]
 
 
 def test_foreign_stacks_are_checked_as_they_run(marked, tmp_path):
@@ -92,6 +100,18 @@ def test_foreign_stacks_are_checked_as_they_run(marked, tmp_path):
     done, found = run(marked, " ".join(python(stepping)))
     assert done.returncode == 1
     assert set(failed(found)) == {"repeated seq"}
+    # Some whose every answer is not what was asked for.
+    said = '            say("command", answer)\n'
+    assert CLIENT.read_text().count(said) == 1
+    for name, expected in (
+        ("twice", "tick 0: commands for slots [0, 0], only 0 is active"),
+        ("slot", "tick 0: commands for slots [0, 1], only 0 is active"),
+        ("seq", "answers seq 1, asked for 0; echo the tick's"),
+    ):
+        stepping.write_text(CLIENT.read_text().replace(said, f"            {FAULTS[name]}\n{said}"))
+        done, found = run(marked, " ".join(python(stepping)))
+        assert done.returncode == 1, done.stderr
+        assert expected in " ".join(failed(found).values()), failed(found)
     # One that ends, one that says nothing, one that is not there.
     done, found = run(marked, f"{python(CLIENT)[0]} -c 'print(\"bye\"); raise SystemExit(4)'")
     assert done.returncode == 1

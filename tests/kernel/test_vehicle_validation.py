@@ -2,6 +2,8 @@
 
 import json
 import math
+import re
+from importlib import resources
 
 import numpy as np
 import pytest
@@ -11,8 +13,9 @@ from typer.testing import CliRunner
 from twin.cli import app
 from twin.validate import table
 from twin.validate.check import ManoeuvreCheck
-from twin.validate.cornering import STEP_RAD, STEP_SPEED_MPS, cruise, step_steer
+from twin.validate.cornering import STEP_RAD, STEP_SPEED_MPS, cruise, steady_corner, step_steer
 from twin.validate.track import DriverInput, drive
+from twin.vehicle.model import GRAVITY_MPS2
 from twin.vehicle.state import COLUMN
 from twin.vehicle.vehicle_file import load_vehicle
 from twin.world.kernel_cache import prepare_kernels
@@ -47,6 +50,17 @@ def test_every_manoeuvre_is_within_tolerance(name):
         gradient = checks["understeer gradient, ISO 4138"]
         assert gradient.value > 0.0  # understeer, as every production car
         assert gradient.reference > 0.0
+
+
+@pytest.mark.parametrize("accel_mps2", [1.0, 3.0])
+def test_opencav_rolls_as_far_as_its_file_says(accel_mps2):
+    text = resources.files("twin.vehicle.models").joinpath("opencav.yaml").read_text()
+    (said,) = re.findall(r"the car rolls ([\d.]+) deg per g", text)
+    tail = steady_corner(load_vehicle("opencav"), accel_mps2).states[-200:]
+    x, y, z, w = (tail[:, COLUMN[f"orientation_{axis}"]] for axis in "xyzw")
+    roll = np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
+    lateral_g = tail[:, COLUMN["speed_mps"]] * tail[:, COLUMN["yaw_rate_radps"]] / GRAVITY_MPS2
+    assert np.degrees(roll / lateral_g).mean() == pytest.approx(float(said), abs=0.06)
 
 
 @pytest.fixture(scope="module")

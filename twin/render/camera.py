@@ -12,6 +12,7 @@ from schemas.sections.lens import CameraMount
 from schemas.sections.lens_projection import vehicle_from_camera
 from twin.render.boxes import BOX_FIELDS
 from twin.render.build import KernelOptions, Tuning, tuning_for
+from twin.render.flow import PictureBefore, projection_of
 from twin.render.lens import ray_table
 from twin.render.light import lamps
 from twin.render.light.lamps import BEAMS_MAX, LampBeams
@@ -74,7 +75,6 @@ class RayCamera:
         self.geometry = geometry
         """Geometry that it sees; its maker places the objects."""
         self._device = device
-        self._period_s = 1.0 / camera.hz
         self._lamps = street_lamps(world, furniture, geometry.device)
         self._optics = _optics(camera, mount, lamps_m)
         table = ray_table(mount.lens, camera.width, camera.height, camera.hfov_deg)
@@ -86,13 +86,12 @@ class RayCamera:
         self.sky_stale = True
         """``sky_table`` was written on the host since the last picture."""
         self._poses = wp.zeros(slots, dtype=SlotPose, device=device)
-        self._poses_before = wp.zeros(slots, dtype=SlotPose, device=device)
-        self._kept: dict[int, wp.array] = {}
-        """Poses in the last pictures of slots that are held."""
-        self._new = np.ones(slots, np.bool_)
+        self._projection = projection_of(mount.lens, camera.width, camera.height, camera.hfov_deg)
         self._beams = wp.zeros((slots, BEAMS_MAX), dtype=LampBeams, device=device)
         self._chunk = min(slots, max(1, visibility.CHUNK_PIXELS // (camera.width * camera.height)))
         self._wanted = wanted_of(camera)
+        objects = geometry.poses.device if self._wanted.flow else None
+        self._before = PictureBefore(self._poses, objects, 1.0 / camera.hz)
         self._seen = visibility.allocate_seen(
             self._chunk, camera.height, camera.width, device, self._wanted.second
         )
@@ -165,18 +164,15 @@ class RayCamera:
 
     def reset(self, slot: int) -> None:
         """A case begins in a slot: the picture before the first is not of this case."""
-        self._new[slot] = True
+        self._before.reset(slot)
 
     def hold(self, slot: int, *, held: bool) -> None:
         """Pictures are made without a slot for a while; its last one stays the one before."""
-        if held:
-            self._kept[slot] = wp.clone(self._poses[slot : slot + 1])
-        else:
-            wp.copy(self._poses, self._kept.pop(slot), slot, 0, 1)
+        self._before.hold(slot, held=held)
 
     def clear(self, slot: int) -> None:
         """Blank the image and outputs of a slot."""
-        self._kept.pop(slot, None)
+        self._before.forget(slot)
         for mirror in (self._image, *self._truth.values()):
             mirror.host[slot] = 0
             if not self._device.is_cpu:
@@ -210,12 +206,13 @@ class RayCamera:
         wp.launch(lamps.beams_kernel, slots, [scene, lights, poses], [beams], device=self._device)
         for first in range(0, slots, self._chunk):
             own = [scene, self._lamps, optics, self._rays]
-            shade, before = [*own, self._table], self._poses_before
+            shade = [scene, self._lamps, optics, self._projection, self._rays, self._table]
+            before = self._before.handle
             arguments = (
                 ([scene, optics, self._rays, lights, poses, first], [seen]),
                 ([*own, lights, sky, poses, beams, first, stride], [seen]),
                 (
-                    [*shade, lights, sky, poses, before, beams, seen, first, self._period_s],
+                    [*shade, lights, sky, poses, before, beams, seen, first],
                     [self._out],
                 ),
             )
@@ -254,16 +251,12 @@ class RayCamera:
                 self._table,
                 out.image,
             )
+        self._before.keep()
 
     def _place(self, pose: wp.array) -> None:
         kernel = rays.flat_pose_kernel if pose.shape[1] == _POSE_COLUMNS else rays.pose_kernel
-        wp.copy(self._poses_before, self._poses)
         wp.launch(kernel, self.shape[0], [self._optics, pose], [self._poses], device=self._device)
-        active = self.lights.host["active"] != 0
-        for slot in np.flatnonzero(self._new & active):
-            # The first picture of a case has none before it: the camera has not moved.
-            wp.copy(self._poses_before, self._poses, int(slot), int(slot), 1)
-            self._new[slot] = False
+        self._before.begin(self.lights.host["active"] != 0)
 
     def rays_per_frame(self) -> float:
         """Rays to what is seen and to the sun in the last picture, the mean of the last slots."""

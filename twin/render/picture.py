@@ -8,6 +8,7 @@ import warp as wp
 
 from twin.render.boxes import gather_box
 from twin.render.build import KernelOptions
+from twin.render.flow import PosesBefore, Projection, flow_at
 from twin.render.light.air import sky_path, through_air
 from twin.render.light.lamps import WARM_WHITE, LampBeams, StreetLamps, headlamp_glow, lamps_glow
 from twin.render.light.light import SlotLight
@@ -18,7 +19,7 @@ from twin.render.sensor_noise import sensor_noise
 from twin.render.shading import ShadedPoint, fresnel_of, matt_light, place_of, surface_of
 from twin.render.surface import SurfacePoint
 from twin.render.tone import tone
-from twin.render.trace.geometry import DECAL_TAG, RayScene, turned
+from twin.render.trace.geometry import DECAL_TAG, RayScene
 from twin.render.trace.rays import Optics, SlotPose
 from twin.render.trace.visibility import MIRRORED, OUTSIDE, PixelsSeen, pixel_of
 
@@ -86,75 +87,6 @@ def _camera_axes(v: wp.vec3, pose: SlotPose) -> wp.vec3:
     return wp.vec3(wp.dot(v, pose.right), wp.dot(v, pose.down), wp.dot(v, pose.ahead))
 
 
-@wp.func
-def flow_at(
-    scene: RayScene,
-    slot: wp.int32,
-    at: ShadedPoint,
-    rays: wp.array2d(dtype=wp.vec3),
-    row: wp.int32,
-    column: wp.int32,
-    direction: wp.vec3,
-    before: SlotPose,
-    period_s: wp.float32,
-) -> wp.vec2:
-    """Place of a point in this picture, minus that in the one before [px]; the sky is infinitely
-    far.
-
-    The pixel whose ray points there is found with the table of rays, by Newton's method from here
-    on: any lens will do. Way that is longer than the picture is cut.
-    """
-    target = direction
-    if at.face >= 0:
-        p = at.p
-        if at.object >= 0:
-            pose = scene.objects[slot, at.object]
-            angle = -pose.yaw_rate * period_s
-            p = pose.position + turned(p - pose.position, wp.cos(angle), wp.sin(angle))
-            p = p - pose.velocity * period_s
-        target = p - before.eye
-    target = wp.normalize(_camera_axes(target, before))
-    height = rays.shape[0]
-    width = rays.shape[1]
-    x = wp.float32(0.0)
-    y = wp.float32(0.0)
-    step = wp.float32(1.0)
-    count = wp.int32(0)
-    while step > 2.0e-3 and count < 5:
-        count += 1
-        u = wp.clamp(wp.float32(column) + x, 0.0, wp.float32(width - 1))
-        v = wp.clamp(wp.float32(row) + y, 0.0, wp.float32(height - 1))
-        i = wp.int32(v + 0.5)
-        j = wp.int32(u + 0.5)
-        k = wp.min(i, height - 2)
-        m = wp.min(j, width - 2)
-        corner = rays[i, j]
-        across = rays[i, m + 1] - rays[i, m]
-        along = rays[k + 1, j] - rays[k, j]
-        # Linear from the nearest pixel on; beyond the picture's edge as well.
-        start = corner + across * (wp.float32(column) + x - wp.float32(j))
-        start += along * (wp.float32(row) + y - wp.float32(i))
-        off = target / wp.max(wp.dot(target, corner), 0.05)
-        off = off * wp.dot(start, corner) - start
-        a = wp.dot(across, across)
-        b = wp.dot(across, along)
-        c = wp.dot(along, along)
-        f = wp.dot(off, across)
-        g = wp.dot(off, along)
-        det = a * c - b * b
-        step = wp.float32(0.0)
-        if det > 1.0e-20:
-            inverse = 1.0 / det
-            move_x = (c * f - b * g) * inverse
-            move_y = (a * g - b * f) * inverse
-            x += move_x
-            y += move_y
-            step = wp.abs(move_x) + wp.abs(move_y)
-        x = wp.clamp(x, -wp.float32(width), wp.float32(width))
-        y = wp.clamp(y, -wp.float32(height), wp.float32(height))
-    return wp.vec2(-x, -y)
-
-
 @cache
 def picture_kernel(
     wanted: Wanted, build: KernelOptions, without: frozenset[str] = frozenset()
@@ -175,18 +107,18 @@ def picture_kernel(
         scene: RayScene,
         lamps: StreetLamps,
         optics: Optics,
+        lens: Projection,
         rays: wp.array2d(dtype=wp.vec3),
         tones: wp.array(dtype=wp.uint8),
         # state in
         lights: wp.array(dtype=SlotLight),
         sky_table: wp.array3d(dtype=wp.vec3),
         poses: wp.array(dtype=SlotPose),
-        poses_before: wp.array(dtype=SlotPose),
+        before: PosesBefore,
         beams: wp.array2d(dtype=LampBeams),
         seen: PixelsSeen,
         # args
         first_slot: wp.int32,
-        period_s: wp.float32,
         # out
         out: Buffers,
     ):
@@ -226,9 +158,7 @@ def picture_kernel(
         if wp.static(flow):
             way = wp.vec2(0.0, 0.0)
             if at.face != OUTSIDE:
-                way = flow_at(
-                    scene, slot, at, rays, row, column, direction, poses_before[slot], period_s
-                )
+                way = flow_at(scene, slot, at, lens, row, column, direction, pose, before)
             out.flow[slot, row, column, 0] = way[0]
             out.flow[slot, row, column, 1] = way[1]
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import sys
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -123,8 +122,6 @@ class Engine:
         self.sim_time_ns = np.zeros(slots, np.int64)
         self._steps = self.control_period_ns // PHYSICS_STEP_NS
         self._world = build_world(scene)
-        for note in self._world.notes:
-            print(note, file=sys.stderr, flush=True)
         self.objects = InterventionMotion(self._world.motion, self._world.kinds, slots)
         """Movable objects of all slots."""
         self._origin = scene.origin

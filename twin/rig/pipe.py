@@ -96,6 +96,8 @@ class Built(Struct, frozen=True, tag_field="kind", tag="built"):
 
     transport: str
     """How large arrays reach the stack, see :data:`twin.fabric.drive.Transport`."""
+    notes: list[str] = []
+    """What is left out of the scene's mesh files, one line each."""
 
 
 class Progress(Struct, frozen=True, tag_field="kind", tag="progress"):

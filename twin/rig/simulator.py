@@ -186,7 +186,7 @@ class Simulator:
         self._messages = TickMessages(self._engine, self._slots, self._device, transport, offsets)
         self._listeners = self._listening()
         self._listeners.built(self._engine)
-        self._upward.send(Built(transport))
+        self._upward.send(Built(transport, list(self._engine.world.notes)))
 
     def _listening(self) -> SlotListeners:
         """Everything that hears of slots. Interventions and pace first: they say how a case ended,

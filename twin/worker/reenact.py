@@ -92,7 +92,9 @@ def _run(rig: RigProcess, inbox: queue.SimpleQueue[Any], lease: Lease, entries: 
                 ticks = tick
             case Listening(endpoint):
                 rig.start_stack(endpoint)
-            case Built():
+            case Built(_, notes):
+                for note in notes:
+                    print(f"twin: {note}", file=sys.stderr)
                 rig.assign(lease, entries)
             case CaseDone(result):
                 return result

@@ -316,8 +316,8 @@ class Worker:
             case (_, RecorderEnded(detail, endpoint)):
                 _log(f"recorder ended: {detail}; {self._record_on(endpoint)}")
                 return []
-            case (_, Built(transport)):
-                _log(f"rig ready, frames by {transport}")
+            case (_, Built(transport, notes)):
+                _log("\n".join([f"rig ready, frames by {transport}", *notes]))
                 return core.on_rig_ready()
             case (_, Progress(tokens, ticks, waiting, over)):
                 return core.on_progress(tokens, ticks, now, waiting, over)

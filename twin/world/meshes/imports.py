@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from schemas.escape import escape
 from twin.world.content import MeshFile
 from twin.world.meshes import materials
 from twin.world.meshes.mesh import MeshBuilder
@@ -30,6 +31,7 @@ class ImportedMeshes:
     hulls: list[Hull]
     textures: tuple[np.ndarray, ...]
     notes: tuple[str, ...]
+    """What was left out of files: one line per file and feature, escaped."""
 
 
 def add_imports(mesh: MeshBuilder, scene: Scene, first_instance: int) -> ImportedMeshes:
@@ -64,7 +66,8 @@ def add_imports(mesh: MeshBuilder, scene: Scene, first_instance: int) -> Importe
         if item.solid:
             hulls.append(_hull(data.parts, item))
         notes += data.notes
-    return ImportedMeshes(classes, hulls, tuple(textures), tuple(notes))
+    once = tuple(dict.fromkeys(map(escape, notes)))  # a file may stand in several places
+    return ImportedMeshes(classes, hulls, tuple(textures), once)
 
 
 def _upright(points: np.ndarray, item: MeshFile) -> np.ndarray:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-import pytest
+from pathlib import Path
 
-from conductor.run.source import with_render
-from schemas.plan import Plan, parse_plan
+import pytest
+import yaml
+
+from conductor.run.source import load
+from schemas.plan import Plan
 from twin.base.errors import UsageError
 
 CAMPAIGN = {
@@ -16,26 +19,39 @@ CAMPAIGN = {
 }
 
 
-def plan(**more: object) -> Plan:
-    """A campaign whose stack needs no camera."""
-    found, mistakes = parse_plan({**CAMPAIGN, **more})
-    assert found is not None, mistakes
-    return found
+def loaded(folder: Path, option: bool | None, **more: object) -> Plan:
+    """A campaign file whose stack needs no camera, with the option."""
+    path = folder / "c.yaml"
+    path.write_text(yaml.safe_dump({**CAMPAIGN, **more}))
+    return load(str(path), render=option)
 
 
-def test_cameras_are_switched_on_and_off() -> None:
-    seeing = plan(camera={"hz": 25})
-    blind = with_render(seeing, False)
+def test_cameras_are_switched_on_and_off(tmp_path: Path) -> None:
+    seeing = loaded(tmp_path, None, camera={"hz": 25})
+    blind = loaded(tmp_path, False, camera={"hz": 25})
+    assert [case.rig.render for case in seeing.cases] == [True]
     assert [case.rig.render for case in blind.cases] == [False]
-    assert with_render(blind, True).cases == seeing.cases
+    again = loaded(tmp_path, True, camera={"hz": 25}, render=False)
+    assert again.cases == seeing.cases
 
 
-def test_a_rate_that_only_blind_cameras_may_have_is_refused() -> None:
-    with pytest.raises(UsageError, match=r"--render on: camera\.hz: given 20, allowed: a divisor"):
-        with_render(plan(render=False, camera={"hz": 20}), True)
+def test_a_camera_that_is_switched_off_may_have_any_rate(tmp_path: Path) -> None:
+    for render, in_file in ((False, True), (False, False), (None, False)):
+        (case,) = loaded(tmp_path, render, camera={"hz": 20}, render=in_file).cases
+        assert not case.rig.render
 
 
-def test_a_stack_that_drives_by_a_camera_is_not_blinded() -> None:
-    seeing = plan(autonomy={"stack": "devkit.aeb:AebStack"}, control_hz=20)
-    with pytest.raises(UsageError, match=r"--render off: stack devkit\.aeb:AebStack drives by a"):
-        with_render(seeing, False)
+@pytest.mark.parametrize(("render", "in_file"), [(True, False), (None, True)])
+def test_a_rate_that_only_blind_cameras_may_have_is_refused(
+    tmp_path: Path, render: bool | None, in_file: bool
+) -> None:
+    with pytest.raises(UsageError, match=r"c\.yaml: camera\.hz: given 20, allowed: a divisor"):
+        loaded(tmp_path, render, camera={"hz": 20}, render=in_file)
+
+
+def test_a_stack_that_drives_by_a_camera_is_not_blinded(tmp_path: Path) -> None:
+    stack = {"autonomy": {"stack": "devkit.aeb:AebStack"}, "control_hz": 20}
+    with pytest.raises(UsageError, match=r"^--render off: stack devkit\.aeb:AebStack drives by a"):
+        loaded(tmp_path, False, **stack)
+    with pytest.raises(UsageError, match=r"c\.yaml: render: off: stack devkit\.aeb:AebStack"):
+        loaded(tmp_path, None, render=False, **stack)

@@ -11,6 +11,7 @@ from typing import Any
 from urllib.parse import unquote
 
 from schemas.files.regular_file import open_regular
+from twin.world.meshes.gltf.meshopt import unpack
 from twin.world.meshes.mesh_header import FILE_BYTES_MAX, gltf_json
 
 DRACO = "KHR_draco_mesh_compression"
@@ -18,14 +19,17 @@ MESHOPT = ("EXT_meshopt_compression", "KHR_meshopt_compression")
 QUANTIZED = "KHR_mesh_quantization"
 TRANSFORM = "KHR_texture_transform"
 WEBP = "EXT_texture_webp"
+BASIS = "KHR_texture_basisu"
 
-UNDERSTOOD = (DRACO, *MESHOPT, QUANTIZED, TRANSFORM, WEBP)
+UNDERSTOOD = (DRACO, *MESHOPT, QUANTIZED, TRANSFORM, WEBP, BASIS)
 """Extensions of geometry and textures that change what is read."""
 
 LOOKS = ("KHR_materials_", "KHR_lights_punctual", "KHR_animation_pointer", "EXT_lights_")
 """Beginnings of extensions that only change how something looks: without them it is still there."""
 
 _CHUNK_BIN = 0x004E4942
+NOTES_MAX = 60
+"""Most notes of a file; a file names the extensions that it uses, as many as it likes."""
 
 
 class GltfError(ValueError):
@@ -42,9 +46,13 @@ class Document:
     """What is left out, each once, in the order in which it was met."""
     _chunk: bytes | None = None
     _buffers: dict[int, bytes] = field(default_factory=dict)
+    _unpacked: dict[int, bytes] = field(default_factory=dict)
+    """Buffer views that were compressed."""
 
     def note(self, text: str) -> None:
         """Say what is left out."""
+        if len(self.notes) > NOTES_MAX:
+            text = "and so on"
         self.notes[f"{self.path.name}: {text}"] = None
 
     def rows(self, key: str) -> list[dict[str, Any]]:
@@ -77,15 +85,41 @@ class Document:
             OSError: a file cannot be read.
         """
         view = self.row("bufferViews", index)
-        for name in MESHOPT:
-            if name in _extensions(view) and not self._has_bytes(view.get("buffer")):
-                raise GltfError(f"{name} without an uncompressed copy is not supported")
         stride = whole(view, "byteStride", 0)
-        data = self.buffer(view.get("buffer"))
-        start, length = whole(view, "byteOffset", 0), whole(view, "byteLength")
+        for name in MESHOPT:
+            # An uncompressed copy is the same whatever is installed.
+            if name in _extensions(view) and not self._has_bytes(view.get("buffer")):
+                return self._unpack(name, index, view), stride
+        return self._part(view, f"bufferViews[{index}]"), stride
+
+    def _part(self, row: dict[str, Any], name: str) -> bytes:
+        """Bytes of a buffer from an offset on."""
+        data = self.buffer(row.get("buffer"))
+        start, length = whole(row, "byteOffset", 0), whole(row, "byteLength")
         if start + length > len(data):
-            raise GltfError(f"bufferViews[{index}] ends beyond its buffer of {len(data)} bytes")
-        return data[start : start + length], stride
+            raise GltfError(f"{name} ends beyond its buffer of {len(data)} bytes")
+        return data[start : start + length]
+
+    def _unpack(self, name: str, index: object, view: dict[str, Any]) -> bytes:
+        """Bytes of a compressed buffer view."""
+        assert isinstance(index, int)
+        if index not in self._unpacked:
+            packed = view["extensions"][name]
+            if not isinstance(packed, dict):
+                raise GltfError(f"bufferViews[{index}]: '{name}' is no object")
+            data = self._part(packed, f"bufferViews[{index}], compressed,")
+            count, row = whole(packed, "count"), whole(packed, "byteStride")
+            try:
+                found = unpack(data, packed, count, row)
+            except Exception as error:  # the library raises what its C++ parts do
+                reason = " ".join(str(error).split())[:80]
+                raise GltfError(f"bufferViews[{index}] is compressed ({name}): {reason}") from None
+            if len(found) < whole(view, "byteLength"):
+                raise GltfError(
+                    f"bufferViews[{index}] unpacks to {len(found)} bytes, fewer than it says"
+                )
+            self._unpacked[index] = found
+        return self._unpacked[index]
 
     def buffer(self, index: object) -> bytes:
         """Bytes of a buffer.

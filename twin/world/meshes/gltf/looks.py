@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from twin.world.meshes.gltf.document import TRANSFORM, WEBP, Document, GltfError
+from twin.world.meshes.gltf.document import BASIS, TRANSFORM, WEBP, Document, GltfError
+from twin.world.meshes.gltf.ktx2 import is_ktx2, read_ktx2
 
 REPEAT = 10497
 GREY = 0.35
@@ -75,6 +76,8 @@ def read_picture(document: Document, index: int) -> Image.Image:
     row = document.row("images", index)
     data = document.view(row["bufferView"])[0] if "bufferView" in row else _file(document, row)
     try:
+        if is_ktx2(data):
+            return read_ktx2(data, IMAGE_PIXELS_MAX).convert("RGB")
         picture = Image.open(io.BytesIO(data))
         if picture.width * picture.height > IMAGE_PIXELS_MAX:
             raise ValueError(f"{picture.width} x {picture.height} px")
@@ -92,8 +95,10 @@ def _file(document: Document, row: dict[str, Any]) -> bytes:
 
 def _image(texture: dict[str, Any]) -> int | None:
     """Number of a texture's picture, in a format that is read."""
-    webp = _object(_object(texture, "extensions"), WEBP)
-    found = webp.get("source", texture.get("source"))
+    extensions = _object(texture, "extensions")
+    found = _object(extensions, WEBP).get("source", texture.get("source"))
+    if found is None:  # a plain copy is the same whatever is installed
+        found = _object(extensions, BASIS).get("source")
     return found if isinstance(found, int) else None
 
 

@@ -22,13 +22,14 @@ REFUSED = {
     "box-shared-image-references-separate.gltf": "it requires the extension KHR_techniques_webgl",
     "box-techniques-embedded.gltf": "it requires the extension KHR_techniques_webgl",
     "box-techniques-separate.gltf": "it requires the extension KHR_techniques_webgl",
-    "meshopt-no-fallback.gltf": "_meshopt_compression without an uncompressed copy",
     "mixed_draco.gltf": "Draco",  # its data are no Draco data
     "integer-out-of-bounds.gltf": "'byteLength' is 1e+300, needed a whole number",
     "invalid-buffer-index.gltf": "the mesh has no faces",
     "invalid-buffer-view-index.gltf": "the mesh has no faces",
     "invalid-primitive-indices.gltf": "its JSON is no glTF document",
 }
+COPY = {"meshopt-no-fallback.gltf": "meshopt-fallback/meshopt-fallback.gltf"}
+"""The same uncompressed, of files that trimesh cannot read."""
 KNOWN = {
     "SimpleSparseAccessor.gltf": (12, [0, 0, 0], [6, 4, 0]),
     "mixed_fan.gltf": (4, [0, 0, 0], [3, 1, 0]),
@@ -54,6 +55,8 @@ def test_a_file_comes_in_as_an_independent_reader_has_it(path):
         assert REFUSED[path.name] in str(error.value)
         assert "\n" not in str(error.value)
         return
+    if path.name in COPY:
+        pytest.importorskip("meshopt", reason="meshopt is not installed")
     parts = load_mesh(path).parts
     corners = np.concatenate([part.points[part.faces] for part in parts])
     low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
@@ -64,7 +67,8 @@ def test_a_file_comes_in_as_an_independent_reader_has_it(path):
         return
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        scene = trimesh.load_scene(path, process=False, validate=False)
+        copy = path.parents[1] / COPY[path.name] if path.name in COPY else path
+        scene = trimesh.load_scene(copy, process=False, validate=False)
     theirs = [each for each in scene.dump(concatenate=False) if hasattr(each, "faces")]
     expected = np.concatenate([each.vertices[each.faces] for each in theirs])
     assert len(corners) == len(expected)
