@@ -12,12 +12,15 @@ import numpy as np
 
 from schemas.sections.lidar import LidarProfile
 from twin.sensors.lidar.air import rain_extinction, snow_extinction
+from twin.sensors.lidar.surface import is_long_wave
 
 DIAMETERS_MM = np.linspace(0.02, 8.0, 400)
 """At which the tables below stand; of a flake the diameter of its drop of water."""
 
 # Water at 903 to 905 nm and at 1550 nm (Hale and Querry 1973; Kou, Labrie and Chylek 1993).
 _INDEX, _ABSORPTION_PER_M = 1.3275, {False: 7.0, True: 810.0}
+_FRONT = ((_INDEX - 1.0) / (_INDEX + 1.0)) ** 2
+_REAR = (1.0 - _FRONT) ** 2 * _FRONT * (_INDEX / (2.0 - _INDEX)) ** 2
 
 # Backscatter efficiency of a falling drop seen from the side over that of a sphere, by its axis
 # ratio: geometric optics, rays traced through oblate spheroids, within 2 degrees of the beam.
@@ -61,25 +64,27 @@ def sphere_efficiency(diameter_mm: np.ndarray, *, long_wave: bool) -> np.ndarray
     focuses, (1 - r)^2 r (n / (2 - n))^2 of what absorption leaves. Glory adds to it in spheres
     alone; falling drops are none, and a receiver beside the beam does not look straight back.
     """
-    front = ((_INDEX - 1.0) / (_INDEX + 1.0)) ** 2
-    rear = (1.0 - front) ** 2 * front * (_INDEX / (2.0 - _INDEX)) ** 2
-    return np.asarray(
-        front + rear * np.exp(-2e-3 * _ABSORPTION_PER_M[long_wave] * np.asarray(diameter_mm))
-    )
+    return np.asarray(_FRONT + _REAR * _left(diameter_mm, long_wave))
 
 
 def drop_reflectance(diameter_mm: np.ndarray, *, long_wave: bool) -> np.ndarray:
     """Reflectance of raindrops seen from the side [-]; axis ratio 1.03 - 0.062 D after Pruppacher
-    and Beard (1970)."""
+    and Beard (1970). What flattening adds has been through the drop."""
     axis = np.clip(1.03 - 0.062 * np.asarray(diameter_mm), _AXIS_RATIO[0], 1.0)
     shape = np.exp(np.interp(axis, _AXIS_RATIO, np.log(_OVER_SPHERE)))
-    return np.asarray(0.25 * shape * sphere_efficiency(diameter_mm, long_wave=long_wave))
+    inner = shape * (_FRONT + _REAR) - _FRONT
+    return np.asarray(0.25 * (_FRONT + inner * _left(diameter_mm, long_wave)))
+
+
+def _left(diameter_mm: np.ndarray, long_wave: bool) -> np.ndarray:
+    """What absorption leaves of light that crosses a drop and comes back [-]."""
+    return np.exp(-2e-3 * _ABSORPTION_PER_M[long_wave] * np.asarray(diameter_mm))
 
 
 def target_mm2(profile: LidarProfile, *, snow: bool) -> np.ndarray:
     """Reflectance times squared diameter of particles of :data:`DIAMETERS_MM` [mm^2]; rising."""
     if snow:
         return np.asarray(_FLAKE_REFLECTANCE * (_FLAKE_GROWTH * DIAMETERS_MM) ** 2)
-    long_wave = profile.wavelength_nm > 1200.0
+    long_wave = is_long_wave(profile)
     own = drop_reflectance(DIAMETERS_MM, long_wave=long_wave) * DIAMETERS_MM**2
     return np.maximum.accumulate(own)

@@ -56,7 +56,7 @@ def near_field(profile: LidarProfile, range_m: np.ndarray) -> NearField:
     wide, high = (0.5 * size for size in beam_size(profile, at))
     across = BASELINE_M + np.outer(wide, np.outer(radius, np.cos(angle)))
     up = np.outer(high, np.outer(radius, np.sin(angle)))
-    caught = _on_detector(profile, at[:, None], np.hypot(across, up))
+    caught = on_detector(profile, at[:, None], np.hypot(across, up))
     gauss = np.repeat(2.0 * np.exp(-2.0 * radius**2), _SPOKES)
     far = (gauss * caught[-1]).sum() / gauss.sum()
     pieces = _RINGS * _SPOKES
@@ -73,8 +73,14 @@ def beam_size(profile: LidarProfile, range_m: np.ndarray) -> tuple[np.ndarray, n
     return wide, high
 
 
-def _on_detector(profile: LidarProfile, range_m: np.ndarray, off_m: np.ndarray) -> np.ndarray:
-    """Share of a blur disc that lies on the detector, both round; ``off_m`` from its axis."""
+def on_detector(profile: LidarProfile, range_m: np.ndarray, off_m: np.ndarray) -> np.ndarray:
+    """Share of the blur disc of a point that lies on the detector, both round [-].
+
+    Args:
+        profile: of the sensor.
+        range_m: of the point, broadcastable to ``off_m``.
+        off_m: of the point from the receiver's axis.
+    """
     if profile.focus_m <= 0.0:
         return np.ones(off_m.shape)
     disc = np.broadcast_to(0.5 * APERTURE_M / range_m, off_m.shape)
