@@ -23,7 +23,8 @@ _FRONT = ((_INDEX - 1.0) / (_INDEX + 1.0)) ** 2
 _REAR = (1.0 - _FRONT) ** 2 * _FRONT * (_INDEX / (2.0 - _INDEX)) ** 2
 
 # Backscatter efficiency of a falling drop seen from the side over that of a sphere, by its axis
-# ratio: geometric optics, rays traced through oblate spheroids, within 2 degrees of the beam.
+# ratio: geometric optics, rays traced through oblate spheroids, within a few degrees of the beam
+# (tests/kernel/test_drop_rays.py).
 _AXIS_RATIO = np.array([0.72, 0.80, 0.85, 0.90, 0.94, 0.97, 1.0])
 _OVER_SPHERE = np.array([12.0, 2.4, 1.6, 1.26, 1.12, 1.06, 1.0])
 

@@ -27,6 +27,7 @@ RATES_MM_PER_H = np.geomspace(0.05, 200.0, 40)
 
 _FARTHEST_M = 60.0  # the air's returns from beyond are too weak for any sensor
 _LEVELS = 14  # of the signal, for which echo is the strongest
+_RARE = 1e-9  # echoes that no case will have
 
 # Backscatter over extinction of fog droplets at 905 nm [1/sr], one over their lidar ratio
 # (O'Connor, Illingworth, Hogan 2004: 18.8 sr; Mie's theory: 19 to 31 sr for 20 to 10 micrometres).
@@ -128,11 +129,13 @@ def _drop_row(
     # Signal of a drop of reflectance 1 and of 1 mm^2, for each piece of the beam [R, P].
     one_mm2 = 1e-6 * air.irradiance * air.caught * (passes / (wide * high * r**2))[:, None]
     levels = threshold(profile) * np.geomspace(1.0, 1e4, _LEVELS)
-    number = np.empty((_LEVELS, len(r)))  # echoes above a level per range
+    number = np.zeros((_LEVELS, len(r)))  # echoes above a level per range
     for k, level in enumerate(levels):
         needed = level / np.maximum(one_mm2, 1e-30)
         smallest = np.interp(needed, target_mm2, DIAMETERS_MM, right=DIAMETERS_MM[-1])
         number[k] = of.above(smallest).sum(axis=1) * air.piece_m2 * np.diff(edges)
+        if number[k].sum() < _RARE:
+            break
     expected = float(number[0].sum())
     between = np.maximum(number[:-1] - number[1:], 0.0)
     middle = np.sqrt(levels[1:] * levels[:-1])[:, None]
