@@ -83,7 +83,8 @@ class LidarProfile(_Spec, kw_only=True, frozen=True):
     focus_m: Annotated[float, Meta(ge=0, le=100)] = 8.0
     """Nearer than this the receiver, focused far away, catches only (R / focus)^2 of the light [m]:
     where the blur of its aperture (about 25 mm / R) outgrows the detector's field of view (about
-    3 mrad). Keeps haze and near targets from outshining everything."""
+    3 mrad). Keeps haze and near targets from outshining everything. What fog, drops and flakes send
+    back is also displaced, by the lens beside the beam: docs/precipitation.md."""
     hz: Annotated[int, Meta(ge=1, le=100)]
     """Sweeps per second [Hz], 1..100."""
     wavelength_nm: Annotated[float, Meta(ge=800, le=1600)]

@@ -72,6 +72,7 @@ READ = [
     ("twin", "snapshot", "--out", "{tmp}/sheet.png", "--weather", "clear", "--time", "12:00"),
     ("twin", "memory"),
     ("twin", "validate", "scene", "downtown"),
+    ("twin", "validate", "lidar", "spinning_16"),
     ("devkit", "models"),
     ("devkit", "darknet-cfg", "yolov2-tiny"),
     ("devkit", "check", "devkit.idle:IdleStack", "--ticks", "20"),

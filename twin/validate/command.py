@@ -102,3 +102,37 @@ def vehicle(
         path = page.write(out, car, checks)
         print(path, file=sys.stderr if output is Output.json else sys.stdout)
     raise typer.Exit(0 if all(check.passed for check in checks) else 1)
+
+
+@app.command()
+def lidar(
+    name: Annotated[str, typer.Argument(help="A shipped LiDAR profile, or the path of a file.")],
+    output: OutputOption = Output.human,
+) -> None:
+    """Put a LiDAR into rain, snow and fog, and compare what it sees with what was published.
+
+    It sweeps the open air, and walls 50 m away, on the CPU. Sources: docs/precipitation.md.
+    Exit code 1: a figure is outside the published range.
+    """
+    from twin.world.kernel_cache import prepare_kernels
+
+    prepare_kernels()  # before the modules that define kernels
+
+    from rich.console import Console
+
+    from twin.sensors.lidar.lidar import load_lidar_profile
+    from twin.validate import precipitation
+
+    try:
+        profile = load_lidar_profile(name)
+    except ValueError as error:
+        raise UsageError(str(error)) from None
+    found = precipitation.figures(profile)
+    rows = precipitation.checks(found, profile)
+    if output is Output.json:
+        print(json.dumps(precipitation.to_json(found, rows), indent=1))
+    else:
+        console = Console(width=None if sys.stdout.isatty() else 140)
+        for table in precipitation.to_tables(found, rows):
+            console.print(table)
+    raise typer.Exit(0 if all(row.passed for row in rows) else 1)

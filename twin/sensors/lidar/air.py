@@ -48,6 +48,11 @@ def rain_extinction(rain_mm_per_h: float) -> float:
     return 1.076 * rain_mm_per_h**0.67 * _DECIBEL_PER_KM if rain_mm_per_h > 0.0 else 0.0
 
 
+def snow_extinction(snow_mm_per_h: float) -> float:
+    """Extinction by falling dry snow [1/m]: 5.53 S^1.38 dB/km (ITU-R P.1814)."""
+    return 5.53 * snow_mm_per_h**1.38 * _DECIBEL_PER_KM if snow_mm_per_h > 0.0 else 0.0
+
+
 def fog_extinction(extinction_per_m: float, rain_mm_per_h: float, snow_mm_per_h: float) -> float:
     """Extinction by fog droplets [1/m]: what rain leaves over; in snow all of it is the flakes'."""
     if snow_mm_per_h > 0.0:
