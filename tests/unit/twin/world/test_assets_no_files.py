@@ -18,7 +18,7 @@ from twin.base.errors import InfrastructureError, UsageError
 from twin.base.picture_file import read_picture
 from twin.records.drive_record import RecordReader
 from twin.records.kpi_file import read_kpi
-from twin.sensors.lidar.lidar import load_lidar_profile
+from twin.sensors.lidar.profile_file import load_lidar_profile
 from twin.stack_identity.stack_class import class_mistakes
 from twin.vehicle.vehicle_file import load_vehicle
 from twin.world.content import Terrain
