@@ -19,8 +19,7 @@ from schemas.files.assets import mesh_files
 from twin.base.errors import UsageError
 from twin.base.picture_file import read_picture
 from twin.world.meshes.mesh_file import load_mesh
-from twin.world.meshes.terrain import load_heights
-from twin.world.scene import Terrain
+from twin.world.meshes.terrain import read_samples
 
 CFG = """[net]
 width=32
@@ -49,10 +48,6 @@ def _mesh(path: Path) -> object:
     return load_mesh(path)
 
 
-def _heights(path: Path) -> object:
-    return load_heights(Terrain(heightmap=str(path), size_m=(10.0, 10.0), height_m=1.0))
-
-
 def _score_table(data: bytes) -> None:
     judge("log.csv", data.decode("utf-8", "replace"), Parity())
 
@@ -75,7 +70,7 @@ TARGETS = {
         f"mesh-{kind}": Target(of_file(f"m.{kind}", _mesh), MESH, cost=10)
         for kind in ("obj", "ply", "stl", "gltf", "glb")
     },
-    "heights-npy": Target(of_file("h.npy", _heights), MESH),
-    "heights-png": Target(of_file("h.png", _heights), MESH),
+    "heights-npy": Target(of_file("h.npy", read_samples), MESH),
+    "heights-png": Target(of_file("h.png", read_samples), MESH),
     "picture": Target(of_file("p.png", read_picture), (UsageError,), cost=2),
 }

@@ -17,6 +17,7 @@ from twin.actors.motion import Motion, Still
 from twin.actors.objects import script_of
 from twin.actors.variations import Variations
 from twin.vehicle.vehicle_file import load_vehicle
+from twin.world.meshes.apart import read_files
 from twin.world.meshes.imports import add_imports
 from twin.world.meshes.mesh import MeshBuilder
 from twin.world.scene import Scene, load_scene
@@ -75,7 +76,7 @@ def _scene_mistakes(name: str) -> tuple[Motion | None, list[str]]:
         return None, [line if name in line else f"scene {name}: {line}"]
     lines = overlaps(scene)
     try:
-        add_imports(MeshBuilder(), scene, 0)
+        add_imports(MeshBuilder(), scene, 0, read_files(scene))
     except ValueError as error:
         lines.append(str(error))
     return motion, [f"scene {name}: {line}" for line in lines]

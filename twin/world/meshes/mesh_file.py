@@ -67,7 +67,7 @@ def load_mesh(path: Path) -> MeshData:
         ValueError: one line that names the file: not there, not a mesh, too large, NaN, no faces,
             a face that names a vertex that is not there.
     """
-    _check_before(path)
+    check_before(path)
     data = MeshData([])
     images: _Images = {}
     if path.suffix.lower() in (".glb", ".gltf"):
@@ -92,8 +92,12 @@ def load_mesh(path: Path) -> MeshData:
     return data
 
 
-def _check_before(path: Path) -> None:
-    """Refuse by name, size and header what need not be loaded."""
+def check_before(path: Path) -> None:
+    """Refuse by name, size and header what need not be loaded; everything that is no regular file.
+
+    Raises:
+        ValueError: as :func:`load_mesh`.
+    """
     if path.suffix.lower() not in SUFFIXES:
         raise ValueError(f"{path}: not a mesh format; allowed: {', '.join(SUFFIXES)}")
     try:

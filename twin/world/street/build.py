@@ -13,6 +13,7 @@ from twin.actors.motion import Motion, ObjectKind, Still
 from twin.actors.objects import build_cast
 from twin.road.lane import LanePath, straight
 from twin.world.kept import kept
+from twin.world.meshes.apart import read_files
 from twin.world.meshes.imports import add_imports
 from twin.world.meshes.mesh import Mesh, MeshBuilder
 from twin.world.scene import Scene
@@ -125,6 +126,7 @@ _built: dict[bytes, World] = {}
 
 
 def _build(scene: Scene) -> World:
+    files = read_files(scene)  # first: a file that cannot be used is refused at once
     mesh = MeshBuilder()
     layout = lay_out(scene)
     colliders: list[Hull] = add_obstacle(mesh, scene, layout)
@@ -160,7 +162,7 @@ def _build(scene: Scene) -> World:
         things += numbered("street lamp", "pole", len(posts))
         things += numbered("sign", "traffic_sign", len(poles))
         things += numbered("street furniture", "pole", len(pieces))
-    imported = add_imports(mesh, scene, len(classes))
+    imported = add_imports(mesh, scene, len(classes), files)
     classes += imported.classes
     solid = [item for item in scene.meshes if item.solid]
     things += [named(Path(m.file).stem, m.object_class or m.semantic) for m in solid]
