@@ -182,8 +182,8 @@ class _Unpacking:
         if found.dtype != check.dtype or found.ndim != len(check.shape):
             raise AnswerError(f"{shown}: not as declared")
         for size, axis in zip(found.shape, check.shape, strict=True):
-            named = isinstance(axis, str) and axis.isupper()
-            wanted = sizes.setdefault(str(axis), size) if named else axis
+            shared = isinstance(axis, str) and axis.isupper()
+            wanted = sizes.setdefault(str(axis), size) if shared else axis
             fits = size == wanted if isinstance(wanted, int) else True
             free = isinstance(axis, int) or check.side_min <= size <= check.side_max
             if not fits or not free:
@@ -192,8 +192,8 @@ class _Unpacking:
             if not np.isfinite(found).all():
                 raise AnswerError(f"{name} holds NaN or infinite numbers")
             self.finite.add(tree)
-        named = check.below and found.size
-        if named and (found.min() < 0 or found.max() >= sizes[check.below]):
+        indices = bool(check.below) and found.size > 0
+        if indices and (found.min() < 0 or found.max() >= sizes[check.below]):
             raise AnswerError(f"{name} names what is not there")
         return found
 

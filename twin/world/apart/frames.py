@@ -14,6 +14,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from schemas.files.json_text import JsonError, decode_json
 from twin.world.apart.checks import AnswerError
 
 HEAD_BYTES_MAX = 32 << 20
@@ -51,7 +52,7 @@ def write_frame(write: Callable[[memoryview], object], tree: Any, arrays: Sequen
         raise AnswerError(f"more than {ARRAYS_MAX} parts and pictures")
     write(memoryview(_LENGTH.pack(len(data)) + data))
     for array in plain:
-        write(memoryview(array.reshape(-1).view(np.uint8)))
+        write(array.reshape(-1).view(np.uint8).data)
 
 
 def write_error(write: Callable[[memoryview], object], error: str) -> None:
@@ -87,12 +88,12 @@ class FrameReader:
             EOFError: the process has ended.
             TimeoutError: the deadline has passed.
         """
-        (length,) = _LENGTH.unpack(self._read(_LENGTH.size))
+        (length,) = _LENGTH.unpack(self._read(_LENGTH.size).tobytes())
         if length > HEAD_BYTES_MAX:
             raise AnswerError(f"a head of {length} bytes")
         try:
-            head = msgspec.json.decode(self._read(length), type=FrameHead)
-        except (msgspec.DecodeError, RecursionError):
+            head: FrameHead = decode_json(self._read(length).tobytes(), FrameHead)
+        except JsonError:
             raise AnswerError("a head that cannot be read") from None
         if len(head.arrays) > ARRAYS_MAX:
             raise AnswerError(f"{len(head.arrays)} arrays")
@@ -113,7 +114,7 @@ class FrameReader:
             found = np.empty(count, np.uint8)  # memory is taken as it fills
         except MemoryError:
             raise AnswerError("more bytes than there is memory") from None
-        rest = memoryview(found)
+        rest = found.data
         waiting = select.poll()
         waiting.register(self.descriptor, select.POLLIN)
         while rest:

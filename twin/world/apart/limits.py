@@ -10,7 +10,7 @@ MEMORY_BYTES_MAX = 16 << 30
 CPU_S = 60
 """Processor time [s]."""
 
-WALL_S = 600.0
+WALL_S = 600
 """Time until it is given up, however busy the machine is [s]."""
 
 ANSWER_BYTES_MAX = 4 << 30

@@ -14,7 +14,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -61,7 +61,7 @@ def read_apart(
     readable: Sequence[Path] = (),
     cpu_s: int = CPU_S,
     wall_s: float = WALL_S,
-) -> Iterator[Any]:
+) -> Generator[Any, None, None]:
     """The answers of parsers, in order; one process parses all files.
 
     Args:
