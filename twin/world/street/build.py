@@ -13,8 +13,8 @@ from twin.actors.motion import Motion, ObjectKind, Still
 from twin.actors.objects import build_cast
 from twin.road.lane import LanePath, straight
 from twin.world.kept import kept
-from twin.world.meshes.apart import read_files
 from twin.world.meshes.imports import add_imports
+from twin.world.meshes.kept_files import kept_files
 from twin.world.meshes.mesh import Mesh, MeshBuilder
 from twin.world.scene import Scene
 from twin.world.street import sidewalks
@@ -107,7 +107,8 @@ class World:
 def build_world(scene: Scene) -> World:
     """Build the world of ``scene``; the same files give the same arrays. Do not write to them.
 
-    A scene without files of its own is built once and kept on disk (:mod:`twin.world.kept`).
+    A scene without files of its own is built once and kept on disk (:mod:`twin.world.kept`); of
+    others, what their files hold is.
 
     Raises:
         ValueError: a file or an object of the scene that cannot be used; one line.
@@ -126,7 +127,7 @@ _built: dict[bytes, World] = {}
 
 
 def _build(scene: Scene) -> World:
-    files = read_files(scene)  # first: a file that cannot be used is refused at once
+    files = kept_files(scene)  # first: a file that cannot be used is refused at once
     mesh = MeshBuilder()
     layout = lay_out(scene)
     colliders: list[Hull] = add_obstacle(mesh, scene, layout)
