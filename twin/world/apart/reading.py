@@ -34,7 +34,8 @@ from twin.world.apart.frames import FrameReader
 from twin.world.apart.limits import ANSWER_BYTES_MAX, CPU_S, WALL_S
 from twin.world.apart.parser import Parser, ReadRequest
 
-_COMMAND = (sys.executable, "-m", "twin.world.apart.child")
+# Without the dots of a path as it was typed: their folders are not in the sandbox.
+_COMMAND = (os.path.normpath(sys.executable), "-m", "twin.world.apart.child")
 _ONE_THREAD = (
     *("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"),
 )

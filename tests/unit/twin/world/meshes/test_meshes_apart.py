@@ -5,6 +5,8 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
+import subprocess
+import sys
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -19,6 +21,7 @@ from twin.world.meshes.apart import MESH_DATA, PART, read_files, read_mesh
 from twin.world.meshes.mesh_file import load_mesh
 from twin.world.scene import Scene, load_scene
 
+ROOT = Path(__file__).parents[5]
 WALL = "mtllib wall.mtl\nv 0 0 0\nv 2 0 0\nv 0 3 0\nv 2 3 0\nvt 0 0\nvt 1 0\nvt 0 1\n"
 WALL += "usemtl wall\nf 1/1 2/2 3/3\nusemtl more\nf 2/1 4/2 3/3\n"
 
@@ -129,6 +132,17 @@ def test_files_behind_links_and_dots_are_found(tmp_path: Path) -> None:
     for odd in (tmp_path / "link" / path.name, tmp_path / "beside" / ".." / "m" / path.name):
         same(load_mesh(odd), read_mesh(odd))
     same(load_mesh(tmp_path / "alias.obj"), read_mesh(tmp_path / "alias.obj"))
+
+
+def test_python_may_have_been_called_by_a_path_with_dots(tmp_path: Path) -> None:
+    typed_in = tmp_path / "other"
+    typed_in.mkdir()
+    python = typed_in / os.path.relpath(sys.executable, typed_in)
+    code = "import sys; from pathlib import Path; from twin.world.meshes.apart import read_mesh; "
+    code += "print(len(read_mesh(Path(sys.argv[1])).parts))"
+    command = [str(python), "-c", code, str(box(tmp_path, "ply"))]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.stdout == "1\n", done.stderr
 
 
 def scene(folder: Path, **keys: object) -> Scene:
