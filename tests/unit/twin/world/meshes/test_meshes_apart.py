@@ -21,7 +21,6 @@ from twin.world.meshes.apart import MESH_DATA, PART, read_files, read_mesh
 from twin.world.meshes.mesh_file import load_mesh
 from twin.world.scene import Scene, load_scene
 
-ROOT = Path(__file__).parents[5]
 WALL = "mtllib wall.mtl\nv 0 0 0\nv 2 0 0\nv 0 3 0\nv 2 3 0\nvt 0 0\nvt 1 0\nvt 0 1\n"
 WALL += "usemtl wall\nf 1/1 2/2 3/3\nusemtl more\nf 2/1 4/2 3/3\n"
 
@@ -135,13 +134,12 @@ def test_files_behind_links_and_dots_are_found(tmp_path: Path) -> None:
 
 
 def test_python_may_have_been_called_by_a_path_with_dots(tmp_path: Path) -> None:
-    typed_in = tmp_path / "other"
-    typed_in.mkdir()
-    python = typed_in / os.path.relpath(sys.executable, typed_in)
+    here = Path(__file__).parent
+    python = os.path.relpath(sys.executable, here)
     code = "import sys; from pathlib import Path; from twin.world.meshes.apart import read_mesh; "
     code += "print(len(read_mesh(Path(sys.argv[1])).parts))"
-    command = [str(python), "-c", code, str(box(tmp_path, "ply"))]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    command = [python, "-c", code, str(box(tmp_path, "ply"))]
+    done = subprocess.run(command, cwd=here, capture_output=True, text=True, check=False)
     assert done.stdout == "1\n", done.stderr
 
 
