@@ -27,11 +27,15 @@ _FILE_KEYS = ("file", "heightmap")
 _NAME_KEYS = ("profile",)
 """Keys whose values are names, or such paths."""
 
+# To the end of a line, whatever it holds: a pattern that looks for the last word of it can be made
+# to take hours.
 _MAP = re.compile(
-    rb"^[ \t]*(?:map_\w+|bump|disp|decal|norm|refl)[ \t]+(\S.*?)\s*$", re.MULTILINE | re.IGNORECASE
+    rb"^[ \t]*(?:map_\w+|bump|disp|decal|norm|refl)[ \t]+([^\r\n]+)", re.MULTILINE | re.IGNORECASE
 )
-_LIBRARY = re.compile(rb"\s*mtllib\s+(\S.*?)\s*$")
-_PLY_TEXTURE = re.compile(rb"^comment\s+TextureFile\s+(.+?)\s*$", re.MULTILINE | re.IGNORECASE)
+_LIBRARY = re.compile(rb"[ \t]*mtllib[ \t]+([^\r\n]+)")
+_PLY_TEXTURE = re.compile(
+    rb"^comment[ \t]+TextureFile[ \t]+([^\r\n]+)", re.MULTILINE | re.IGNORECASE
+)
 _HEAD_BYTES = 64 << 10
 _LINE_BYTES_MAX = 64 << 10
 _TEXT_BYTES_MAX = 64 << 20
@@ -134,7 +138,9 @@ def _obj_resources(mesh: Path) -> list[str]:
         except (OSError, ValueError):
             continue
         pictures = [
-            each for given in _MAP.findall(materials) for each in file_names(as_text(given))
+            each
+            for given in dict.fromkeys(_MAP.findall(materials))
+            for each in file_names(as_text(given))
         ]
         # They lie beside the mesh, or beside the library.
         folder = Path(name).parent

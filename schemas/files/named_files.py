@@ -8,6 +8,9 @@ from __future__ import annotations
 
 import re
 
+CHARS_MAX = 4096
+"""Longest name of a file with its options [characters]; longer ones name nothing."""
+
 _OPTIONS = {
     **dict.fromkeys(("-blendu", "-blendv", "-boost", "-cc", "-clamp", "-imfchan"), 1),
     **dict.fromkeys(("-texres", "-type", "-bm"), 1),
@@ -34,6 +37,8 @@ def file_names(text: str) -> list[str]:
     A material library may write options before a name, the separators of another system, or a path
     of the machine that wrote it; then a file of that name lies beside it.
     """
+    if len(text) > CHARS_MAX:
+        return []
     found = []
     for name in (text.strip(), _without_options(text)):
         for written in (name, name.replace("\\", "/")):

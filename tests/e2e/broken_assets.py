@@ -107,6 +107,15 @@ def _special(name: str, make: Callable[[Path], object]) -> Broken:
     return write
 
 
+def _piped(name: str) -> Broken:
+    def write(folder: Path) -> str:
+        os.mkfifo(folder / "pipe.png")
+        _put(folder / name, gltf(**_pictured("pipe.png")))
+        return json.dumps({"meshes": [{"file": name}]})
+
+    return write
+
+
 def _put(path: Path, content: str | bytes) -> None:
     path.write_bytes(content if isinstance(content, bytes) else content.encode())
 
@@ -167,6 +176,7 @@ BROKEN_SCENES: dict[str, tuple[Broken, tuple[str, ...]]] = {
         _textured("half.gltf", _picture("RGB")[:900]),
         ("half.gltf", "a texture cannot be read"),
     ),
+    "texture-fifo": (_piped("piped.gltf"), ("piped.gltf", "pipe.png", "a named pipe")),
     "terrain-missing": (_terrain("gone.png", None), ("gone.png", "No such file")),
     "terrain-large": (_terrain("large.npy", np.zeros((3, 1025))), ("large.npy", "3 x 1025")),
     "terrain-cut-off": (_terrain("cut.png", _picture("L")[:500]), ("cut.png", "not a PNG file")),

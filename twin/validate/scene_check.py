@@ -17,8 +17,6 @@ from twin.actors.motion import Motion, Still
 from twin.actors.objects import script_of
 from twin.actors.variations import Variations
 from twin.vehicle.vehicle_file import load_vehicle
-from twin.world.meshes.apart import read_files
-from twin.world.meshes.imports import add_imports
 from twin.world.meshes.mesh import MeshBuilder
 from twin.world.scene import Scene, load_scene
 from twin.world.street.standing import overlaps
@@ -74,9 +72,20 @@ def _scene_mistakes(name: str) -> tuple[Motion | None, list[str]]:
     except (ValueError, YamlError) as error:
         line = str(error)
         return None, [line if name in line else f"scene {name}: {line}"]
-    lines = overlaps(scene)
+    lines = [*overlaps(scene), *_file_mistakes(scene)]
+    return motion, [f"scene {name}: {line}" for line in lines]
+
+
+def _file_mistakes(scene: Scene) -> list[str]:
+    """What is wrong with the files of a scene; the first of them that cannot be used."""
+    if not scene.meshes and scene.terrain is None:
+        return []
+    # Most scenes have no files, and reading pictures takes libraries that are slow to load.
+    from twin.world.meshes.apart import read_files
+    from twin.world.meshes.imports import add_imports
+
     try:
         add_imports(MeshBuilder(), scene, 0, read_files(scene))
     except ValueError as error:
-        lines.append(str(error))
-    return motion, [f"scene {name}: {line}" for line in lines]
+        return [str(error)]
+    return []

@@ -216,3 +216,14 @@ def test_a_picture_of_a_ply_counts(tmp_path, encoding):
     head = "ply\nformat ascii 1.0\ncomment gr\xf6\xdfer\ncomment TextureFile p\\w\xfc.png\n"
     (tmp_path / "m.ply").write_bytes(f"{head}end_header\n".encode(encoding))
     assert tmp_path / "p" / "w\xfc.png" in mesh_files(tmp_path / "m.ply")
+
+
+@pytest.mark.parametrize(
+    "line",
+    ["map_Kd a" + " " * 2_000_000 + "b", "map_Kd " + "-o " * 500_000, "map_" + "a" * 2_000_000],
+)
+def test_a_line_that_is_made_to_take_long_names_nothing(tmp_path, line):
+    (tmp_path / "a.obj").write_text("mtllib a.mtl\n")
+    (tmp_path / "a.mtl").write_text(f"newmtl x\n{line}\nmap_Kd wall.png\n")
+    found = mesh_files(tmp_path / "a.obj")
+    assert found == [tmp_path / "a.obj", tmp_path / "a.mtl", tmp_path / "wall.png"]
