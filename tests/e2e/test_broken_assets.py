@@ -6,9 +6,11 @@ import json
 import subprocess
 from pathlib import Path
 
+import numpy as np
 import pytest
-from broken_assets import BROKEN_SCENES, BROKEN_VEHICLES, write_scene, write_vehicle
+from broken_assets import BROKEN_SCENES, BROKEN_VEHICLES, OBJ, write_scene, write_vehicle
 from many_commands import run_many
+from processes import outcomes
 
 PICTURE = ("--width", "32", "--weather", "clear", "--time", "12:00")
 
@@ -119,3 +121,24 @@ def test_a_campaign_with_one_mistake_says_one_line(tmp_path, axis):
     name = "mesh-nan" if axis == "scenario.scene" else "flat"
     for done in conducted(tmp_path, axis, [write(tmp_path, name)]):
         one_line(done, axis, name)
+
+
+def test_a_good_scene_of_files_runs(marked, tmp_path):
+    """Files that are not broken, in the simulator of a worker; no process of theirs is left."""
+    (tmp_path / "wall.obj").write_text(OBJ)
+    np.save(tmp_path / "hill.npy", np.zeros((3, 4)))
+    scene = {
+        "street": False,
+        "terrain": {"heightmap": "hill.npy", "size_m": [400, 400]},
+        "meshes": [{"file": "wall.obj", "position_m": [30, 5, 0]}],
+    }
+    path = tmp_path / "own.yaml"
+    path.write_text(json.dumps({"schema": 1, "scene": "own", **scene}))
+    file = campaign(tmp_path, "scenario.scene", [path])
+    data = {**json.loads(file.read_text()), "camera": {"width": 32, "height": 18}}
+    file.write_text(json.dumps({**data, "scenario": {"duration_s": 0.2}}))
+    out = tmp_path / "run"
+    done = marked.run("conductor", "run", str(file), "--out", str(out), "--workers", "1")
+    assert done.returncode in (0, 1), done.stderr
+    (row,) = outcomes(out).values()
+    assert row["outcome"] == "verdict", row
