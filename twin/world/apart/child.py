@@ -5,12 +5,10 @@ Its standard input names parsers and files; its standard output is the pipe of a
 
 from __future__ import annotations
 
-import importlib
 import os
 import resource
 import sys
 from pathlib import Path
-from typing import Any
 
 import msgspec
 
@@ -18,7 +16,7 @@ from twin.base.process import bind_to_parent
 from twin.world.apart.checks import pack
 from twin.world.apart.frames import write_error, write_frame
 from twin.world.apart.limits import LIMITS
-from twin.world.apart.parser import Parser, ReadRequest
+from twin.world.apart.parser import ReadRequest, parser_of
 
 
 def main() -> None:
@@ -26,7 +24,7 @@ def main() -> None:
     bind_to_parent()
     request = msgspec.json.decode(sys.stdin.buffer.read(), type=ReadRequest)
     answers = os.dup(1)
-    parsers = {name: imported(name) for name, _ in request.asks}
+    parsers = {name: parser_of(name) for name, _ in request.asks}
     reads = {name: parser.function() for name, parser in parsers.items()}
     _limit(request.cpu_s)
     _silence()
@@ -50,14 +48,6 @@ def main() -> None:
                 line = f"{path}: {parser.failed}: {type(error).__name__}: {line[:160]}"
             write_error(write, line)
             return
-
-
-def imported(name: str) -> Parser:
-    """A parser by ``module:ATTRIBUTE``."""
-    module, _, attribute = name.partition(":")
-    found: Any = getattr(importlib.import_module(module), attribute)
-    assert isinstance(found, Parser), name
-    return found
 
 
 def _limit(cpu_s: int) -> None:

@@ -32,6 +32,14 @@ class Parser:
         return found
 
 
+def parser_of(name: str) -> Parser:
+    """The parser that is called ``module:ATTRIBUTE``; imports its module."""
+    module, _, attribute = name.partition(":")
+    found: object = getattr(importlib.import_module(module), attribute)
+    assert isinstance(found, Parser), name
+    return found
+
+
 class ReadRequest(msgspec.Struct, forbid_unknown_fields=True):
     """What the process is asked."""
 

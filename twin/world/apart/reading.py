@@ -7,7 +7,6 @@ has no network, writes no file, and ends with the call.
 
 from __future__ import annotations
 
-import importlib
 import os
 import signal
 import subprocess
@@ -32,7 +31,7 @@ from twin.sandbox.view import SCRATCH, SandboxView
 from twin.world.apart.checks import AnswerError, unpack
 from twin.world.apart.frames import FrameReader
 from twin.world.apart.limits import ANSWER_BYTES_MAX, CPU_S, WALL_S
-from twin.world.apart.parser import Parser, ReadRequest
+from twin.world.apart.parser import ReadRequest, parser_of
 
 # Without the dots of a path as it was typed: their folders are not in the sandbox.
 _COMMAND = (os.path.normpath(sys.executable), "-m", "twin.world.apart.child")
@@ -97,7 +96,7 @@ def read_apart(
                 yield _answer(ask, path, reader, child)
             except _CutOffError:
                 words = f"not done after {cpu_s} s of processor time, simplify it first"
-                raise ValueError(f"{ask.path}: {_parser(ask.parser).failed}: {words}") from None
+                raise ValueError(f"{ask.path}: {parser_of(ask.parser).failed}: {words}") from None
 
 
 def unprotected() -> str:
@@ -107,7 +106,7 @@ def unprotected() -> str:
 
 
 def _answer(ask: AskedFile, path: Path, reader: FrameReader, child: subprocess.Popen[bytes]) -> Any:
-    parser = _parser(ask.parser)
+    parser = parser_of(ask.parser)
     try:
         head, arrays = reader.frame()
         if not head.error:
@@ -125,13 +124,6 @@ def _answer(ask: AskedFile, path: Path, reader: FrameReader, child: subprocess.P
     # The process knows the file by a name without links on its way.
     line = line.replace(str(path), str(ask.path)).replace(f"{path.parent}/", f"{ask.path.parent}/")
     raise ValueError(plain(line) or f"{ask.path}: {parser.failed}")
-
-
-def _parser(name: str) -> Parser:
-    module, _, attribute = name.partition(":")
-    found = getattr(importlib.import_module(module), attribute)
-    assert isinstance(found, Parser), name
-    return found
 
 
 def _seen(path: Path) -> Path:

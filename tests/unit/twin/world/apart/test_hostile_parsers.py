@@ -45,12 +45,11 @@ def refused(tmp_path: Path, parser: str, order: str = "", **options: float) -> s
 
 
 @sandboxed
-@pytest.mark.parametrize("place", ["beside", "/etc/shadow", "/etc/hostname", "home"])
+@pytest.mark.parametrize("place", ["beside", "/etc/shadow", "/etc/machine-id"])
 def test_other_files_are_not_there(tmp_path: Path, place: str) -> None:
     secret = tmp_path / "secret"
     secret.write_text("a word")
-    named = {"beside": secret, "home": next(Path.home().iterdir(), secret)}.get(place, place)
-    line = refused(tmp_path, "READ", str(named))
+    line = refused(tmp_path, "READ", str(secret) if place == "beside" else place)
     assert "No such file" in line
 
 
