@@ -1,8 +1,9 @@
-"""Whether the scenes and plug-ins of a campaign can be used, and the objects that it varies.
+"""Whether the scenes, vehicles and plug-ins of a campaign can be used, and the objects it varies.
 
-What a scene means is the business of ``twin``, and so are implementations of kinds: it is asked as
-any user would ask it, by a process of its own, once for all of a campaign. Shipped scenes that
-nothing is varied of are not looked at, nor is what was found good before and is the same.
+What a scene or a vehicle means is the business of ``twin``, and so are implementations of kinds: it
+is asked as any user would ask it, by a process of its own, once for all of a campaign. Shipped
+vehicles, and shipped scenes that nothing is varied of, are not looked at, nor is what was found
+good before and is the same.
 """
 
 from __future__ import annotations
@@ -40,13 +41,15 @@ FILE = "good-campaigns.json"
 
 
 def twin_mistakes(plan: Plan) -> list[Mistake]:
-    """What is wrong with the scenes and plug-ins of a campaign's cases.
+    """What is wrong with the scenes, vehicles and plug-ins of a campaign's cases.
 
     Raises:
         InfrastructureError: the check itself did not work.
     """
     cases, kinds = plan.cases, plan.kinds_of_others()
-    if not kinds and not any(is_path(c.rig.scene) or c.variation.objects for c in cases):
+    if not kinds and not any(
+        is_path(c.rig.scene) or is_path(c.rig.vehicle) or c.variation.objects for c in cases
+    ):
         return []
     identity = _identity(cases, kinds)
     if identity and identity in remembered(FILE):
@@ -59,7 +62,7 @@ def twin_mistakes(plan: Plan) -> list[Mistake]:
 
 
 def _ask(campaign: Campaign, kinds: Sequence[ForeignKind]) -> list[Mistake]:
-    shown = ", ".join(["scenes", *sorted({" ".join(kind.plugin) for kind in kinds})])
+    shown = ", ".join(["scenes", "vehicles", *sorted({" ".join(kind.plugin) for kind in kinds})])
     try:
         done = subprocess.run(
             [sys.executable, "-m", "twin", "validate", "campaign"],
@@ -89,10 +92,12 @@ def _ask(campaign: Campaign, kinds: Sequence[ForeignKind]) -> list[Mistake]:
 def _identity(cases: Sequence[Case], kinds: Sequence[ForeignKind]) -> str:
     """Digest of what decides whether the check finds anything; empty: that cannot be read."""
     scenes = {case.rig.scene for case in cases}
+    vehicles = {case.rig.vehicle for case in cases if is_path(case.rig.vehicle)}
     varied = {(case.rig.scene, _packed(case.variation.objects)) for case in cases}
     try:
         content = {name: asset_digest(Path(name)) if is_path(name) else name for name in scenes}
-        parts = [software_digest(), *(_code(kinds) if kinds else ())]
+        cars = sorted(asset_digest(Path(name)) for name in vehicles)
+        parts = [software_digest(), *cars, *(_code(kinds) if kinds else ())]
     except (OSError, YamlError, UsageError):
         return ""
     looked_at = sorted((content[scene].encode(), objects) for scene, objects in varied)

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
 
+from schemas.files.named_files import as_text, file_names
 from schemas.files.regular_file import open_regular, read_regular
 from schemas.files.yaml_file import load_yaml
 
@@ -26,8 +27,15 @@ _FILE_KEYS = ("file", "heightmap")
 _NAME_KEYS = ("profile",)
 """Keys whose values are names, or such paths."""
 
-_MAP = re.compile(rb"^\s*(?:map_\w+|bump|disp|decal)\s+(.+?)\s*$", re.MULTILINE)
-_PLY_TEXTURE = re.compile(rb"^comment\s+TextureFile\s+(.+?)\s*$", re.MULTILINE)
+# To the end of a line, whatever it holds: a pattern that looks for the last word of it can be made
+# to take hours.
+_MAP = re.compile(
+    rb"^[ \t]*(?:map_\w+|bump|disp|decal|norm|refl)[ \t]+([^\r\n]+)", re.MULTILINE | re.IGNORECASE
+)
+_LIBRARY = re.compile(rb"[ \t]*mtllib[ \t]+([^\r\n]+)")
+_PLY_TEXTURE = re.compile(
+    rb"^comment[ \t]+TextureFile[ \t]+([^\r\n]+)", re.MULTILINE | re.IGNORECASE
+)
 _HEAD_BYTES = 64 << 10
 _LINE_BYTES_MAX = 64 << 10
 _TEXT_BYTES_MAX = 64 << 20
@@ -111,28 +119,32 @@ def _resources(mesh: Path) -> list[str]:
     if suffix == ".ply":
         with open_regular(mesh) as file:
             head = file.read(_HEAD_BYTES).split(b"end_header")[0]
-        return [name.decode(errors="replace") for name in _PLY_TEXTURE.findall(head)]
+        return [name for given in _PLY_TEXTURE.findall(head) for name in file_names(as_text(given))]
     if suffix in (".gltf", ".glb"):
         return _gltf_resources(mesh)
     return _obj_resources(mesh) if suffix == ".obj" else []
 
 
 def _obj_resources(mesh: Path) -> list[str]:
-    found = []
+    found: list[str] = []
     with open_regular(mesh, FILE_BYTES_MAX) as lines:
         while line := lines.readline(_LINE_BYTES_MAX):
-            if line.startswith(b"mtllib "):
-                found.append(line[7:].strip().decode(errors="replace"))
-    for library in list(found):
-        path = mesh.parent / library
+            if b"mtllib" in line and (library := _LIBRARY.match(line)):
+                found += file_names(as_text(library[1]))
+    for name in list(found):
+        path = mesh.parent / name
         try:
             materials = read_regular(path, _TEXT_BYTES_MAX)
         except (OSError, ValueError):
             continue
-        for image in _MAP.findall(materials):
-            # Options may stand before the name; what is no file is left out.
-            text = image.decode(errors="replace")
-            found += [text, text.split()[-1]]
+        pictures = [
+            each
+            for given in dict.fromkeys(_MAP.findall(materials))
+            for each in file_names(as_text(given))
+        ]
+        # They lie beside the mesh, or beside the library.
+        folder = Path(name).parent
+        found += [*pictures, *(str(folder / each) for each in pictures)]
     return found
 
 

@@ -60,6 +60,10 @@ from twin.records.drive_record import RecordWriter, coded
 from twin.records.kpi_file import kpi_table
 from twin.rig.pipe import CaseDone, Progress, pack
 from twin.worker.spool import pack as spooled
+from twin.world.apart.checks import pack as packed
+from twin.world.apart.frames import write_frame
+from twin.world.meshes.apart import MESH_DATA
+from twin.world.meshes.mesh_file import MeshData, Part
 
 
 def _write(target: str, name: str, data: bytes | str) -> None:
@@ -226,6 +230,13 @@ def _gltf() -> None:
     _write("mesh-glb", "face", scene.export(file_type="glb"))
     files = scene.export(file_type="gltf", embed_buffers=True)
     _write("mesh-gltf", "face", files["model.gltf"])
+    points = np.eye(3)
+    picture = np.zeros((2, 2, 3), np.uint8)
+    faces, color = np.array([[0, 1, 2]]), np.full((1, 3), 0.5)
+    part = Part(points, faces, color, uv=points[:, :2].copy(), image=picture)
+    answer = bytearray()
+    write_frame(answer.extend, *packed(MeshData([part], ["m.obj: a note"]), MESH_DATA))
+    _write("mesh-answer", "face", bytes(answer))
 
 
 def _yaml() -> None:

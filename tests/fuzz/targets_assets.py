@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import time
 from functools import cache
 from pathlib import Path
 
@@ -18,9 +20,11 @@ from devkit.replaying.parity import Parity, judge
 from schemas.files.assets import mesh_files
 from twin.base.errors import UsageError
 from twin.base.picture_file import read_picture
+from twin.world.apart.checks import AnswerError, unpack
+from twin.world.apart.frames import FrameReader
+from twin.world.meshes.apart import MESH_DATA
 from twin.world.meshes.mesh_file import load_mesh
-from twin.world.meshes.terrain import load_heights
-from twin.world.scene import Terrain
+from twin.world.meshes.terrain import read_samples
 
 CFG = """[net]
 width=32
@@ -49,12 +53,21 @@ def _mesh(path: Path) -> object:
     return load_mesh(path)
 
 
-def _heights(path: Path) -> object:
-    return load_heights(Terrain(heightmap=str(path), size_m=(10.0, 10.0), height_m=1.0))
-
-
 def _score_table(data: bytes) -> None:
     judge("log.csv", data.decode("utf-8", "replace"), Parity())
+
+
+def _mesh_answer(data: bytes) -> object:
+    """What a parser's process answers of a mesh."""
+    memory = os.memfd_create("answer")
+    try:
+        os.pwrite(memory, data, 0)
+        head, arrays = FrameReader(memory, time.monotonic() + 60.0, 16 << 20).frame()
+    except EOFError:
+        raise AnswerError("cut off") from None
+    finally:
+        os.close(memory)
+    return head.error or unpack(head.tree, MESH_DATA, arrays)
 
 
 MESH = (ValueError,)
@@ -75,7 +88,8 @@ TARGETS = {
         f"mesh-{kind}": Target(of_file(f"m.{kind}", _mesh), MESH, cost=10)
         for kind in ("obj", "ply", "stl", "gltf", "glb")
     },
-    "heights-npy": Target(of_file("h.npy", _heights), MESH),
-    "heights-png": Target(of_file("h.png", _heights), MESH),
+    "mesh-answer": Target(_mesh_answer, (AnswerError,)),
+    "heights-npy": Target(of_file("h.npy", read_samples), MESH),
+    "heights-png": Target(of_file("h.png", read_samples), MESH),
     "picture": Target(of_file("p.png", read_picture), (UsageError,), cost=2),
 }

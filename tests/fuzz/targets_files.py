@@ -36,7 +36,7 @@ from twin.records import kpi_file
 from twin.records.autodrive_files import read_log_files
 from twin.records.drive_record import RecordReader
 from twin.rig.interventions.journal import read_journal
-from twin.sensors.lidar.lidar import load_lidar_profile
+from twin.sensors.lidar.profile_file import load_lidar_profile
 from twin.vehicle.vehicle_file import load_vehicle
 from twin.world.scene import load_scene
 from viewer.playback import folder as viewer_folder

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from twin.base.errors import UsageError
 from twin.cli import app
 from twin.sensors.lidar import hydrometeors, near_field, scatter
-from twin.sensors.lidar.lidar import load_lidar_profile
+from twin.sensors.lidar.profile_file import load_lidar_profile
 from twin.validate import precipitation
 
 SHIPPED = ("spinning_16", "spinning_32", "spinning_128")

@@ -21,8 +21,9 @@ from lidar_rigs import (
 from schemas.sections.lidar import Lidar
 from twin.render.trace.geometry import Face
 from twin.sensors.lidar import scatter as lidar_scatter
-from twin.sensors.lidar.lidar import LidarWeather, load_lidar_profile
+from twin.sensors.lidar.lidar import LidarWeather
 from twin.sensors.lidar.near_field import near_field
+from twin.sensors.lidar.profile_file import load_lidar_profile
 from twin.sensors.lidar.surface import face_colors, face_returns
 from twin.world.meshes import materials
 

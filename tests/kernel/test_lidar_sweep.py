@@ -26,7 +26,8 @@ from lidar_rigs import (
 
 from schemas.sections.lidar import POINT_COLUMNS, TRUTH_COLUMNS, Lidar
 from twin.sensors.lidar import returns as lidar_return
-from twin.sensors.lidar.lidar import LidarWeather, load_lidar_profile, point_table
+from twin.sensors.lidar.lidar import LidarWeather, point_table
+from twin.sensors.lidar.profile_file import load_lidar_profile
 from twin.world.meshes import materials
 from twin.world.meshes.mesh import MeshBuilder
 from twin.world.street.build import World

@@ -11,9 +11,9 @@ from msgspec.structs import replace
 
 from twin.validate.straight import stop
 from twin.vehicle.fleet import Fleet
-from twin.vehicle.model import GRAVITY_MPS2, MPH_60_MPS, vehicle_model
+from twin.vehicle.model import GRAVITY_MPS2, vehicle_model
 from twin.vehicle.state import COLUMN, columns
-from twin.vehicle.vehicle_file import Vehicle, load_vehicle
+from twin.vehicle.vehicle_file import MPH_60_MPS, Vehicle, load_vehicle
 from twin.world.kernel_cache import prepare_kernels
 
 prepare_kernels()

@@ -18,8 +18,9 @@ import warp as wp
 from schemas.sections.lidar import Lidar, LidarMount, LidarProfile
 from twin.bench.newton_lidar import MISS, PEER, NewtonLidar
 from twin.render.trace.geometry import Geometry
-from twin.sensors.lidar.lidar import LidarSensor, LidarWeather, load_lidar_profile
+from twin.sensors.lidar.lidar import LidarSensor, LidarWeather
 from twin.sensors.lidar.packet import PACKET
+from twin.sensors.lidar.profile_file import load_lidar_profile
 from twin.sensors.truth import TRUTH
 from twin.world.scene import Scene, load_scene
 from twin.world.street.build import World, build_world

@@ -1,4 +1,4 @@
-"""What is wrong with a campaign that only the simulator knows: its scenes, and its plug-ins."""
+"""What is wrong with a campaign that only the simulator knows: its scenes, vehicles, plug-ins."""
 
 from __future__ import annotations
 
@@ -6,16 +6,17 @@ from schemas.campaign import Campaign
 from schemas.kinds.registry import implementation
 from schemas.plan import plan_of
 from schemas.validation import Mistake
-from twin.validate.scene_check import Variant, mistakes_of
+from twin.validate.scene_check import Variant, mistakes_of, vehicle_mistakes
 
 
 def campaign_mistakes(campaign: Campaign) -> list[Mistake]:
-    """One per line of :func:`twin.validate.scene_check.mistakes_of`, and one per kind of another
+    """One per line of what :mod:`twin.validate.scene_check` says, and one per kind of another
     distribution whose implementation cannot be imported."""
     plan = plan_of(campaign)
     asked = (Variant(case.rig.scene, case.variation.objects) for case in plan.cases)
-    lines = mistakes_of(asked)
-    mistakes = [Mistake("scenario.scene", line) for line in lines]
+    mistakes = [Mistake("scenario.scene", line) for line in mistakes_of(asked)]
+    lines = vehicle_mistakes(case.rig.vehicle for case in plan.cases)
+    mistakes += [Mistake("scenario.vehicle", line) for line in lines]
     kinds = [kind for kind in plan.kinds_of_others() if kind.implementation]
     if not kinds:
         return mistakes

@@ -120,7 +120,7 @@ def lidar(
 
     from rich.console import Console
 
-    from twin.sensors.lidar.lidar import load_lidar_profile
+    from twin.sensors.lidar.profile_file import load_lidar_profile
     from twin.validate import precipitation
 
     try:

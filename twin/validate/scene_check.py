@@ -1,4 +1,8 @@
-"""What is wrong with scene files, and with objects that cases of a campaign vary; without Warp."""
+"""What is wrong with scene and vehicle files, and with objects that cases of a campaign vary.
+
+Everything that a simulator would refuse is loaded here, mesh files and heightmaps too, before a
+case is leased. It needs no Warp.
+"""
 
 from __future__ import annotations
 
@@ -12,6 +16,8 @@ from schemas.sections.objects import ObjectVariation
 from twin.actors.motion import Motion, Still
 from twin.actors.objects import script_of
 from twin.actors.variations import Variations
+from twin.vehicle.vehicle_file import load_vehicle
+from twin.world.meshes.mesh import MeshBuilder
 from twin.world.scene import Scene, load_scene
 from twin.world.street.standing import overlaps
 
@@ -46,6 +52,18 @@ def mistakes_of(variants: Iterable[Variant]) -> list[str]:
     return list(dict.fromkeys(lines))
 
 
+def vehicle_mistakes(names: Iterable[str]) -> list[str]:
+    """One line per vehicle that cannot be used; each is looked at once."""
+    lines = []
+    for name in dict.fromkeys(names):
+        try:
+            load_vehicle(name)
+        except (ValueError, YamlError) as error:
+            line = str(error)
+            lines.append(line if name in line else f"vehicle {name}: {line}")
+    return lines
+
+
 def _scene_mistakes(name: str) -> tuple[Motion | None, list[str]]:
     """The script of a scene, None if there is none, and what is wrong with the file."""
     try:
@@ -54,4 +72,20 @@ def _scene_mistakes(name: str) -> tuple[Motion | None, list[str]]:
     except (ValueError, YamlError) as error:
         line = str(error)
         return None, [line if name in line else f"scene {name}: {line}"]
-    return motion, [f"scene {name}: {line}" for line in overlaps(scene)]
+    lines = [*overlaps(scene), *_file_mistakes(scene)]
+    return motion, [f"scene {name}: {line}" for line in lines]
+
+
+def _file_mistakes(scene: Scene) -> list[str]:
+    """What is wrong with the files of a scene; the first of them that cannot be used."""
+    if not scene.meshes and scene.terrain is None:
+        return []
+    # Most scenes have no files, and reading pictures takes libraries that are slow to load.
+    from twin.world.meshes.apart import read_files
+    from twin.world.meshes.imports import add_imports
+
+    try:
+        add_imports(MeshBuilder(), scene, 0, read_files(scene))
+    except ValueError as error:
+        return [str(error)]
+    return []

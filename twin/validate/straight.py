@@ -9,9 +9,9 @@ from msgspec.structs import replace
 
 from twin.validate.check import CheckCurve, ManoeuvreCheck, thinned
 from twin.validate.track import DriverInput, ManoeuvreRun, drive
-from twin.vehicle.model import AIR_DENSITY_KGPM3, GRAVITY_MPS2, MPH_60_MPS
+from twin.vehicle.model import AIR_DENSITY_KGPM3, GRAVITY_MPS2
 from twin.vehicle.state import COLUMN
-from twin.vehicle.vehicle_file import Vehicle
+from twin.vehicle.vehicle_file import MPH_60_MPS, Vehicle
 
 DRY = 0.85
 """Friction of a dry road, as in the weather's presets [-]."""

@@ -13,11 +13,10 @@ import numpy as np
 import warp as wp
 
 from twin.vehicle.columns import PHYSICS_STEP_NS
-from twin.vehicle.vehicle_file import Vehicle
+from twin.vehicle.vehicle_file import MPH_60_MPS, Vehicle
 
 GRAVITY_MPS2 = 9.80665
 AIR_DENSITY_KGPM3 = 1.225
-MPH_60_MPS = 26.8224
 TABLE_ROWS = 16
 GEARS_MAX = 12
 
@@ -172,11 +171,6 @@ def brake_force_n(vehicle: Vehicle) -> float:
     """
     wheels, brakes = vehicle.wheels, vehicle.brakes
     way = brakes.distance_60mph_m - MPH_60_MPS * vehicle.lags.brake_s
-    if way <= 0.0:
-        raise ValueError(
-            f"brakes.distance_60mph_m {brakes.distance_60mph_m:g} is passed while the pedal's lag "
-            f"of {vehicle.lags.brake_s:g} s goes by; give a longer distance or a shorter lag"
-        )
     accel = MPH_60_MPS**2 / (2.0 * way)
     mass = vehicle.mass_kg
     spin = 4.0 * wheels.inertia_kgm2 / wheels.radius_m**2

@@ -14,9 +14,14 @@ from schemas.names import Name
 from schemas.sections.lens import CameraMount
 from schemas.sections.lidar import LidarMount
 from schemas.validation import suggest
+from twin.sensors.lidar.profile_file import mounted_profile
 from twin.world.scene import load_named, named_path
 
 _MODELS = Path(__file__).parent / "models"
+
+MPH_60_MPS = 26.8224
+_INERTIA_MIN = 1e-6
+"""Smallest determinant of the inertia about x and y, as a share of the product of both moments."""
 
 Positive = Annotated[float, Meta(gt=0)]
 NotNegative = Annotated[float, Meta(ge=0)]
@@ -300,6 +305,42 @@ class Vehicle(_Spec, kw_only=True):
                 f"body.com_height_m {self.body.com_height_m:g} is too low for wheels of radius "
                 f"{self.wheels.radius_m:g} m"
             )
+        self._check_inertia()
+        self._check_brakes()
+
+    def moments(self) -> tuple[float, float, float]:
+        """Moments of inertia of the sprung masses in roll and pitch, and their product
+        sum(m x y), about the centre of mass [kg m^2]."""
+        masses, body = self.body.corner_mass_kg, self.body
+        front = (masses[0] + masses[1]) / sum(masses)
+        left = (masses[0] + masses[2]) / sum(masses)
+        x_m = [self.wheelbase_m * share * body.gyration_x for share in (1.0 - front, -front)]
+        y_m = [self.track_m * share * body.gyration_y for share in (1.0 - left, -left)]
+        corners = [(x, y) for x in x_m for y in y_m]
+        rows = [(mass, x, y) for mass, (x, y) in zip(masses, corners, strict=True)]
+        return (
+            sum(mass * y * y for mass, _, y in rows),
+            sum(mass * x * x for mass, x, _ in rows),
+            sum(mass * x * y for mass, x, y in rows),
+        )
+
+    def _check_inertia(self) -> None:
+        """Refuse masses whose tensor no kernel could invert: all on one line, or on one point."""
+        roll, pitch, product = self.moments()
+        if not roll * pitch - product**2 > _INERTIA_MIN * roll * pitch > 0.0:
+            raise ValueError(
+                f"body: its inertia is not positive: roll {roll:g}, pitch {pitch:g}, product "
+                f"{product:g} kg m^2; spread corner_mass_kg, and raise gyration_x and gyration_y"
+            )
+
+    def _check_brakes(self) -> None:
+        """Refuse a braking distance that is over before the brakes act."""
+        distance_m, lag_s = self.brakes.distance_60mph_m, self.lags.brake_s
+        if distance_m <= MPH_60_MPS * lag_s:
+            raise ValueError(
+                f"brakes.distance_60mph_m {distance_m:g} is passed while the pedal's lag of "
+                f"{lag_s:g} s goes by; give a longer distance or a shorter lag"
+            )
 
     def camera(self, name: str) -> CameraMount:
         """The camera called ``name``.
@@ -346,7 +387,8 @@ def load_vehicle(name_or_path: str) -> Vehicle:
     Files that it names are relative to it; the result holds paths that can be opened.
 
     Raises:
-        ValueError: no such vehicle, or a mistake in its file; one line.
+        ValueError: no such vehicle, or a mistake in its file or in a LiDAR profile that it names;
+            one line.
     """
     vehicle = load_named(name_or_path, Vehicle, _MODELS, "vehicle")
     folder = named_path(name_or_path, _MODELS, "vehicle").parent
@@ -356,4 +398,10 @@ def load_vehicle(name_or_path: str) -> Vehicle:
         else mount
         for name, mount in vehicle.lidars.items()
     }
+    if is_path(name_or_path):
+        for name, mount in lidars.items():
+            try:
+                mounted_profile(mount)
+            except ValueError as error:
+                raise ValueError(f"{name_or_path}: lidars.{name}: {error}") from None
     return replace(vehicle, lidars=lidars)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import warp as wp
@@ -28,33 +27,12 @@ from twin.sensors.lidar.air import LidarAir, fog_extinction
 from twin.sensors.lidar.surface import SNOW_REFLECTANCE, face_colors, face_returns, is_long_wave
 from twin.sensors.truth import POSITION, ROTATION
 from twin.world.mirror import Mirror
-from twin.world.scene import load_named
-
-_PROFILES = Path(__file__).parent / "profiles"
 
 assert (POSITION, ROTATION) == (0, 3), "the sweep keeps the first seven columns of the truth"
 _POSE_COLUMNS = 7
 
 _SPECKLE_MAX = 8.0
 """Fog's strongest echo over its mean row signal, for deciding whether it can be detected."""
-
-
-def load_lidar_profile(name_or_path: str) -> LidarProfile:
-    """Load a shipped LiDAR profile by name, or a profile file by path.
-
-    Raises:
-        ValueError: no such profile, or a mistake in its file; one line.
-    """
-    return load_named(name_or_path, LidarProfile, _PROFILES, "LiDAR profile")
-
-
-def mounted_profile(mount: LidarMount) -> LidarProfile:
-    """The profile of ``mount``, inline or loaded.
-
-    Raises:
-        ValueError: as :func:`load_lidar_profile`.
-    """
-    return mount.inline or load_lidar_profile(mount.profile)
 
 
 @dataclass(frozen=True, slots=True)

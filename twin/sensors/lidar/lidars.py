@@ -9,7 +9,8 @@ from schemas.sections.lidar import lidar_columns
 from twin.fabric.frames import FrameChannel
 from twin.render.memory import LidarLoad, MemoryRow
 from twin.sensors.data import SensorData
-from twin.sensors.lidar.lidar import LidarSensor, LidarWeather, mounted_profile
+from twin.sensors.lidar.lidar import LidarSensor, LidarWeather
+from twin.sensors.lidar.profile_file import mounted_profile
 from twin.sensors.ray_sensor import Moment, RayMount, Sight
 from twin.vehicle.vehicle_file import Vehicle
 from twin.world.sky.sun import Daylight

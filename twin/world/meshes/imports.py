@@ -11,8 +11,9 @@ import numpy as np
 from schemas.escape import escape
 from twin.world.content import MeshFile
 from twin.world.meshes import materials
+from twin.world.meshes.apart import SceneFiles
 from twin.world.meshes.mesh import MeshBuilder
-from twin.world.meshes.mesh_file import Part, load_mesh
+from twin.world.meshes.mesh_file import Part
 from twin.world.meshes.mesh_header import FACES_MAX
 from twin.world.meshes.terrain import add_terrain
 from twin.world.scene import Scene
@@ -34,22 +35,29 @@ class ImportedMeshes:
     """What was left out of files: one line per file and feature, escaped."""
 
 
-def add_imports(mesh: MeshBuilder, scene: Scene, first_instance: int) -> ImportedMeshes:
+def add_imports(
+    mesh: MeshBuilder, scene: Scene, first_instance: int, files: SceneFiles
+) -> ImportedMeshes:
     """Add terrain and mesh files to the world.
+
+    Args:
+        mesh: receives their faces.
+        scene: says where they lie.
+        first_instance: number of the first object of theirs.
+        files: what they hold.
 
     Raises:
         ValueError: a file that cannot be used; one line.
     """
-    if scene.terrain is not None:
-        add_terrain(mesh, scene.terrain)
+    if scene.terrain is not None and files.samples is not None:
+        add_terrain(mesh, scene.terrain, files.samples)
     classes: list[str] = []
     hulls: list[Hull] = []
-    notes: list[str] = []
+    notes: list[str] = list(files.notes)
     textures: list[np.ndarray] = []
     faces = 0
-    for number, item in enumerate(scene.meshes):
+    for number, (item, data) in enumerate(zip(scene.meshes, files.meshes, strict=True)):
         try:
-            data = load_mesh(Path(item.file))
             instance = -1
             if item.object_class is not None:
                 instance = first_instance + len(classes)

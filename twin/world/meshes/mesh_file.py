@@ -21,6 +21,7 @@ from schemas.files.regular_file import open_regular
 from twin.world.meshes.gltf.document import GltfError
 from twin.world.meshes.gltf.reader import read_pieces
 from twin.world.meshes.mesh_header import FACES_MAX, FILE_BYTES_MAX, SUFFIXES, declared_faces
+from twin.world.meshes.others import Beside, stream_of
 from twin.world.meshes.srgb import linear, srgb
 
 TEXTURE_SIDE_MAX = 2048
@@ -67,7 +68,7 @@ def load_mesh(path: Path) -> MeshData:
         ValueError: one line that names the file: not there, not a mesh, too large, NaN, no faces,
             a face that names a vertex that is not there.
     """
-    _check_before(path)
+    check_before(path)
     data = MeshData([])
     images: _Images = {}
     if path.suffix.lower() in (".glb", ".gltf"):
@@ -92,8 +93,12 @@ def load_mesh(path: Path) -> MeshData:
     return data
 
 
-def _check_before(path: Path) -> None:
-    """Refuse by name, size and header what need not be loaded."""
+def check_before(path: Path) -> None:
+    """Refuse by name, size and header what need not be loaded; everything that is no regular file.
+
+    Raises:
+        ValueError: as :func:`load_mesh`.
+    """
     if path.suffix.lower() not in SUFFIXES:
         raise ValueError(f"{path}: not a mesh format; allowed: {', '.join(SUFFIXES)}")
     try:
@@ -131,7 +136,7 @@ def _check_named(file: Path, path: Path) -> None:
         raise ValueError(f"{path}: it names {file}: {error.strerror or error}") from None
 
 
-def _read(path: Path) -> list[Any]:
+def _read(path: Path, notes: list[str]) -> list[Any]:
     """Geometries of a file, moved to where the file's nodes put them."""
     import trimesh  # heavy, and most scenes have no mesh files
 
@@ -139,12 +144,18 @@ def _read(path: Path) -> list[Any]:
     before = log.level
     log.setLevel(logging.CRITICAL)  # it logs what it raises
     try:
-        scene = trimesh.load_scene(path, process=False, validate=False)
+        beside = Beside(path)
+        scene = trimesh.load_scene(
+            stream_of(path),
+            file_type=path.suffix.lower()[1:],
+            resolver=beside,
+            process=False,
+            validate=False,
+        )
+        notes += dict.fromkeys(beside.missing)
         return list(scene.dump(concatenate=False))
     except MemoryError:
         raise ValueError(f"{path}: not enough memory to load it") from None
-    except ModuleNotFoundError:  # it asks for a package that guesses encodings
-        raise ValueError(f"{path}: cannot be read as a mesh: not UTF-8 text") from None
     except Exception as error:  # its loaders raise whatever their parsers do
         reason = " ".join(str(error).split()) or type(error).__name__
         raise ValueError(f"{path}: cannot be read as a mesh: {reason[:160]}") from None
@@ -154,7 +165,7 @@ def _read(path: Path) -> list[Any]:
 
 def _other_parts(path: Path, notes: list[str], images: _Images) -> Iterator[Part]:
     """What trimesh reads."""
-    for geometry in _read(path):
+    for geometry in _read(path, notes):
         if hasattr(geometry, "faces"):
             faces = np.asarray(geometry.faces, np.int64).reshape(-1, 3)
             part = _look(geometry, faces, path, notes, images)

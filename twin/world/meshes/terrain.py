@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from schemas.files.regular_file import read_regular
+from schemas.files.regular_file import open_regular, read_regular
 from twin.base.picture_file import DAMAGED
 from twin.world.content import Terrain
 from twin.world.meshes import materials
@@ -29,14 +29,27 @@ _COLORS: dict[str, Color] = {
 _EARTH: Color = (0.20, 0.16, 0.12)
 
 
-def load_heights(terrain: Terrain) -> np.ndarray:
-    """Heights [rows, columns] above the terrain's position, the first row at the lowest y [m].
+def check_heightmap(path: Path) -> None:
+    """Refuse a heightmap that is no regular file, or too large.
 
     Raises:
-        ValueError: no such file, no picture or array of heights, too large or not finite.
+        ValueError: one line that names it.
     """
-    path = Path(terrain.heightmap)
-    where = f"terrain.heightmap {path}"
+    try:
+        open_regular(path, _FILE_BYTES_MAX).close()
+    except OSError as error:
+        raise ValueError(f"{_where(path)}: {error.strerror or error}") from None
+
+
+def read_samples(path: Path) -> np.ndarray:
+    """Samples of a heightmap, float64 [rows, columns]: shares of the brightest value of a PNG file,
+    values of an NPY file as they are; the last row lies at the lowest y.
+
+    Raises:
+        ValueError: no such file, no picture or array of heights, too large or not finite; one line
+            that names it.
+    """
+    where = _where(path)
     try:
         data = read_regular(path, _FILE_BYTES_MAX)
     except OSError as error:
@@ -49,10 +62,14 @@ def load_heights(terrain: Terrain) -> np.ndarray:
         raise ValueError(f"{where}: allowed are .png and .npy files")
     rows, columns = values.shape
     _check_size(rows, columns, where)
-    heights = values.astype(np.float64)[::-1] * terrain.height_m
-    if not np.isfinite(heights).all():
+    samples = values.astype(np.float64)
+    if not np.isfinite(samples).all():
         raise ValueError(f"{where}: holds NaN or infinite heights")
-    return heights
+    return samples
+
+
+def _where(path: Path) -> str:
+    return f"terrain.heightmap {path}"
 
 
 def _check_size(rows: int, columns: int, where: str) -> None:
@@ -88,13 +105,20 @@ def _from_png(data: bytes, where: str) -> np.ndarray:
     return values / _SAMPLE_MAX[picture.mode]
 
 
-def add_terrain(mesh: MeshBuilder, terrain: Terrain) -> None:
+def add_terrain(mesh: MeshBuilder, terrain: Terrain, samples: np.ndarray) -> None:
     """Add the heightfield as a mesh.
 
+    Args:
+        mesh: receives it.
+        terrain: where it lies, and its looks.
+        samples: what :func:`read_samples` read of its heightmap.
+
     Raises:
-        ValueError: see :func:`load_heights`.
+        ValueError: it is infinitely high.
     """
-    heights = load_heights(terrain)
+    heights = samples[::-1] * terrain.height_m
+    if not np.isfinite(heights).all():
+        raise ValueError(f"{_where(Path(terrain.heightmap))}: holds NaN or infinite heights")
     rows, columns = heights.shape
     x0, y0, z0 = terrain.position_m
     half_x, half_y = terrain.size_m[0] / 2, terrain.size_m[1] / 2

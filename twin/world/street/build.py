@@ -14,6 +14,7 @@ from twin.actors.objects import build_cast
 from twin.road.lane import LanePath, straight
 from twin.world.kept import kept
 from twin.world.meshes.imports import add_imports
+from twin.world.meshes.kept_files import kept_files
 from twin.world.meshes.mesh import Mesh, MeshBuilder
 from twin.world.scene import Scene
 from twin.world.street import sidewalks
@@ -106,7 +107,8 @@ class World:
 def build_world(scene: Scene) -> World:
     """Build the world of ``scene``; the same files give the same arrays. Do not write to them.
 
-    A scene without files of its own is built once and kept on disk (:mod:`twin.world.kept`).
+    A scene without files of its own is built once and kept on disk (:mod:`twin.world.kept`); of
+    others, what their files hold is.
 
     Raises:
         ValueError: a file or an object of the scene that cannot be used; one line.
@@ -125,6 +127,7 @@ _built: dict[bytes, World] = {}
 
 
 def _build(scene: Scene) -> World:
+    files = kept_files(scene)  # first: a file that cannot be used is refused at once
     mesh = MeshBuilder()
     layout = lay_out(scene)
     colliders: list[Hull] = add_obstacle(mesh, scene, layout)
@@ -160,7 +163,7 @@ def _build(scene: Scene) -> World:
         things += numbered("street lamp", "pole", len(posts))
         things += numbered("sign", "traffic_sign", len(poles))
         things += numbered("street furniture", "pole", len(pieces))
-    imported = add_imports(mesh, scene, len(classes))
+    imported = add_imports(mesh, scene, len(classes), files)
     classes += imported.classes
     solid = [item for item in scene.meshes if item.solid]
     things += [named(Path(m.file).stem, m.object_class or m.semantic) for m in solid]

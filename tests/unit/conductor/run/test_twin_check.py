@@ -103,6 +103,18 @@ def test_what_was_good_is_not_looked_at_again_until_it_changes(tmp_path, monkeyp
             lines(tmp_path, scene, **changes)
 
 
+def test_a_vehicle_that_was_good_is_not_looked_at_again_until_it_changes(tmp_path, monkeypatch):
+    car = tmp_path / "car.yaml"
+    shutil.copy(ROOT / "twin" / "vehicle" / "models" / "opencav.yaml", car)
+    data = {"campaign": "c", "scenario": {"vehicle": str(car)}, "matrix": {"repeat": [0]}}
+    assert check(data)[1] == []
+    monkeypatch.setattr(sys, "executable", "/nothing/that/runs")
+    assert check(data)[1] == []
+    car.write_text(car.read_text() + "\n# changed\n")
+    with pytest.raises(FileNotFoundError):  # it is asked
+        check(data)
+
+
 STOPS = """\
 campaign: c
 scenario: {type: stop_line, line_m: 4}
@@ -151,5 +163,5 @@ def test_an_implementation_that_takes_its_process_down_is_named(example):
     (copy / "thermometer.py").write_text("import os\nos._exit(7)\n")
     code, said = validate()
     assert code == 3
-    assert [line for line in said if "scenes, plugin-example 1.0: " in line], said
+    assert [line for line in said if "scenes, vehicles, plugin-example 1.0: " in line], said
     assert not [line for line in said if "Traceback" in line]

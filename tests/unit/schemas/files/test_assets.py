@@ -142,3 +142,88 @@ def test_binary_gltf_and_long_obj_files_name_theirs(tmp_path):
     obj = tmp_path / "m.obj"
     obj.write_bytes(b"v 0 0 0\n" * 1000 + b"mtllib late.mtl\n")
     assert [p.name for p in mesh_files(obj)] == ["m.obj", "late.mtl"]
+
+
+TEXTURES = {
+    # What stands in a material library -> the picture that is meant.
+    "map_Kd wall.png": "wall.png",
+    "map_Kd pictures/wall.png": "pictures/wall.png",
+    "map_Kd ./wall.png": "wall.png",
+    "map_Kd .\\wall.jpg": "wall.jpg",
+    "map_Kd pictures\\old\\wall.jpg": "pictures/old/wall.jpg",
+    "map_Kd C:\\Users\\me\\wall.jpg": "wall.jpg",
+    "map_Kd /home/me/wall.jpg": "wall.jpg",
+    "map_Kd -s 1 1 1 wall.png": "wall.png",
+    "map_Kd -clamp on -o 0.5 0.5 -mm 0 1 my wall.png": "my wall.png",
+    "map_Kd -s 2 2 .\\pictures\\my wall.png": "pictures/my wall.png",
+    "  MAP_KD\twall.png  ": "wall.png",
+    "map_Kd ../beside/wall.png": "../beside/wall.png",
+    "map_Bump -bm 0.3 rough.png": "rough.png",
+    "norm rough.png": "rough.png",
+    "map_Kd Mauer\xfc.png": "Mauer\xfc.png",
+}
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "latin-1"])
+@pytest.mark.parametrize("line", TEXTURES)
+def test_a_picture_of_a_material_library_counts(tmp_path, line, encoding):
+    folder = tmp_path / "m"
+    picture = folder / TEXTURES[line]
+    folder.mkdir()
+    picture.parent.mkdir(parents=True, exist_ok=True)
+    picture.write_bytes(b"1")
+    scene = tmp_path / "scene.yaml"
+    scene.write_text("meshes: [{file: m/a.obj}]\n")
+    (folder / "a.obj").write_text("mtllib a.mtl\nv 0 0 0\n")
+    (folder / "a.mtl").write_bytes(f"# gr\xf6\xdfer\nnewmtl x\n{line}\n".encode(encoding))
+    before = asset_digest(scene)
+    picture.write_bytes(b"2")
+    assert asset_digest(scene) != before
+
+
+@pytest.mark.parametrize("line", ["mtllib\ta.mtl", "  mtllib a.mtl", "mtllib .\\a.mtl"])
+def test_a_material_library_counts_however_it_is_named(tmp_path, line):
+    (tmp_path / "a.mtl").write_text("newmtl x\n")
+    (tmp_path / "m.obj").write_text(f"v 0 0 0\n{line}\n")
+    assert tmp_path / "a.mtl" in [path.resolve() for path in mesh_files(tmp_path / "m.obj")]
+
+
+def test_pictures_lie_beside_the_mesh_or_beside_its_library(tmp_path):
+    (tmp_path / "lib").mkdir()
+    (tmp_path / "m.obj").write_text("mtllib lib/a.mtl\n")
+    (tmp_path / "lib" / "a.mtl").write_text("newmtl x\nmap_Kd x.png\n")
+    assert {tmp_path / "x.png", tmp_path / "lib" / "x.png"} < set(mesh_files(tmp_path / "m.obj"))
+
+
+@pytest.mark.parametrize(
+    ("uri", "name"),
+    [("w%20all%C3%BC.png", "w all\xfc.png"), ("p/w.png", "p/w.png"), ("./p/../w.png", "w.png")],
+)
+def test_a_percent_encoded_uri_of_a_gltf_counts(tmp_path, uri, name):
+    (tmp_path / "p").mkdir()
+    (tmp_path / "m.gltf").write_text(json.dumps({"images": [{"uri": uri}]}))
+    picture = tmp_path / name
+    picture.write_bytes(b"1")
+    scene = tmp_path / "scene.yaml"
+    scene.write_text("meshes: [{file: m.gltf}]\n")
+    before = asset_digest(scene)
+    picture.write_bytes(b"2")
+    assert asset_digest(scene) != before
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "latin-1"])
+def test_a_picture_of_a_ply_counts(tmp_path, encoding):
+    head = "ply\nformat ascii 1.0\ncomment gr\xf6\xdfer\ncomment TextureFile p\\w\xfc.png\n"
+    (tmp_path / "m.ply").write_bytes(f"{head}end_header\n".encode(encoding))
+    assert tmp_path / "p" / "w\xfc.png" in mesh_files(tmp_path / "m.ply")
+
+
+@pytest.mark.parametrize(
+    "line",
+    ["map_Kd a" + " " * 2_000_000 + "b", "map_Kd " + "-o " * 500_000, "map_" + "a" * 2_000_000],
+)
+def test_a_line_that_is_made_to_take_long_names_nothing(tmp_path, line):
+    (tmp_path / "a.obj").write_text("mtllib a.mtl\n")
+    (tmp_path / "a.mtl").write_text(f"newmtl x\n{line}\nmap_Kd wall.png\n")
+    found = mesh_files(tmp_path / "a.obj")
+    assert found == [tmp_path / "a.obj", tmp_path / "a.mtl", tmp_path / "wall.png"]

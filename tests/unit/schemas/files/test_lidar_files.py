@@ -4,7 +4,7 @@ import pytest
 
 from schemas.sections.lidar import POINT_COLUMNS, Lidar, LidarMount, LidarProfile, lidar_columns
 from schemas.validation import convert_all
-from twin.sensors.lidar.lidar import load_lidar_profile, mounted_profile
+from twin.sensors.lidar.profile_file import load_lidar_profile, mounted_profile
 
 BASE = """\
 schema: 1

@@ -2,11 +2,13 @@
 
 import re
 
+import numpy as np
 import pytest
+from msgspec.structs import replace
 
-from twin.vehicle.model import MPH_60_MPS, brake_force_n, gain, vehicle_model
+from twin.vehicle.model import brake_force_n, gain, vehicle_model
 from twin.vehicle.state import COLUMN, TELEMETRY, VehicleState, columns
-from twin.vehicle.vehicle_file import _MODELS, load_vehicle
+from twin.vehicle.vehicle_file import _MODELS, MPH_60_MPS, load_vehicle
 
 TEXT = (_MODELS / "opencav.yaml").read_text()
 
@@ -28,6 +30,9 @@ TEXT = (_MODELS / "opencav.yaml").read_text()
         ("corner_mass_kg: [523.0, 523.0,", "corner_mass_kg: [523.0,", r"corner_mass_kg"),
         ("  mass_kg: 42.0", "  weight_kg: 42.0", r"weight_kg"),
         ("com_height_m: 0.69", "com_height_m: 0.1", r"too low for wheels of radius 0.36"),
+        ("gyration_y: 0.76", "gyration_y: 1.0e-200", r"body: its inertia is not positive"),
+        ("523.0, 412.5, 412.5", "1.0e-9, 1.0e-9, 412.5", r"its inertia is not .* spread corner_"),
+        ("_60mph_m: 46.5", "_60mph_m: 2.0", r"60mph_m 2 is passed while the pedal's lag of 0.1 s"),
     ],
 )
 def test_a_mistake_is_one_line(tmp_path, old, new, expected):
@@ -40,11 +45,23 @@ def test_a_mistake_is_one_line(tmp_path, old, new, expected):
     assert "car.yaml" in str(error.value)
 
 
-def test_a_distance_shorter_than_the_pedal_s_lag_is_refused(tmp_path):
+@pytest.mark.parametrize(
+    "masses", [[523.0, 523.0, 412.5, 412.5], [900.0, 300.0, 200.0, 700.0], [1.0, 2.0, 3.0, 4.0]]
+)
+def test_moments_that_a_file_is_judged_by_are_those_of_the_kernels(masses):
+    car = load_vehicle("opencav")
+    car = replace(car, body=replace(car.body, corner_mass_kg=masses))
+    tensor = np.array(vehicle_model(car).inertia).reshape(3, 3)
+    roll, pitch, product = car.moments()
+    assert (roll, pitch, product) == pytest.approx((tensor[0, 0], tensor[1, 1], -tensor[0, 1]))
+
+
+def test_a_lidar_profile_that_a_vehicle_file_names_is_looked_at(tmp_path):
     path = tmp_path / "car.yaml"
-    path.write_text(TEXT.replace("distance_60mph_m: 46.5", "distance_60mph_m: 2.0"))
-    with pytest.raises(ValueError, match=r"distance_60mph_m 2 is passed while the pedal's lag"):
-        vehicle_model(load_vehicle(str(path)))
+    own = "lidars:\n  roof: {position_m: [1, 0, 2], profile: ./own.yaml}\n"
+    path.write_text(TEXT[: TEXT.index("lidars:")] + own + TEXT[TEXT.index("headlamps_m:") :])
+    with pytest.raises(ValueError, match=r"car\.yaml: lidars\.roof: .*own\.yaml: No such file"):
+        load_vehicle(str(path))
 
 
 def test_brake_force_is_that_of_the_distance():

@@ -18,12 +18,11 @@ from twin.base.errors import InfrastructureError, UsageError
 from twin.base.picture_file import read_picture
 from twin.records.drive_record import RecordReader
 from twin.records.kpi_file import read_kpi
-from twin.sensors.lidar.lidar import load_lidar_profile
+from twin.sensors.lidar.profile_file import load_lidar_profile
 from twin.stack_identity.stack_class import class_mistakes
 from twin.vehicle.vehicle_file import load_vehicle
-from twin.world.content import Terrain
 from twin.world.meshes.mesh_file import load_mesh
-from twin.world.meshes.terrain import load_heights
+from twin.world.meshes.terrain import read_samples
 from twin.world.scene import load_scene
 
 ZERO = Path("/dev/zero")
@@ -38,7 +37,7 @@ READERS: dict[str, tuple[Callable[[Path], object], str]] = {
     "description": (read_description, "a.json"),
     "cfg": (read_sections, "a.cfg"),
     "picture": (read_picture, "a.png"),
-    "heights": (lambda path: load_heights(Terrain(heightmap=str(path), size_m=[10, 10])), "a.npy"),
+    "heights": (read_samples, "a.npy"),
     "record": (RecordReader, "a.drive"),
     "KPI": (read_kpi, "a.parquet"),
 }

@@ -12,8 +12,7 @@ from schemas.files.drive_record import RecordArray
 from twin.base.errors import UsageError
 from twin.base.picture_file import read_picture
 from twin.records.drive_record import decoded
-from twin.world.content import Terrain
-from twin.world.meshes.terrain import load_heights
+from twin.world.meshes.terrain import read_samples
 
 BELIEVED_KB = 500_000
 """More than any of this takes, and far less than what the chunk claims [kB]."""
@@ -36,7 +35,7 @@ def test_a_chunk_is_not_taken_at_its_word(tmp_path):
     path = tmp_path / "hill.png"
     path.write_bytes(damaged(np.zeros((3, 3), np.uint8)))
     with pytest.raises(ValueError, match="not a PNG file"):
-        load_heights(Terrain(heightmap=str(path), size_m=(8.0, 4.0), height_m=1.0))
+        read_samples(path)
     shape = [3, 3, 3]
     array = RecordArray("uint8", shape, "png", damaged(np.zeros(shape, np.uint8)), -1)
     with pytest.raises(ValueError, match="cannot be decoded"):

@@ -9,6 +9,7 @@ import pytest
 import trimesh
 from PIL import Image
 
+from schemas.files.assets import mesh_files
 from twin.world.meshes import mesh_file, mesh_header
 from twin.world.meshes.mesh_file import linear, load_mesh, srgb
 from twin.world.meshes.mesh_header import FACES_MAX
@@ -85,7 +86,8 @@ def test_files_that_are_no_meshes(tmp_path):
     refused(write(tmp_path, "noise.ply", b"\x07" * 500), "no PLY header")
     refused(write(tmp_path, "noise.stl", b"\x07" * 500), f"faces, at most {FACES_MAX}")
     refused(write(tmp_path, "list.gltf", "[1, 2]"), "no glTF document")
-    refused(write(tmp_path, "noise.obj", b"\x07\xff" * 500), "cannot be read as a mesh")
+    refused(write(tmp_path, "noise.obj", b"\x07\xff" * 500), "the mesh has no faces")
+    refused(write(tmp_path, "odd.obj", b"v 0 0 0\nf 1 x \xff\n"), "cannot be read as a mesh")
     (tmp_path / "folder.obj").mkdir()
     refused(tmp_path / "folder.obj", "a folder")
 
@@ -172,3 +174,70 @@ def test_formats_without_a_count_are_judged_by_their_size(tmp_path, monkeypatch)
     monkeypatch.setattr(mesh_file, "FACES_MAX", 1)
     two = OBJ + "v 5 5 5\nf 2 3 4\n"
     refused(write(tmp_path, "two.obj", two), "more than 1 faces")
+
+
+def _wall(folder, line, encoding="utf-8", library="a.mtl"):
+    (folder / library).parent.mkdir(exist_ok=True)
+    text = f"# gr\xf6\xdfer\nnewmtl Geb\xe4ude\nKd 0.5 0.5 0.5\n{line}\n"
+    (folder / library).write_bytes(text.encode(encoding))
+    text = f"# gr\xf6\xdfer\nmtllib {library}\nv 0 0 0\nv 2 0 0\nv 0 3 0\nvt 0 0\nvt 1 0\nvt 0 1\n"
+    text += "usemtl Geb\xe4ude\nf 1/1 2/2 3/3\n"
+    return write(folder, "wall.obj", text.encode(encoding))
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "latin-1"])
+@pytest.mark.parametrize(
+    ("line", "picture"),
+    [
+        ("map_Kd wall.png", "wall.png"),
+        ("map_Kd .\\wall.png", "wall.png"),
+        ("map_Kd -s 1 1 1 -clamp on p\\my wall.png", "p/my wall.png"),
+        ("map_Kd C:\\me\\wall.png", "wall.png"),
+        ("map_Kd ../beside/wall.png", "../beside/wall.png"),
+        ("map_Kd w\xfc.png", "w\xfc.png"),
+    ],
+)
+def test_a_picture_is_found_however_it_is_named(tmp_path, line, picture, encoding):
+    folder = tmp_path / "m"
+    place = folder / picture
+    folder.mkdir()
+    place.parent.mkdir(parents=True, exist_ok=True)
+    Image.new("RGB", (4, 4), (200, 100, 50)).save(place)
+    path = _wall(folder, line, encoding)
+    (part,) = load_mesh(path).parts
+    assert part.image is not None
+    assert part.image[0, 0].tolist() == [200, 100, 50]
+    assert place.resolve() in [named.resolve() for named in mesh_files(path)]
+
+
+def test_what_is_named_and_not_there_is_a_note(tmp_path):
+    data = load_mesh(_wall(tmp_path, "map_Kd gone.png"))
+    assert data.notes == ["wall.obj: it names gone.png, which is not there; ignored"]
+    assert data.parts[0].image is None
+    (tmp_path / "a.mtl").unlink()
+    data = load_mesh(tmp_path / "wall.obj")
+    assert data.notes == ["wall.obj: it names a.mtl, which is not there; ignored"]
+
+
+def test_a_picture_beside_its_library(tmp_path):
+    (tmp_path / "lib").mkdir()
+    Image.new("RGB", (4, 4), (200, 100, 50)).save(tmp_path / "lib" / "wall.png")
+    (part,) = load_mesh(_wall(tmp_path, "map_Kd wall.png", library="lib/a.mtl")).parts
+    assert part.image is not None
+
+
+def test_comments_in_another_encoding(tmp_path):
+    note = "gr\xf6\xdfer".encode("latin-1")
+    ply = b"ply\nformat ascii 1.0\ncomment " + note + b"\nelement vertex 3\nproperty float x\n"
+    ply += b"property float y\nproperty float z\nelement face 1\n"
+    ply += b"property list uchar int vertex_indices\nend_header\n"
+    ply += "".join(f"{x} {y} {z}\n" for x, y, z in TRIANGLE).encode() + b"3 0 1 2\n"
+    text = b"solid " + note + b"\nfacet normal 0 0 1\nouter loop\n"
+    text += "".join(f"vertex {x} {y} {z}\n" for x, y, z in TRIANGLE).encode()
+    text += b"endloop\nendfacet\nendsolid " + note + b"\n"
+    corners = np.array([[0, 0, 1], *TRIANGLE], "<f4").tobytes()
+    stl = note.ljust(80, b"\0") + struct.pack("<I", 1) + corners + bytes(2)
+    obj = b"# " + note + b"\n" + OBJ.encode()
+    for name, data in {"a.ply": ply, "t.stl": text, "b.stl": stl, "a.obj": obj}.items():
+        (part,) = load_mesh(write(tmp_path, name, data)).parts
+        np.testing.assert_allclose(part.points[part.faces[0]], TRIANGLE, err_msg=name)
