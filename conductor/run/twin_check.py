@@ -23,6 +23,7 @@ import msgspec
 from conductor.run.known_good import remember, remembered
 from schemas.campaign import Campaign
 from schemas.case import Case
+from schemas.escape import escape
 from schemas.files.assets import asset_digest, file_digest, is_path
 from schemas.files.yaml_file import YamlError
 from schemas.identity import digest
@@ -43,6 +44,8 @@ FILE = "good-campaigns.json"
 def twin_mistakes(plan: Plan) -> list[Mistake]:
     """What is wrong with the scenes, vehicles and plug-ins of a campaign's cases.
 
+    What is left out of their files is printed to standard error, a line each.
+
     Raises:
         InfrastructureError: the check itself did not work.
     """
@@ -54,14 +57,17 @@ def twin_mistakes(plan: Plan) -> list[Mistake]:
     identity = _identity(cases, kinds)
     if identity and identity in remembered(FILE):
         return []
-    mistakes = _ask(plan.campaign, kinds)
-    # What was looked at may be other files than those that were read before.
-    if not mistakes and identity and _identity(cases, kinds) == identity:
+    mistakes, notes = _ask(plan.campaign, kinds)
+    for note in notes:
+        print(escape(note), file=sys.stderr)
+    # What was looked at may be other files than those that were read before; and notes are worth
+    # being read every time.
+    if not mistakes and not notes and identity and _identity(cases, kinds) == identity:
         remember(FILE, [identity])
     return mistakes
 
 
-def _ask(campaign: Campaign, kinds: Sequence[ForeignKind]) -> list[Mistake]:
+def _ask(campaign: Campaign, kinds: Sequence[ForeignKind]) -> tuple[list[Mistake], list[str]]:
     shown = ", ".join(["scenes", "vehicles", *sorted({" ".join(kind.plugin) for kind in kinds})])
     try:
         done = subprocess.run(
@@ -79,7 +85,8 @@ def _ask(campaign: Campaign, kinds: Sequence[ForeignKind]) -> list[Mistake]:
         if done.returncode == 0:
             # What implementations may print stands before the answer.
             answer: dict[str, list[Any]] = json.loads(done.stdout.splitlines()[-1])
-            return [Mistake(each["path"], each["message"]) for each in answer["mistakes"]]
+            mistakes = [Mistake(row["path"], row["message"]) for row in answer["mistakes"]]
+            return mistakes, [str(note) for note in answer["notes"]]
     except (ValueError, IndexError, TypeError, KeyError):
         pass
     words = done.stderr.decode(errors="replace").strip().splitlines() or ["it said nothing"]

@@ -26,6 +26,11 @@ def scene_with_notes(folder):
     return path
 
 
+def told_in(text):
+    """Lines about the file."""
+    return [line for line in text.splitlines() if "wall.glb" in line]
+
+
 def test_what_is_left_out_is_a_line_per_file_and_feature(marked, tmp_path):
     scene = scene_with_notes(tmp_path)
     shown = marked.run(
@@ -33,7 +38,9 @@ def test_what_is_left_out_is_a_line_per_file_and_feature(marked, tmp_path):
         *("--weather", "clear", "--time", "13:00"),
     )
     assert shown.returncode == 0, shown.stderr
-    assert [line for line in shown.stderr.splitlines() if "wall.glb" in line] == NOTES
+    assert told_in(shown.stderr) == NOTES
+    checked = marked.run("twin", "validate", "scene", str(scene))
+    assert (checked.returncode, told_in(checked.stderr)) == (0, NOTES)
     data = {
         "campaign": "noted",
         "scenario": {"scene": str(scene), "duration_s": 1},
@@ -41,12 +48,16 @@ def test_what_is_left_out_is_a_line_per_file_and_feature(marked, tmp_path):
         "matrix": {"weather": ["clear"]},
     }
     (tmp_path / "c.yaml").write_text(yaml.safe_dump(data))
+    for _ in range(2):  # also of files that were good before
+        checked = marked.run("conductor", "validate", str(tmp_path / "c.yaml"))
+        assert (checked.returncode, told_in(checked.stderr)) == (0, NOTES)
     out = tmp_path / "run"
     done = marked.run(
         *("conductor", "run", str(tmp_path / "c.yaml"), "--workers", "1", "--out", str(out)),
         *("--view", "none"),
     )
     assert done.returncode == 0, done.stderr
+    assert told_in(done.stderr) == NOTES
     log = (out / "logs" / "worker-1.log").read_text().splitlines()
     first = next(i for i, line in enumerate(log) if line.startswith("rig ready"))
     assert log[first + 1 : first + 1 + len(NOTES)] == NOTES

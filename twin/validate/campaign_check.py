@@ -6,20 +6,24 @@ from schemas.campaign import Campaign
 from schemas.kinds.registry import implementation
 from schemas.plan import plan_of
 from schemas.validation import Mistake
-from twin.validate.scene_check import Variant, mistakes_of, vehicle_mistakes
+from twin.validate.scene_check import Variant, check_scenes, vehicle_mistakes
 
 
-def campaign_mistakes(campaign: Campaign) -> list[Mistake]:
-    """One per line of what :mod:`twin.validate.scene_check` says, and one per kind of another
-    distribution whose implementation cannot be imported."""
+def check_campaign(campaign: Campaign) -> tuple[list[Mistake], list[str]]:
+    """Mistakes, and notes of what is left out of files.
+
+    One per line of what :mod:`twin.validate.scene_check` says, and one per kind of another
+    distribution whose implementation cannot be imported.
+    """
     plan = plan_of(campaign)
     asked = (Variant(case.rig.scene, case.variation.objects) for case in plan.cases)
-    mistakes = [Mistake("scenario.scene", line) for line in mistakes_of(asked)]
+    scenes = check_scenes(asked)
+    mistakes = [Mistake("scenario.scene", line) for line in scenes.mistakes]
     lines = vehicle_mistakes(case.rig.vehicle for case in plan.cases)
     mistakes += [Mistake("scenario.vehicle", line) for line in lines]
     kinds = [kind for kind in plan.kinds_of_others() if kind.implementation]
     if not kinds:
-        return mistakes
+        return mistakes, scenes.notes
     from twin.world.kernel_cache import prepare_kernels
 
     prepare_kernels()  # before the modules that define kernels
@@ -28,4 +32,4 @@ def campaign_mistakes(campaign: Campaign) -> list[Mistake]:
             implementation(kind.implementation)
         except ValueError as error:
             mistakes.append(Mistake(kind.key, str(error)))
-    return mistakes
+    return mistakes, scenes.notes

@@ -37,11 +37,13 @@ def scene(
 
     Exit code 2: something is wrong with it.
     """
-    from twin.validate.scene_check import Variant, mistakes_of
+    from twin.validate.scene_check import Variant, check_scenes
 
-    mistakes = mistakes_of([Variant(name, {})])
+    mistakes, notes = check_scenes([Variant(name, {})])
+    for note in notes:
+        print(note, file=sys.stderr)
     if output is Output.json:
-        print(json.dumps({"valid": not mistakes, "mistakes": mistakes}))
+        print(json.dumps({"valid": not mistakes, "mistakes": mistakes, "notes": notes}))
     elif mistakes:
         raise UsageError("\n".join(mistakes))
     else:
@@ -54,16 +56,18 @@ def campaign() -> None:
     """Say what is wrong with the scenes, objects and plug-ins of a campaign.
 
     Reads a campaign as JSON from standard input, and writes JSON: {"mistakes": [{"path", "message"}
-    ...]}. The exit code is 0 either way; `conductor` asks this before it leases a case.
+    ...], "notes": [...]}. The exit code is 0 either way; `conductor` asks this before it leases a
+    case.
     """
-    from twin.validate.campaign_check import campaign_mistakes
+    from twin.validate.campaign_check import check_campaign
 
     try:
         given = msgspec.json.decode(sys.stdin.buffer.read(), type=Campaign)
     except msgspec.DecodeError as error:
         raise UsageError(f"standard input: {error}") from None
-    mistakes = campaign_mistakes(given)
-    print(json.dumps({"mistakes": [{"path": m.path, "message": m.message} for m in mistakes]}))
+    mistakes, notes = check_campaign(given)
+    told = [{"path": mistake.path, "message": mistake.message} for mistake in mistakes]
+    print(json.dumps({"mistakes": told, "notes": notes}))
 
 
 @app.command()

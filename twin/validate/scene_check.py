@@ -30,15 +30,25 @@ class Variant(NamedTuple):
     objects: Mapping[str, ObjectVariation]
 
 
-def mistakes_of(variants: Iterable[Variant]) -> list[str]:
-    """One line per mistake, each once; every scene is looked at once."""
+class SceneFindings(NamedTuple):
+    """What was found in scenes, one line each."""
+
+    mistakes: list[str]
+    notes: list[str]
+    """What is left out of files, which is no mistake."""
+
+
+def check_scenes(variants: Iterable[Variant]) -> SceneFindings:
+    """Look at every scene once, and at every variation of its objects."""
     lines: list[str] = []
+    notes: list[str] = []
     motions: dict[str, Motion | None] = {}
     varied: set[tuple[str, bytes]] = set()
     for name, objects in variants:
         if name not in motions:
-            motions[name], mistakes = _scene_mistakes(name)
-            lines += mistakes
+            motions[name], findings = _check_scene(name)
+            lines += findings.mistakes
+            notes += findings.notes
         motion = motions[name]
         for object_name, variation in objects.items():
             key = name, msgspec.json.encode((object_name, variation))
@@ -49,7 +59,7 @@ def mistakes_of(variants: Iterable[Variant]) -> list[str]:
                 Variations(motion.actors, 1).begin(0, {object_name: variation})
             except ValueError as error:
                 lines.append(f"scene {name}: {error}")
-    return list(dict.fromkeys(lines))
+    return SceneFindings(list(dict.fromkeys(lines)), list(dict.fromkeys(notes)))
 
 
 def vehicle_mistakes(names: Iterable[str]) -> list[str]:
@@ -64,28 +74,29 @@ def vehicle_mistakes(names: Iterable[str]) -> list[str]:
     return lines
 
 
-def _scene_mistakes(name: str) -> tuple[Motion | None, list[str]]:
-    """The script of a scene, None if there is none, and what is wrong with the file."""
+def _check_scene(name: str) -> tuple[Motion | None, SceneFindings]:
+    """The script of a scene, None if there is none, and what was found in the file."""
     try:
         scene: Scene = load_scene(name)
         motion: Motion = script_of(scene.objects) if scene.objects else Still()
     except (ValueError, YamlError) as error:
         line = str(error)
-        return None, [line if name in line else f"scene {name}: {line}"]
-    lines = [*overlaps(scene), *_file_mistakes(scene)]
-    return motion, [f"scene {name}: {line}" for line in lines]
+        return None, SceneFindings([line if name in line else f"scene {name}: {line}"], [])
+    files = _check_files(scene)
+    lines = [*overlaps(scene), *files.mistakes]
+    return motion, SceneFindings([f"scene {name}: {line}" for line in lines], files.notes)
 
 
-def _file_mistakes(scene: Scene) -> list[str]:
-    """What is wrong with the files of a scene; the first of them that cannot be used."""
+def _check_files(scene: Scene) -> SceneFindings:
+    """What was found in the files of a scene; the first of them that cannot be used."""
     if not scene.meshes and scene.terrain is None:
-        return []
+        return SceneFindings([], [])
     # Most scenes have no files, and reading pictures takes libraries that are slow to load.
     from twin.world.meshes.apart import read_files
     from twin.world.meshes.imports import add_imports
 
     try:
-        add_imports(MeshBuilder(), scene, 0, read_files(scene))
+        imported = add_imports(MeshBuilder(), scene, 0, read_files(scene))
     except ValueError as error:
-        return [str(error)]
-    return []
+        return SceneFindings([str(error)], [])
+    return SceneFindings([], list(imported.notes))
