@@ -351,7 +351,7 @@ def _tell(hub: ViewerHub, options: LiveOptions) -> None:
 
 def _conclude(live: Live, options: LiveOptions) -> None:
     counters, hub = live.slots.counters, live.hub
-    found: dict[str, Any] = {
+    counts: dict[str, Any] = {
         "cases": len(live.overview.tiles),
         "ended": len(live.overview.verdicts),
         "received": counters.received,
@@ -363,10 +363,10 @@ def _conclude(live: Live, options: LiveOptions) -> None:
         "skipped": hub.skipped,
     }
     if options.json:
-        print(json.dumps(found), flush=True)
+        print(json.dumps(counts), flush=True)
         return
     print(
-        f"{found['received']} messages of {counted(found['cases'], 'case')}, "
-        f"{found['ended']} ended; "
-        f"{found['logged']} pictures shown, {found['skipped']} left out"
+        f"{counts['received']} messages of {counted(counts['cases'], 'case')}, "
+        f"{counts['ended']} ended; "
+        f"{counts['logged']} pictures shown, {counts['skipped']} left out"
     )

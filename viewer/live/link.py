@@ -187,9 +187,9 @@ class Link:
             answered = False
             while not self._stop.is_set():
                 self._follow(bus)
-                found = self._ask(bus, StatusRequest(v=SCHEMA_VERSION))
-                if found is not None:
-                    self._answered(bus, target, found.status, first=not answered)
+                answer = self._ask(bus, StatusRequest(v=SCHEMA_VERSION))
+                if answer is not None:
+                    self._answered(bus, target, answer.status, first=not answered)
                     answered = True
                 else:
                     self._silent(target, answered)
@@ -199,14 +199,14 @@ class Link:
         finally:
             bus.close()
 
-    def _answered(self, bus: Bus, target: Target, found: ConductorStatus, *, first: bool) -> None:
+    def _answered(self, bus: Bus, target: Target, status: ConductorStatus, *, first: bool) -> None:
         self._word_s = time.monotonic()
         self._until_s = None
         if first and self._told:
             self._say(Said(f"connected to {target.endpoint}"))
             self._told = ""
-        self._say(Status(found))
-        self._check(bus, list(found.get("campaigns", {})))
+        self._say(Status(status))
+        self._check(bus, list(status.get("campaigns", {})))
 
     def _silent(self, target: Target, answered: bool) -> None:
         if time.monotonic() - self._word_s < SILENCE_S:

@@ -43,7 +43,7 @@ class LivePlace:
         return [*words, *(["--insecure"] if self.insecure else [])]
 
     def live(self, **more: Any) -> LiveOptions:
-        """As the commands take it; ``more``: further fields of :class:`LiveOptions`."""
+        """The options of `viewer live`; ``more``: further fields of :class:`LiveOptions`."""
         from viewer.live.command import LiveOptions
 
         place = {"connect": self.connect, "run": self.run}
@@ -63,5 +63,5 @@ class FarPlace(LivePlace):
     ] = ""
 
     def live(self, **more: Any) -> LiveOptions:
-        """As the commands take it, with the tunnel."""
+        """The options of `viewer live`, with the tunnel."""
         return LivePlace.live(self, ssh=self.ssh, node=self.node, **more)
