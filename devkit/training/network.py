@@ -177,8 +177,8 @@ class ConvolutionBlock(nn.Module):
                 (norm.running_mean, numbers.means),
                 (norm.running_var, numbers.variances),
             ]
-        for own, given in pairs:
-            own.copy_(torch.from_numpy(np.ascontiguousarray(given)))
+        for tensor, array in pairs:
+            tensor.copy_(torch.from_numpy(np.ascontiguousarray(array)))
 
 
 def activate(values: Tensor, activation: str) -> Tensor:
