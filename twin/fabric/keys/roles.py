@@ -26,7 +26,7 @@ class Role(StrEnum):
     stack = "stack"
     """Drives in its rig, which has a fabric of its own; there are no others of this role."""
     viewer = "viewer"
-    """Looks."""
+    """Watches, and changes nothing."""
     admin = "admin"
     """Looks, cancels, stops and steers."""
     submitter = "submitter"
@@ -51,8 +51,8 @@ def pattern(topic: Topic) -> str:
     return re.sub(r"\{\w+\}", "*", topic.key)
 
 
-def _keys(*found: Topic) -> tuple[str, ...]:
-    return tuple(dict.fromkeys(map(pattern, found)))
+def _keys(*key_topics: Topic) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(map(pattern, key_topics)))
 
 
 def _ready(side: str) -> str:
