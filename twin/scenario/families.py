@@ -37,5 +37,5 @@ def replay(scenario: Scenario, ground: Surroundings, rows: Rows) -> ScenarioRun:
 
 @cache
 def _family(reference: str) -> ScenarioFamily:
-    found: ScenarioFamily = implementation(reference)
-    return found
+    family: ScenarioFamily = implementation(reference)
+    return family
