@@ -40,7 +40,9 @@ def search_path(script: Path | None = None, *, environment: bool = True) -> list
     first = str(Path.cwd() if script is None else script.resolve().parent)
     further = sys.path if environment else os.environ.get("PYTHONPATH", "").split(os.pathsep)
     scripts = sysconfig.get_path("scripts")
-    return list(dict.fromkeys([first, *(each for each in further if each and each != scripts)]))
+    return list(
+        dict.fromkeys([first, *(folder for folder in further if folder and folder != scripts)])
+    )
 
 
 @dataclass(slots=True)
@@ -171,8 +173,8 @@ class Imports:
             if is_standard(Path(spec.origin)) or self._is_installed(place, name):
                 return None
             return _Top(folders, is_namespace=False)
-        own = [f for f in folders if not self._is_installed(Path(f).parent, name, shared=True)]
-        return _Top(own, is_namespace=True) if own else None
+        local = [f for f in folders if not self._is_installed(Path(f).parent, name, shared=True)]
+        return _Top(local, is_namespace=True) if local else None
 
     def _is_installed(self, place: Path, name: str, *, shared: bool = False) -> bool:
         owners = claimants(place, name, shared=shared)
