@@ -71,13 +71,13 @@ def head(lease: Lease) -> list[str]:
     case = lease.case
     variation = case.variation
     kind = type(variation.perception).__struct_config__.tag
-    told = f", told {', '.join(variation.tell)}" if variation.tell else ""
+    tell = f", told {', '.join(variation.tell)}" if variation.tell else ""
     hour, minute = divmod(variation.time_of_day_min, 60)
     return [
         f"case {case.id} of campaign {variation.campaign}, seed {variation.seed}",
         f"perception {variation.model} ({kind}), weather {variation.weather}, "
         f"{hour:02d}:{minute:02d}",
-        f"the stack knows it as {stack_name(case)}{told}",
+        f"the stack knows it as {stack_name(case)}{tell}",
     ]
 
 

@@ -1,4 +1,4 @@
-"""What a simulator's loop did with its time, written beside it for `twin bench campaign`."""
+"""Profile of a simulator's loop, written beside it for `twin bench campaign`."""
 
 from __future__ import annotations
 
@@ -35,11 +35,11 @@ class Quarter(Struct, frozen=True):
     slot_ticks: int
     """Sum over these ticks of the slots that had a case."""
     seconds: dict[str, float]
-    """As :attr:`LoopProfile.seconds`, of these ticks."""
+    """Seconds of these ticks by name, as in :attr:`LoopProfile.seconds`."""
 
 
 class LoopProfile(Struct, frozen=True):
-    """One simulator process so far. Times are wall clock on the host's monotonic clock."""
+    """Profile of a simulator process so far. Times are wall clock on the host's monotonic clock."""
 
     rig: str
     device: str
