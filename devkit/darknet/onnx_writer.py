@@ -75,7 +75,7 @@ def write_onnx(
     half: bool = False,
     every_layer: bool = False,
 ) -> onnx.ModelProto:
-    """The model.
+    """A Darknet network and its weights as an ONNX model.
 
     Args:
         network: shapes and layers.

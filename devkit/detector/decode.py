@@ -200,7 +200,7 @@ def _suppressed(
 
 
 def _kills(box: np.ndarray, group: np.ndarray, rows: slice, overlap_max: float) -> np.ndarray:
-    """Which later boxes go if an earlier one of ``rows`` stays, [N, R, K] of boxes [N, K, 4]."""
+    """Later boxes that go if an earlier one of ``rows`` stays, [N, R, K] of boxes [N, K, 4]."""
     low, high = box[..., :2], box[..., :2] + box[..., 2:]
     area = box[..., 2] * box[..., 3]
     extent = np.minimum(high[:, rows, None], high[:, None])

@@ -174,7 +174,7 @@ def _hours(block: str) -> str:
 
 
 def report(card: Scorecard) -> str:
-    """All tables."""
+    """All tables of a scorecard, in Markdown."""
     parts = [
         merit_line(card) + "\n",
         moderate_lines(card),

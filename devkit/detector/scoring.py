@@ -153,7 +153,7 @@ def renamed(found: DetectionBatch, names: Sequence[str]) -> DetectionBatch:
 
 
 def shifted(found: DetectionBatch, first: int) -> DetectionBatch:
-    """The same with images that begin at ``first``."""
+    """Detections whose image numbers begin at ``first``."""
     return DetectionBatch(
         names=found.names,
         image=found.image + first,

@@ -38,7 +38,7 @@ class Points:
     """Places [P] on lane markings, in the vehicle's axes."""
 
     ahead_m: np.ndarray
-    """Before the rear axle [m]."""
+    """Distances before the rear axle [m]."""
     left_m: np.ndarray
     """Left of the vehicle's centre line [m]."""
     line_m: np.ndarray

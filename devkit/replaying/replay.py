@@ -54,7 +54,7 @@ class StackChoice:
     variants: Mapping[str, Perception] = field(default_factory=dict)
     """Perception variants that replace recorded ones of the same name."""
     parameters: Mapping[str, Any] | None = None
-    """Replace single ones of the recorded stack."""
+    """Parameters that replace single ones of the recorded stack."""
     device: str = ""
     """Device on which its networks may compute, ``cpu`` or ``cuda:N``; empty: as recorded."""
     timeout_s: float = 60.0
@@ -78,7 +78,7 @@ class Replayed:
 
     @property
     def equal(self) -> bool:
-        """No field differs by more than its tolerance."""
+        """Whether no field differs by more than its tolerance."""
         return not self.ended and not any(row.differ for row in self.rows)
 
 

@@ -49,9 +49,9 @@ the processes and the report at the end."""
 TARGET_MS_PER_SIM_S = 10.0
 """Longest wall time on a GPU per simulated second of one case, from command to report [ms]."""
 TARGET_REAL_TIME = 100.0
-"""On a GPU: least simulated time of all cases together per wall time."""
+"""Least simulated time on a GPU of all cases together per wall time."""
 TARGET_GPU_PERCENT = 85.0
-"""On a GPU: least utilisation while most slots have a case [%]."""
+"""Least utilisation of a GPU while most slots have a case [%]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +64,7 @@ class Request:
     out: Path
     """Folder for the runs."""
     cases: int | None = None
-    """Only so many, the first; None: all."""
+    """Number of cases, the first ones; None: all."""
     workers: str = "1"
 
 
@@ -89,7 +89,7 @@ class SlotsRow:
     shares: dict[str, float]
     """Shares of the loop's time, by :data:`PARTS`; they sum to 1."""
     laps_s: dict[str, float]
-    """The same, finer [s]."""
+    """Wall time of the loop by lap, finer than ``shares`` [s]."""
     quarters: list[Quarter]
     """The ticks by how many of the slots had a case."""
     round_trip_p50_ms: float
@@ -106,7 +106,7 @@ class SlotsRow:
 
     @property
     def loop_ms_per_sim_s(self) -> float:
-        """The same of the loop alone [ms]."""
+        """Wall time of the loop alone per simulated second [ms]."""
         return 1e3 * self.loop_s / self.sim_s
 
     @property

@@ -78,11 +78,11 @@ class DriveFigures:
     shared_ticks_per_s: float
     """Pictures and points in shared memory, the rest over a Unix socket, as beside a simulator."""
     loopback_ticks_per_s: float
-    """The same with the rest over TCP."""
+    """Pictures and points in shared memory, the rest over TCP."""
     payload_ticks_per_s: float
     """All of it over TCP, as from another host or to a stack that maps nothing."""
     bridge_ticks_per_s: float | None
-    """None: its packages are not installed."""
+    """Rate through the AutoDRIVE bridge; None: its packages are not installed."""
 
     @property
     def ratio(self) -> float | None:

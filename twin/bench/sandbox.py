@@ -87,7 +87,7 @@ def measure(campaign: str, rounds: int) -> SandboxFigures:
 
 
 def _start_s(boxed: bool) -> float:
-    """From the call to the first word of a Python that does nothing else [s]."""
+    """Time from the call to the first word of a Python that does nothing else [s]."""
     command = [sys.executable, "-S", "-c", "print()"]
     begun_s = time.perf_counter()
     with contextlib.ExitStack() as at_end:

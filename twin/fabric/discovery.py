@@ -65,7 +65,7 @@ class Target:
 
 
 def await_conductor(folder: Path, wait_s: float, role: Role, key: Path | None = None) -> Target:
-    """Like :func:`find_target`, but a conductor that is just starting may take ``wait_s`` [s].
+    """Target as of :func:`find_target`, but a conductor that just starts may take ``wait_s`` [s].
 
     A file of a conductor that was killed is left behind, so the endpoint must answer.
 
@@ -93,8 +93,8 @@ def await_conductor(folder: Path, wait_s: float, role: Role, key: Path | None = 
 
 
 def find_target(folder: Path, role: Role, key: Path | None = None) -> Target:
-    """Where the conductor of a state or campaign folder is, and this user's key of ``role``, unless
-    one is given.
+    """Target of the conductor of a state or campaign folder; with this user's key of ``role``,
+    unless one is given.
 
     Raises:
         UsageError: there is no conductor, or no fit key.

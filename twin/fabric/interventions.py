@@ -49,7 +49,7 @@ class Attempt:
         self._key = key or topics.VIEW_CONTROL.key.format(campaign=campaign, case=case)
 
     def do(self, action: Action) -> ControlReply:
-        """One action; the answer says at which control tick it was applied.
+        """Carry out one action; the answer says at which control tick it was applied.
 
         Raises:
             UsageError: it cannot be done, or that attempt has ended; one line.

@@ -101,7 +101,7 @@ class ReadingWatch:
         self._is_reader: dict[str, bool] = {}
         self._fresh = True
         self._since_s, self._read_s, self._messages = 0.0, 0.0, 0
-        """When a message last arrived, and what had been read and had arrived by then."""
+        """Time at which a message last arrived, and what had been read and had arrived by then."""
 
     def begin(self) -> None:
         """Another wait begins."""

@@ -79,7 +79,7 @@ class RigFolder(PrivateFolder):
 
 
 def frames_socket(endpoint: str) -> Path:
-    """Where the simulator whose drive session is at ``endpoint`` hands out its frames."""
+    """Socket at which the simulator whose drive session is at ``endpoint`` hands out its frames."""
     return Path(endpoint.partition("/")[2]).with_name(_FRAMES)
 
 

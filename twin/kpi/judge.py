@@ -165,7 +165,7 @@ def _same(one: Any, other: Any) -> bool:
 
 
 def _alike(one: Sequence[str], other: Sequence[str]) -> bool:
-    """The same sentences; a number in them may be rounded the other way."""
+    """Whether sentences are the same; a number in them may be rounded the other way."""
     if len(one) != len(other):
         return False
     for first, second in zip(one, other, strict=True):
@@ -183,7 +183,7 @@ def _step(number: str) -> float:
 
 
 def _limits(scenario: Scenario) -> Scenario:
-    """Where its files lie is no part of it: a campaign may have moved."""
+    """A scenario without the places of its files: a campaign may have moved."""
     return msgspec.structs.replace(scenario, scene="", vehicle="")
 
 

@@ -113,7 +113,7 @@ def claims_of(folder: Path) -> list[Claim]:
 
 
 def resign_rights() -> None:
-    """From here on this process writes no file and gains no right: what it reads was written by
+    """Keep this process from writing files and gaining rights: what it reads was written by
     programs under test. Its standard output must be a pipe."""
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))

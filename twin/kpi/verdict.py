@@ -19,7 +19,7 @@ from twin.world.things import Thing
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """When the cases of all slots end at the latest; 0 where none runs."""
+    """Latest ends of the cases of all slots; 0 where none runs."""
 
     duration_ns: np.ndarray
     """Longest sim time of the cases, int64 [S] [ns]."""

@@ -35,7 +35,7 @@ class LogFile:
     """Batch and instance, from 1; None: the file is no log of its own, by its name or because it is
     an archive or a repeat."""
     data: bytes
-    """Content; empty if it was not read."""
+    """Content of the file; empty if it was not read."""
     refused: str = ""
     """Why it was not read, or what is wrong with it, on one line; empty: it was read."""
     batch: int = 0

@@ -214,7 +214,7 @@ class RecordReader:
             yield RecordedTick(open_tick, None)
 
     def _blocks(self, file: IO[bytes]) -> Iterator[RecordBlock]:
-        """Whole blocks; what was cut off is left out."""
+        """Whole blocks of a file; what was cut off is left out."""
         sha = hashlib.sha256()
         while len(length := file.read(_LENGTH.size)) == _LENGTH.size:
             (size,) = _LENGTH.unpack(length)

@@ -34,7 +34,7 @@ def write_failure(lease: Lease, reason: str, output: Kept | None) -> Result:
 
 
 def failure(lease: Lease, reason: str) -> Result:
-    """The same without a log."""
+    """Result of a failed attempt without a log."""
     return Result(
         campaign=lease.case.variation.campaign,
         case=lease.case.id,

@@ -67,7 +67,7 @@ def show_memory(
 def show_memory_of(
     campaign: str, slots: int, device: str, free_gb: float | None, *, as_json: bool
 ) -> None:
-    """The same for the rigs of a campaign file, with the networks that its stack loads.
+    """Print the memory of a campaign file's rigs, with the networks that its stack loads.
 
     Args:
         campaign: path of the file; ``-``: standard input.
@@ -92,7 +92,7 @@ def show_memory_of(
 
 
 def show_memory_of_case(case: bytes, slots: int, device: str, *, as_json: bool) -> None:
-    """The same for the rig of one case, JSON as in a lease.
+    """Print the memory of the rig of one case, JSON as in a lease.
 
     Raises:
         UsageError: it is none; one line.

@@ -54,13 +54,13 @@ class LoopProfile(Struct, frozen=True):
     period_s: float
     """Control period [s]."""
     begun_s: float
-    """When the process began [s]."""
+    """Time at which the process began [s]."""
     first_tick_s: float
-    """When the first tick began [s]."""
+    """Time at which the first tick began [s]."""
     last_tick_s: float
-    """When the last tick ended [s]."""
+    """Time at which the last tick ended [s]."""
     full_s: float
-    """When more than half of the slots had a case for the last time [s]."""
+    """Last time at which more than half of the slots had a case [s]."""
     seconds: dict[str, float]
     """Where the loop's time went, by name [s]; sums to that from the first tick to the last."""
     round_trip_p50_ms: float

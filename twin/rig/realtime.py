@@ -49,7 +49,7 @@ class RealtimeLink(SlotListener):
         self._pacer = Pacer(period_ns / 1e9, clock())
         self._log = TickLog(period_ns)
         self._begun_s = 0.0
-        """When the last tick began [s]."""
+        """Time at which the last tick began [s]."""
         self._mail: dict[str, tuple[int, Outgoing]] = {}
         """Readings that the stack has not got, with their ticks."""
         self._sent: _Sent | None = None

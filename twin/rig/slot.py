@@ -111,7 +111,7 @@ class RigTick:
     sensed: dict[str, SensorData]
     """Readings of all slots by sensor message."""
     told: dict[str, SensorData]
-    """The same as far as the stack may know them."""
+    """Readings as far as the stack may know them."""
     episodes: list[Episode]
     """Cases that the stack sees for the first time."""
     answered: list[Command | None] = field(default_factory=list)
@@ -150,7 +150,7 @@ class Slots:
 
     @property
     def by_index(self) -> list[Slot | None]:
-        """For each slot the attempt that takes part in the next tick."""
+        """Attempts that take part in the next tick, by slot."""
         return [None if slot is None or slot.held else slot for slot in self._slots]
 
     def __getitem__(self, index: int) -> Slot | None:

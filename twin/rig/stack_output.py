@@ -121,7 +121,7 @@ class StackOutput:
         )
 
     def starts(self) -> list[int]:
-        """Where in the log the cases that run began [bytes]; from any thread."""
+        """Places in the log at which the running cases began [bytes]; from any thread."""
         return [window.start for window in list(self._windows.values())]
 
     def forget(self, token: int) -> None:

@@ -124,7 +124,7 @@ class TickMessages:
         return checked
 
     def _frame(self, name: str, data: SensorData, common: Frame) -> Outgoing:
-        """One message; an array in shared memory has no payload."""
+        """Message of one sensor; an array in shared memory has no payload."""
         handle, offset, payload = b"", -1, b""
         if self._transport == "device" and data.device is not None:
             handle = self._handle(name, data.device)

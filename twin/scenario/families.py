@@ -1,4 +1,4 @@
-"""From a scenario to its family's class, by the table of kinds."""
+"""A scenario's family class, by the table of kinds."""
 
 from __future__ import annotations
 

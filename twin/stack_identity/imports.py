@@ -50,7 +50,7 @@ class _Top:
     """A top-level module or package that is the user's own."""
 
     folders: list[str]
-    """Of a package; empty: a module."""
+    """Folders of a package; empty: it is a module."""
     is_namespace: bool
 
 
@@ -156,7 +156,8 @@ class Imports:
             self._waiting.append((source, name, is_package))
 
     def _top(self, name: str) -> _Top | None:
-        """None: it is ours, the standard library's, installed, or not there."""
+        """The user's own module or package; None: it is ours, the standard library's, installed, or
+        not there."""
         if name not in self._tops:
             self._tops[name] = self._looked_up(name)
         return self._tops[name]

@@ -10,7 +10,7 @@ AGE_MAX_S = 0.25
 """How long a sample waits for others, at most; what a killed simulator's recordings lack [s]."""
 
 BYTES_MAX = 256 << 10
-"""From this size on a batch waits no longer; below the size that takes long to decode [bytes]."""
+"""Size from which on a batch waits no longer; below one that takes long to decode [bytes]."""
 
 SAMPLE_BYTES = 512
 """Size that a sample counts for without its picture [bytes]."""

@@ -75,7 +75,7 @@ class SlotRun:
     """Running numbers handed out."""
     last_tick: int = -1
     shown_s: dict[str, float] = field(default_factory=dict)
-    """When a stream for viewers was last due, by its name [s]."""
+    """Times at which streams for viewers were last due, by name [s]."""
     label: str = ""
     """State that an intervention has left it in: ``by hand``, ``paused``, ``steered``."""
 

@@ -207,7 +207,7 @@ class Core:
         return effects
 
     def on_intervened(self, token: int, touch: Touch, now_ns: int) -> list[Effect]:
-        """Somebody has intervened in a case; the conductor hears of it at once."""
+        """An intervention in a case has begun; the conductor hears of it at once."""
         held = self.held.get(token)
         if held is not None:
             held.touch, held.told = touch, False

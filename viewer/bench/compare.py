@@ -16,7 +16,7 @@ from typing import Any
 from twin.base.errors import UsageError
 
 MODES = ("none", "live", "frozen", "record")
-"""Nobody looks; a viewer does; it is frozen; every case is recorded."""
+"""Modes of a run: nobody looks, a viewer does, it is frozen, every case is recorded."""
 
 SHARE_MIN = {"live": 0.95, "frozen": 0.99, "record": 0.90}
 """Targets: cases per minute relative to those with nobody [-]."""

@@ -60,7 +60,7 @@ class LiveOptions:
     key: Path | None = None
     """Key file or folder of keys, for an endpoint with TLS; an invitation says where that is."""
     role: Role = Role.viewer
-    """Which of several keys is taken."""
+    """Role of the key that is taken from a folder of several."""
     cases: tuple[str, ...] = ()
     """Cases to show in full."""
     wait_s: float | None = None

@@ -34,7 +34,7 @@ ASK_S = 2.0
 PERIOD_S = 1.0
 """Time between two questions to the conductor, and between two looks for one that is gone [s]."""
 SILENCE_S = 4.0
-"""After so long without a word a new session is tried [s]; Zenoh's own lease is as long."""
+"""Time without a word after which a new session is tried [s]; as long as Zenoh's own lease."""
 SCENE_S = 10.0
 """Longest time a simulator may take to hand out its world [s]."""
 EVENTS_MAX = 1000
@@ -81,7 +81,7 @@ Heard = Status | ConductorEvent | Said | SentWorld | LinkEnded
 
 
 class _SilenceError(Exception):
-    """Nobody has said a word for too long; its text says who."""
+    """A peer has not said a word for too long; the text says which."""
 
 
 class Link:
@@ -133,7 +133,7 @@ class Link:
         self._wake.set()
 
     def look_away(self, case: str) -> None:
-        """No more of this case than its thumbnail."""
+        """Ask for no more of a case than its thumbnail."""
         with self._lock:
             self._cases.discard(case)
         self._wake.set()
@@ -262,7 +262,7 @@ class Link:
             self._say(SentWorld(sha256, mesh))
 
     def _ask(self, bus: Bus, request: Request) -> Reply | None:
-        """The reply; None: there was none, ask again.
+        """The reply to a request; None: there was none, ask again.
 
         Raises:
             WireError: it is of another version.

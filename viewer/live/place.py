@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LivePlace:
-    """Whose cases are meant; see :func:`twin.base.option_record.with_options`."""
+    """Options that say whose cases are meant; see :func:`twin.base.option_record.with_options`."""
 
     connect: ConnectOption = ""
     run: Annotated[
@@ -36,7 +36,7 @@ class LivePlace:
     insecure: InsecureOption = False
 
     def words(self) -> list[str]:
-        """The same for another command of ours."""
+        """Options that mean the same cases for another command of ours."""
         words = ["--connect", self.connect] if self.connect else []
         words += ["--run", str(self.run)] if self.run is not None else []
         words += ["--namespace", self.namespace, *(["--key", str(self.key)] if self.key else [])]
@@ -52,7 +52,7 @@ class LivePlace:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FarPlace(LivePlace):
-    """Whose cases are meant, also behind a login node."""
+    """Options that say whose cases are meant, also behind a login node."""
 
     ssh: Annotated[
         str,

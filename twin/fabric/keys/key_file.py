@@ -54,7 +54,7 @@ class MemberKey:
     """The content of a key file; never shown, not even in a traceback."""
 
     path: Path
-    """Absolute; what other processes are told."""
+    """Absolute path, which other processes are told."""
     authority: bytes
     """Certificate of the fabric's authority, PEM."""
     certificate: bytes

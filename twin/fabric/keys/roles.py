@@ -1,4 +1,4 @@
-"""Who may do what on the fabric: one table, from which every session's access list is made.
+"""Rights on the fabric by role: one table, from which every session's access list is made.
 
 A role stands in the certificate. Whoever receives a message decides by it, so a program that minds
 no rule of ours gets no further than its certificate allows.
@@ -20,7 +20,7 @@ class Role(StrEnum):
     """What a certificate stands for."""
 
     conductor = "conductor"
-    """Everything; relays are conductors, too."""
+    """Does everything; relays are conductors, too."""
     worker = "worker"
     """Leases and commits, drives and shows its rigs: worker, simulator and recorder."""
     stack = "stack"
