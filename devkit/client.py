@@ -206,7 +206,7 @@ class AsyncClient:
     """
 
     def __init__(self, case: str, **options: Any) -> None:
-        """As :class:`Client`; the session is opened by ``async with``."""
+        """A client as :class:`Client`; the session is opened by ``async with``."""
         self._case = case
         self._options = options
         self._client: Client | None = None
