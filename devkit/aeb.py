@@ -116,9 +116,9 @@ class AebStack(Stack):
         self._drove = slots = observation.active_slots()
         now = _Instant.of(observation)
         cars = [self._car(slot, now) for slot in slots]
-        seen = self._eyes.look(slots, observation)
+        detections = self._eyes.look(slots, observation)
         return [
-            self._drive(car, slot, now, seen.get(slot))
+            self._drive(car, slot, now, detections.get(slot))
             for car, slot in zip(cars, slots, strict=True)
         ]
 

@@ -113,8 +113,8 @@ def host(
         from devkit.hosting.preload import await_arguments
 
         arguments = await_arguments(load_for)
-        with context.command.make_context("host", arguments, context.parent) as told:
-            context.command.invoke(told)
+        with context.command.make_context("host", arguments, context.parent) as host_context:
+            context.command.invoke(host_context)
         return
     from devkit.hosting.host import HostOptions, run_host
     from devkit.hosting.joining import run_join

@@ -162,7 +162,7 @@ class Client:
         return self.do(_checked(Step, ticks=ticks)).tick
 
     def resume(self) -> int:
-        """Go on."""
+        """Let a paused case go on."""
         return self.do(Resume()).tick
 
     def drive(self, *, throttle: float = 0.0, brake: float = 0.0, steering_rad: float = 0.0) -> int:
@@ -206,7 +206,7 @@ class AsyncClient:
     """
 
     def __init__(self, case: str, **options: Any) -> None:
-        """As :class:`Client`; the session is opened by ``async with``."""
+        """A client as :class:`Client`; the session is opened by ``async with``."""
         self._case = case
         self._options = options
         self._client: Client | None = None
@@ -329,7 +329,7 @@ def _session(
 def _checked(type_: type[T], **values: object) -> T:
     """An action whose values are allowed."""
     tag = {"action": type_.__struct_config__.tag}  # type: ignore[attr-defined]
-    found, mistakes = convert_all({**tag, **values}, type_)
-    if found is None:
+    action, mistakes = convert_all({**tag, **values}, type_)
+    if action is None:
         raise UsageError(mistakes[0].line(str(tag["action"])))
-    return found
+    return action

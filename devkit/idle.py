@@ -7,7 +7,7 @@ from schemas.messages import Command, Episode
 
 
 class IdleStack(Stack):
-    """Brakes."""
+    """A stack that only brakes."""
 
     def reset(self, slot: int, episode: Episode) -> None:
         """There is nothing to forget."""

@@ -17,7 +17,7 @@ class Images:
     """uint8 [S, H, W, 3], RGB, contiguous: a NumPy array, or an object in a GPU's memory with
     ``__cuda_array_interface__``. Whoever wrote to such memory has waited until it was written."""
     rows: Sequence[int]
-    """Which pictures, by their first index."""
+    """Indices of the pictures along the first axis."""
 
     def __len__(self) -> int:
         return len(self.rows)

@@ -62,7 +62,7 @@ class Perception(Protocol):
     """One perception variant; stateless, so that it may serve every slot of a rig."""
 
     runtime: str
-    """What runs it, for people: ``opencv cpu``."""
+    """The library and device that run it, for people: ``opencv cpu``."""
 
     def detect(self, images: Images, boxes: Sequence[np.ndarray]) -> list[list[Detection]]:
         """Objects seen in n frames; a frame's do not depend on the others.
@@ -127,10 +127,10 @@ class ContrastPerception:
         return [self._see(image, rows) for image, rows in zip(images, boxes, strict=True)]
 
     def _see(self, image: np.ndarray, boxes: np.ndarray) -> list[Detection]:
-        found = [self._detect_one(image, row) for row in boxes.tolist()]
+        detections = [self._detect_one(image, row) for row in boxes.tolist()]
         # The box sensor's row order is none of the planner's business: sort by content.
         return sorted(
-            (detection for detection in found if detection is not None),
+            (detection for detection in detections if detection is not None),
             key=lambda d: (-d.confidence, d.x_px, d.y_px, d.width_px, d.height_px, d.label),
         )
 

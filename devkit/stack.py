@@ -201,8 +201,10 @@ def _find(entry_point: str) -> type[Stack]:
         module = importlib.import_module(module_name)
     except ModuleNotFoundError as error:
         if error.name is None or not f"{module_name}.".startswith(f"{error.name}."):
-            seen = f"; {ONLY_NAMED}" if is_inside() else ""
-            raise StackError(f"{module_name}: import failed: {_first_line(error)}{seen}") from error
+            sandbox_hint = f"; {ONLY_NAMED}" if is_inside() else ""
+            raise StackError(
+                f"{module_name}: import failed: {_first_line(error)}{sandbox_hint}"
+            ) from error
         raise StackMissingError(
             f"stack {entry_point!r}: no module named {error.name!r}; "
             "install it, or add its folder to PYTHONPATH"
@@ -210,8 +212,8 @@ def _find(entry_point: str) -> type[Stack]:
     except Exception as error:
         kind = type(error).__name__
         raise StackError(f"{module_name}: import failed: {kind}: {_first_line(error)}") from error
-    found = getattr(module, class_name, None)
-    if not inspect.isclass(found):
+    stack_class = getattr(module, class_name, None)
+    if not inspect.isclass(stack_class):
         classes = sorted(
             name
             for name, value in vars(module).items()
@@ -221,13 +223,13 @@ def _find(entry_point: str) -> type[Stack]:
         )
         hint = suggest(class_name, classes) if classes else "it defines none"
         raise StackError(f"stack {entry_point!r}: no class {class_name!r} in the module; {hint}")
-    missing = [name for name in _METHODS if not callable(getattr(found, name, None))]
+    missing = [name for name in _METHODS if not callable(getattr(stack_class, name, None))]
     if missing:
         raise StackError(
             f"stack {entry_point!r}: not a stack, without {', '.join(missing)}; "
             "derive it from devkit.stack:Stack"
         )
-    return cast(type[Stack], found)
+    return cast(type[Stack], stack_class)
 
 
 def parameter_parts(
@@ -243,8 +245,8 @@ def parameter_parts(
         raise TypeError(f"unexpected parameter '{min(unknown)}'")
     made = []
     for part in parts:
-        own = {name: parameters[name] for name in fields_of(part) if name in parameters}
-        value, mistakes = convert_all(own, part)
+        values = {name: parameters[name] for name in fields_of(part) if name in parameters}
+        value, mistakes = convert_all(values, part)
         if value is None:
             raise ValueError(mistakes[0].line("autonomy.parameters"))
         made.append(value)

@@ -93,10 +93,10 @@ def shot(
         wall = shoot_wall(options, out, pixels, wait, watch)
         print(f"{out}: {wall.told}")
         return
-    found = find_recording(folder, case)
-    moment = find_moment(found, at)
-    shoot(found.path, moment, out, pixels)
-    for line in found.remarks():
+    recording = find_recording(folder, case)
+    moment = find_moment(recording, at)
+    shoot(recording.path, moment, out, pixels)
+    for line in recording.remarks():
         tell(line)
     print(f"{out}: {case}, {moment.label}")
 
@@ -115,10 +115,10 @@ def frame(
     from viewer.playback.still import write_still
 
     check_out(out, ".png")
-    found = find_recording(folder, case)
-    moment = find_moment(found, at)
-    seconds = write_still(read_case(found.path), moment, out)
-    for line in found.remarks():
+    recording = find_recording(folder, case)
+    moment = find_moment(recording, at)
+    seconds = write_still(read_case(recording.path), moment, out)
+    for line in recording.remarks():
         tell(line)
     print(f"{out}: {case}, {moment.label}, picture of {seconds:.2f} s")
 
@@ -140,10 +140,10 @@ def strip(
     from viewer.playback.strip import write_strip
 
     check_out(out, ".jpg")
-    found = find_recording(folder, case)
-    moment = find_moment(found, at)
-    taken = write_strip(read_case(found.path), moment, around_s, frames, out)
-    for line in found.remarks():
+    recording = find_recording(folder, case)
+    moment = find_moment(recording, at)
+    taken = write_strip(read_case(recording.path), moment, around_s, frames, out)
+    for line in recording.remarks():
         tell(line)
     print(f"{out}: {case}, {moment.label}, {len(taken)} pictures")
 
@@ -183,9 +183,9 @@ def export(
     for out, suffix in ((mp4, ".mp4"), (mcap, ".mcap")):
         if out is not None:
             check_out(out, suffix)
-    found = find_recording(folder, case)
-    recorded = read_case(found.path)
-    for line in found.remarks():
+    recording = find_recording(folder, case)
+    recorded = read_case(recording.path)
+    for line in recording.remarks():
         tell(line)
     if mp4 is not None:
         film = write_film(recorded, mp4)
@@ -217,10 +217,10 @@ def replay(
     if case:
         if output is Output.json:
             raise UsageError("--output json lists all recordings; leave out the case")
-        found = find_recording(folder, case)
-        for line in found.remarks():
+        recording = find_recording(folder, case)
+        for line in recording.remarks():
             tell(line)
-        show(found, find_moment(found, at))
+        show(recording, find_moment(recording, at))
         return
     catalogue = read_catalogue(folder, at)
     for line in catalogue.remarks():
@@ -309,10 +309,10 @@ def web(
         raise typer.Exit(run_web(options))
     moment = None
     if case:
-        found = find_recording(folder, case)
-        for line in found.remarks():
+        recording = find_recording(folder, case)
+        for line in recording.remarks():
             tell(line)
-        moment = find_moment(found, at)
+        moment = find_moment(recording, at)
     else:
         for line in read_catalogue(folder, at).remarks():
             tell(line)

@@ -40,12 +40,12 @@ LOSE_AT, CHANGE_AT, REPEAT_AT = 5, 8, 11
 """Ticks with a lost message, with keys of a later version, and sent twice."""
 
 TICKS_MIN = 15
-"""So that all of them come."""
+"""Least number of ticks of a drive, so that all three of them come."""
 
 
 @dataclass(frozen=True, slots=True)
 class RuleCheck:
-    """One rule."""
+    """Outcome of one rule."""
 
     name: str
     passed: bool
@@ -186,9 +186,9 @@ def _second_process(
 ) -> None:
     """A fresh process: in the last slot, beside another case if there is room."""
     beside: list[CheckDrive | None] = [*[FAR] * (slots - 1), NEAR]
-    found = rig.drive(beside, ticks, timeout_s)
-    own = [[c for c in commands if c.slot == slots - 1] for commands in found]
-    different = _difference(reference, own)
+    answers = rig.drive(beside, ticks, timeout_s)
+    last_slot = [[c for c in commands if c.slot == slots - 1] for commands in answers]
+    different = _difference(reference, last_slot)
     what = "in another process"
     if slots > 1:
         what += ", another slot and beside another case"
@@ -203,23 +203,26 @@ def _second_process(
 
 
 def _well_formed(commands: _Commands, token: int) -> tuple[bool, str]:
-    for tick, given in enumerate(commands):
-        slots = [command.slot for command in given]
+    for tick, answer in enumerate(commands):
+        slots = [command.slot for command in answer]
         if slots != [0]:
             return False, f"tick {tick}: commands for slots {slots}, only 0 is active"
-        if given[0].tick != tick:
-            return False, f"tick {tick}: the command is for tick {given[0].tick}"
-        if given[0].token != token:
-            return False, f"tick {tick}: token {given[0].token} instead of {token}; echo the tick's"
+        if answer[0].tick != tick:
+            return False, f"tick {tick}: the command is for tick {answer[0].tick}"
+        if answer[0].token != token:
+            return (
+                False,
+                f"tick {tick}: token {answer[0].token} instead of {token}; echo the tick's",
+            )
     return True, f"one per tick, slot, token and tick echoed, {len(commands)} ticks"
 
 
 def _in_range(commands: _Commands) -> tuple[bool, str]:
-    for tick, given in enumerate(commands):
-        for command in given:
+    for tick, answer in enumerate(commands):
+        for command in answer:
             if mistake := command_mistake(command):
                 return False, f"tick {tick}: {mistake}"
-    largest = max((abs(c.steering_rad) for given in commands for c in given), default=0.0)
+    largest = max((abs(c.steering_rad) for answer in commands for c in answer), default=0.0)
     return True, f"numbers in range; largest steering angle {math.degrees(largest):.1f} deg"
 
 

@@ -95,14 +95,14 @@ def episode_of(case: Case, drive: CheckDrive, slot: int, token: int, seq: int) -
 
 def sense(case: Case, drives: list[CheckDrive | None], tick: int) -> dict[str, tuple[Any, Any]]:
     """Sensor messages that are due: array [S, ...], and count per slot (None: not ragged)."""
-    found: dict[str, tuple[Any, Any]] = {}
+    messages: dict[str, tuple[Any, Any]] = {}
     rows = [_Row(case, drive, tick) if drive else None for drive in drives]
-    found["vehicle"] = _stack(rows, "vehicle", len(VEHICLE_COLUMNS)), None
-    found["environment"] = _stack(rows, "environment", len(ENVIRONMENT_COLUMNS)), None
+    messages["vehicle"] = _stack(rows, "vehicle", len(VEHICLE_COLUMNS)), None
+    messages["environment"] = _stack(rows, "environment", len(ENVIRONMENT_COLUMNS)), None
     for name, hz in case.rig.sensor_hz.items():
         if tick % (case.rig.control_hz // hz) == 0:
             kind = sensor_kinds().find(name)
-            found[name] = _declared(kind, rows)
+            messages[name] = _declared(kind, rows)
     for index, camera in enumerate(case.rig.seeing):
         if tick % (case.rig.control_hz // camera.hz):
             continue
@@ -113,16 +113,16 @@ def sense(case: Case, drives: list[CheckDrive | None], tick: int) -> dict[str, t
             if row is not None:
                 boxes[slot, 0] = row.box(camera.width, camera.height)
                 images[slot] = row.image(boxes[slot, 0], camera.width, camera.height)
-        found[f"camera{dot}"] = images, None
-        found[f"boxes{dot}"] = boxes, [int(row is not None) for row in rows]
+        messages[f"camera{dot}"] = images, None
+        messages[f"boxes{dot}"] = boxes, [int(row is not None) for row in rows]
     for lidar in case.rig.lidars:
         if tick % (case.rig.control_hz // (lidar.hz or case.rig.control_hz)) == 0:
             points = np.full((len(drives), CHANNELS * COLUMNS, len(POINT_COLUMNS)), np.nan)
             for slot, row in enumerate(rows):
                 points[slot] = 0.0 if row is None else row.points()
             count = [0 if row is None else CHANNELS * COLUMNS for row in rows]
-            found[f"lidar.{lidar.name}"] = points.astype(np.float32), count
-    return found
+            messages[f"lidar.{lidar.name}"] = points.astype(np.float32), count
+    return messages
 
 
 class _Row:

@@ -76,7 +76,7 @@ class CheckRig(StackRig):
         """Tokens of the last drives, by slot."""
         self._last: tuple[Tick, list[Outgoing]] | None = None
         self.wall_s: list[float] = []
-        """What every exchange took, those without a fault [s]."""
+        """Wall time of every exchange without a fault [s]."""
 
     def _keep(self, sample: Sample) -> None:
         self._answers.append(sample.payload)
@@ -110,18 +110,18 @@ class CheckRig(StackRig):
         wait = self._patience(timeout_s, what)
         tick, sensors = self._last
         self.exchange(tick, sensors, [], timeout_s, what)
-        while len(found := self._answers_to(tick.seq)) < 2:
+        while len(answers := self._answers_to(tick.seq)) < 2:
             wait()
             time.sleep(0.001)  # they are on their way to us twice, on two subscriptions
-        return found[0], found[1]
+        return answers[0], answers[1]
 
     def _answers_to(self, seq: int) -> list[bytes]:
-        found = []
+        answers = []
         for data in tuple(self._answers):
             with contextlib.suppress(WireError):  # the exchange says what is wrong with it
                 if decode(data, Commands).seq == seq:
-                    found.append(data)
-        return found
+                    answers.append(data)
+        return answers
 
     def _exchange(
         self,
@@ -151,7 +151,7 @@ class CheckRig(StackRig):
     ) -> tuple[Tick, list[Outgoing]]:
         period_ns = 1_000_000_000 // self._case.rig.control_hz
         active = [drive is not None for drive in drives]
-        each: dict[str, Any] = {
+        stamp: dict[str, Any] = {
             "v": SCHEMA_VERSION,
             "seq": self._seq,
             "active": active,
@@ -163,7 +163,7 @@ class CheckRig(StackRig):
         for name, (values, count) in sense(self._case, drives, tick).items():
             array = np.ascontiguousarray(values)
             frame = Frame(
-                **each,
+                **stamp,
                 type=name,
                 case=[drive.case if drive else "" for drive in drives],
                 dtype=array.dtype.newbyteorder("<").str,
@@ -173,4 +173,4 @@ class CheckRig(StackRig):
             )
             outgoing.append(Outgoing(name, frame, array.tobytes()))
         names = [sensor.name for sensor in outgoing]
-        return Tick(**each, sensors=names, episodes=len(episodes)), outgoing
+        return Tick(**stamp, sensors=names, episodes=len(episodes)), outgoing

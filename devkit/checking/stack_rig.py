@@ -89,8 +89,8 @@ class StackRig:
         return wait
 
     def _words(self) -> str:
-        said = last_lines(self._log)
-        return f": {said}" if said else ""
+        tail = last_lines(self._log)
+        return f": {tail}" if tail else ""
 
 
 R = TypeVar("R", bound=StackRig)
@@ -117,9 +117,9 @@ def running(kind: type[R], case: Case, slots: int, timeout_s: float) -> Iterator
             arguments += ["--foreign", msgspec.json.encode(case.rig.foreign).decode()]
         child = spawn([sys.executable, "-m", "devkit", "host", *arguments], log=log)
         try:
-            found = kind(case, slots, bus, rig, child, log)
-            found.handshake(timeout_s)
-            yield found
+            stack_rig = kind(case, slots, bus, rig, child, log)
+            stack_rig.handshake(timeout_s)
+            yield stack_rig
         finally:
             end(child, END_S)
             bus.close()

@@ -83,12 +83,12 @@ class _Build:
         if index != IMAGE and isinstance(self.layers[index], Head):
             raise reader.error(f"reads {self.layers[index].label}, whose output is boxes")
 
-    def earlier(self, reader: Reader, key: str, given: int) -> int:
+    def earlier(self, reader: Reader, key: str, number: int) -> int:
         """Absolute index of a layer named absolutely or (negative) relative to this one."""
         here = len(self.layers)
-        index = given if given >= 0 else here + given
+        index = number if number >= 0 else here + number
         if not 0 <= index < here:
-            raise reader.error(f"given {given}, which is no layer before this one ({here})", key)
+            raise reader.error(f"given {number}, which is no layer before this one ({here})", key)
         self.check_readable(reader, index)
         return index
 

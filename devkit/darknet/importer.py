@@ -20,7 +20,7 @@ NAMES_BYTES_MAX = 1 << 20
 
 @dataclass(frozen=True, slots=True)
 class ImportedDetector:
-    """What was written."""
+    """Figures of an import."""
 
     out: str
     layers: int

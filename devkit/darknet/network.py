@@ -26,7 +26,7 @@ class MapShape(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DarknetLayer:
-    """What all layers have."""
+    """Fields that all layers have."""
 
     index: int
     """Index as Darknet counts: 0 is the first section behind ``[net]``."""

@@ -75,7 +75,7 @@ def write_onnx(
     half: bool = False,
     every_layer: bool = False,
 ) -> onnx.ModelProto:
-    """The model.
+    """A Darknet network and its weights as an ONNX model.
 
     Args:
         network: shapes and layers.
@@ -206,11 +206,11 @@ def _activate(graph: _Graph, activation: str, value: str, name: str) -> str:
 
 def _maxpool(graph: _Graph, layer: MaxPool, name: str) -> str:
     before = layer.padding // 2
-    given = graph.network.shape_of(layer.inputs[0])
+    shape = graph.network.shape_of(layer.inputs[0])
     # Behind the last pixel just what the windows reach beyond it.
     after = [
         max((out - 1) * layer.stride + layer.size - extent - before, 0)
-        for out, extent in zip(layer.shape[1:], given[1:], strict=True)
+        for out, extent in zip(layer.shape[1:], shape[1:], strict=True)
     ]
     return graph.node(
         "MaxPool",

@@ -163,8 +163,8 @@ class Reader:
         for key in self._section.options:
             if key in neutral:
                 if self.number(key, 0.0) != neutral[key]:
-                    given = self._section.options[key].text
-                    raise self.error(f"given {given}, supported: {neutral[key]:g}", key)
+                    text = self._section.options[key].text
+                    raise self.error(f"given {text}, supported: {neutral[key]:g}", key)
             elif key not in self._taken and key not in ignored:
                 known = sorted({*self._taken, *neutral})
                 raise self.error(f"unknown key; {suggest(key, known)}", key)

@@ -27,9 +27,9 @@ class Convolution:
     kernels: np.ndarray
     """[F, channels / groups, size, size]."""
     biases: np.ndarray
-    """[F]."""
+    """Biases of the filters [F]."""
     scales: np.ndarray | None = None
-    """[F]; None without batch normalisation, like the next two."""
+    """Factors of the filters [F]; None without batch normalisation, like the next two."""
     means: np.ndarray | None = None
     variances: np.ndarray | None = None
 

@@ -98,14 +98,14 @@ def models(output: OutputOption = Output.human) -> None:
     """List the networks that come with the package: names for `model` in a campaign file."""
     from devkit.detector.model_files import shipped_models
 
-    found = shipped_models()
+    shipped = shipped_models()
     if output is Output.json:
-        print(json.dumps({name: str(path) for name, path in found.items()}))
+        print(json.dumps({name: str(path) for name, path in shipped.items()}))
         return
-    for name, path in found.items():
+    for name, path in shipped.items():
         card = path.with_suffix(".md")
         print(f"{name:20} {path.stat().st_size / 1e6:6.1f} MB  {card if card.is_file() else ''}")
-    if not found:
+    if not shipped:
         print("none is shipped with this version; `devkit import-darknet --help`", file=sys.stderr)
 
 
@@ -131,8 +131,8 @@ def check_models(
     answer = {}
     for name, variant in variants.items():
         try:
-            found = build_perception(variant, Setting(device, (width, height)))
-            answer[name] = {"error": "", "runtime": found.runtime}
+            perception = build_perception(variant, Setting(device, (width, height)))
+            answer[name] = {"error": "", "runtime": perception.runtime}
         except (UsageError, ValueError) as error:
             answer[name] = {"error": str(error), "runtime": ""}
         except Exception as error:
@@ -167,12 +167,12 @@ def detect(
         runtime.value,
     )
     for path in images:
-        found = detector.detect(read_picture(path)[None]).of(0)
+        detections = detector.detect(read_picture(path)[None]).of(0)
         if output is Output.json:
-            print(json.dumps({"image": str(path), "detections": msgspec.to_builtins(found)}))
+            print(json.dumps({"image": str(path), "detections": msgspec.to_builtins(detections)}))
             continue
-        print(f"{path}: {counted(len(found), 'object')}")
-        for d in found:
+        print(f"{path}: {counted(len(detections), 'object')}")
+        for d in detections:
             size = f"{d.width_px:.0f}x{d.height_px:.0f}"
             print(f"  {d.label} {d.confidence:.2f} at {d.x_px:.0f},{d.y_px:.0f} {size} px")
 
@@ -189,29 +189,29 @@ def parity(
     """Feed the published AEB logs to the rules `autodrive`: rows that agree, of all rows."""
     from devkit.replaying.parity import run_parity
 
-    found = run_parity(folder)
+    result = run_parity(folder)
     if output is Output.json:
-        print(json.dumps(dataclasses.asdict(found)))
+        print(json.dumps(dataclasses.asdict(result)))
     else:
-        _print_parity(found)
-    raise typer.Exit(EXIT_FAILED if found.disagreements else EXIT_PASS)
+        _print_parity(result)
+    raise typer.Exit(EXIT_FAILED if result.disagreements else EXIT_PASS)
 
 
-def _print_parity(found: Parity) -> None:
-    print(f"{found.agreeing} / {found.rows} rows agree, in {found.files} logs")
-    for model, (agreeing, rows) in sorted(found.by_model.items()):
+def _print_parity(result: Parity) -> None:
+    print(f"{result.agreeing} / {result.rows} rows agree, in {result.files} logs")
+    for model, (agreeing, rows) in sorted(result.by_model.items()):
         print(f"  {model or 'no model named'}: {agreeing} / {rows}")
-    for one in found.disagreements[:LISTED_MAX]:
+    for one in result.disagreements[:LISTED_MAX]:
         box = f"{one.label} {one.confidence_percent:g} % {one.size_px2:g} px^2" if one.label else ""
         print(
             f"{one.file}:{one.line}: {box or 'nothing seen'}:"
             f" logged AEB {one.logged:d}, the rule says {one.rule:d}"
         )
-    for row in found.unreadable[:LISTED_MAX]:
+    for row in result.unreadable[:LISTED_MAX]:
         print(f"{row.file}:{row.line}: not judged: {row.reason}")
-    for file in found.refused[:LISTED_MAX]:
+    for file in result.refused[:LISTED_MAX]:
         print(f"{file.file}: not judged: {file.reason}")
-    listed = (found.disagreements, found.unreadable, found.refused)
+    listed = (result.disagreements, result.unreadable, result.refused)
     hidden = sum(max(len(lines) - LISTED_MAX, 0) for lines in listed)
     if hidden:
         print(f"{hidden} more lines; --output json lists all")

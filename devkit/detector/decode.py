@@ -120,14 +120,14 @@ def decode(
             count = raw.shape[1 if head.layout == "rows" else 2]
         parts.append((part[0], first + part[1], *part[2:]))
         first += count
-    found = [np.concatenate(column) for column in zip(*parts, strict=True)]
-    image, place, class_id, confidence, box = found
+    columns = [np.concatenate(column) for column in zip(*parts, strict=True)]
+    image, place, class_id, confidence, box = columns
     size_px = np.array(sizes_px, np.float64).reshape(-1, 2)[image]
     box = _clipped(box, size_px)
-    seen = (box[:, 2] > 0.0) & (box[:, 3] > 0.0)
+    inside = (box[:, 2] > 0.0) & (box[:, 3] > 0.0)
     # The place breaks ties of confidence: no two boxes of an image share it.
     order = np.lexsort((place, -confidence, image))
-    order = order[seen[order]]
+    order = order[inside[order]]
     order = order[_within(image[order], selection.candidates_max)]
     groups = np.zeros_like(class_id) if selection.across_classes else class_id
     rows = order[
@@ -168,7 +168,7 @@ def suppress(box: np.ndarray, group: np.ndarray, overlap_max: float) -> np.ndarr
 def _suppressed(
     box: np.ndarray, group: np.ndarray, image: np.ndarray, images: int, overlap_max: float
 ) -> np.ndarray:
-    """As :func:`suppress` for boxes [K] sorted by image, those of an image among themselves; all
+    """Rows of the boxes [K], sorted by image, that stay, as :func:`suppress` within each image; all
     images of a batch at once, because each holds but a few."""
     ends = np.searchsorted(image, np.arange(images + 1))
     counts = np.diff(ends)
@@ -185,22 +185,22 @@ def _suppressed(
             alive[np.delete(rows, stay)] = False
             continue
         # One row per image; what fills the rows up belongs to groups that nothing meets.
-        own = np.arange(begins[0], begins[-1])
+        members = np.arange(begins[0], begins[-1])
         line = np.repeat(np.arange(len(sizes)), sizes)
-        column = own - np.repeat(begins[:-1], sizes)
+        column = members - np.repeat(begins[:-1], sizes)
         boxes = np.zeros((len(sizes), width, 4))
         groups = np.tile(-1 - np.arange(width), (len(sizes), 1))
-        boxes[line, column], groups[line, column] = box[own], group[own]
+        boxes[line, column], groups[line, column] = box[members], group[members]
         kills = _kills(boxes, groups, slice(0, width), overlap_max)
         staying = np.ones((len(sizes), width), bool)
         for index in np.flatnonzero(kills.any(axis=(0, 2))).tolist():
             staying &= ~(kills[:, index] & staying[:, index, None])
-        alive[own] = staying[line, column]
+        alive[members] = staying[line, column]
     return np.flatnonzero(alive)
 
 
 def _kills(box: np.ndarray, group: np.ndarray, rows: slice, overlap_max: float) -> np.ndarray:
-    """Which later boxes go if an earlier one of ``rows`` stays, [N, R, K] of boxes [N, K, 4]."""
+    """Later boxes that go if an earlier one of ``rows`` stays, [N, R, K] of boxes [N, K, 4]."""
     low, high = box[..., :2], box[..., :2] + box[..., 2:]
     area = box[..., 2] * box[..., 3]
     extent = np.minimum(high[:, rows, None], high[:, None])

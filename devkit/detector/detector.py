@@ -87,7 +87,7 @@ class Detector:
 
     @property
     def runtime(self) -> str:
-        """What runs it, for people: ``opencv cpu``."""
+        """The library and device that run the network, for people: ``opencv cpu``."""
         return self._network.runtime
 
     def detect(self, images: Pictures, selection: Selection | None = None) -> DetectionBatch:
@@ -117,8 +117,8 @@ class Detector:
         """Raw heads of N images: name -> float32 [N, ...], see
         :mod:`devkit.detector.description`."""
         with self._turn:
-            found = self._network.heads(images)
-        return {head.output: found[head.output] for head in self.description.heads}
+            outputs = self._network.heads(images)
+        return {head.output: outputs[head.output] for head in self.description.heads}
 
     def _check_heads(self, size_px: tuple[int, int]) -> None:
         for head in self.description.heads:
@@ -194,18 +194,18 @@ def _check_input(path: Path, model: Any, description: DetectorDescription) -> tu
         names = ", ".join(value.name for value in inputs) or "none"
         raise ModelError(f"{path}: inputs {names}, expected one, the images")
     kind = inputs[0].type.tensor_type
-    found = [d.dim_value or d.dim_param or "?" for d in kind.shape.dim]
+    dimensions = [d.dim_value or d.dim_param or "?" for d in kind.shape.dim]
     expected = ["batch", 3, description.height, description.width]
-    fits = len(found) == 4 and all(
-        not isinstance(given, int) or given == needed
-        for given, needed in zip(found[1:], expected[1:], strict=True)
+    fits = len(dimensions) == 4 and all(
+        not isinstance(extent, int) or extent == needed
+        for extent, needed in zip(dimensions[1:], expected[1:], strict=True)
     )
     if not fits:
-        shown, wanted = (", ".join(map(str, shape)) for shape in (found, expected))
+        shown, wanted = (", ".join(map(str, shape)) for shape in (dimensions, expected))
         raise ModelError(
             f"{path}: input '{inputs[0].name}' is [{shown}], expected [{wanted}]:"
             " images of three channels at the described width and height"
         )
     if kind.elem_type != 1:
         raise ModelError(f"{path}: input '{inputs[0].name}' is not float32")
-    return inputs[0].name, found[0] if isinstance(found[0], int) else 0
+    return inputs[0].name, dimensions[0] if isinstance(dimensions[0], int) else 0

@@ -239,19 +239,21 @@ def _check(
     names: Sequence[str],
     images: int,
     truth: Truth,
-    found: DetectionBatch,
+    detections: DetectionBatch,
     labels: Mapping[str, Sequence[str]],
     overlap_min: float,
 ) -> None:
-    if tuple(names) != found.names:
-        raise ValueError(f"classes: truth has {', '.join(names)}; found {', '.join(found.names)}")
+    if tuple(names) != detections.names:
+        raise ValueError(
+            f"classes: truth has {', '.join(names)}; found {', '.join(detections.names)}"
+        )
     if not 0.0 < overlap_min <= 1.0:
         raise ValueError(f"overlap_min: given {overlap_min:g}, allowed: above 0 to 1")
     for what, values, limit in (
         ("truth image", truth.image, images),
-        ("found image", found.image, images),
+        ("found image", detections.image, images),
         ("truth class", truth.class_id, len(names)),
-        ("found class", found.class_id, len(names)),
+        ("found class", detections.class_id, len(names)),
     ):
         if len(values) and not (values.min() >= 0 and values.max() < limit):
             raise ValueError(

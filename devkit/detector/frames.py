@@ -82,12 +82,12 @@ class FrameNetwork:
             size = (self._description.height, self._description.width)
             black = self.heads(np.zeros((1, *size, 3), np.uint8))
             return {name: array[:0] for name, array in black.items()}
-        given = as_images(images)
-        session = self._session(given.size_px)
+        pictures = as_images(images)
+        session = self._session(pictures.size_px)
         parts = []
-        for first in range(0, len(given), self._batch):
-            rows = given.rows[first : first + self._batch]
-            parts.append(self._run(session, given, rows))
+        for first in range(0, len(pictures), self._batch):
+            rows = pictures.rows[first : first + self._batch]
+            parts.append(self._run(session, pictures, rows))
         return {name: np.concatenate([part[name] for part in parts]) for name in self._heads}
 
     def _run(self, session: _Session, images: Images, rows: Sequence[int]) -> dict[str, np.ndarray]:
@@ -102,10 +102,10 @@ class FrameNetwork:
         return {name: head.host[: len(rows)].copy() for name, head in session.heads.items()}
 
     def _session(self, size_px: tuple[int, int]) -> _Session:
-        found = self._sessions.get(size_px)
-        if found is None:
-            found = self._sessions[size_px] = self._opened(size_px)
-        return found
+        session = self._sessions.get(size_px)
+        if session is None:
+            session = self._sessions[size_px] = self._opened(size_px)
+        return session
 
     def _opened(self, size_px: tuple[int, int]) -> _Session:
         with refusals(self._path, "Warp", self._model):

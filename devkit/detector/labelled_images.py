@@ -60,11 +60,11 @@ def parse_classes(text: str) -> tuple[DetectorClass, ...]:
         if not label or not all(names):
             raise UsageError(f"classes '{text}': give names as in {DEFAULT_CLASSES}")
         classes.append(DetectorClass(label.strip(), names))
-    for what, found in (
+    for what, words in (
         ("label", [one.label for one in classes]),
         ("category", [name for one in classes for name in one.categories]),
     ):
-        twice = next((name for name in found if found.count(name) > 1), None)
+        twice = next((name for name in words if words.count(name) > 1), None)
         if twice is not None:
             raise UsageError(f"classes '{text}': {what} '{twice}' stands there twice")
     return tuple(classes)
@@ -128,15 +128,15 @@ class LabelledImages:
     truncation: np.ndarray
     """float64 [M]: share of it outside the image."""
     distance_m: np.ndarray
-    """float64 [M]."""
+    """float64 [M]: distance from the camera [m]."""
 
     @property
     def moderate(self) -> np.ndarray:
         """bool [M]: what KITTI's level "moderate" asks for (Geiger et al., 2012): a box at least 25
         of 375 pixels high, at most partly hidden (here half), at most 30 % outside the image."""
         high = self.box_px[:, 3] >= MODERATE_HEIGHT * self.size_px[self.image, 1]
-        seen = (self.visibility >= MODERATE_VISIBILITY) & (self.truncation <= MODERATE_TRUNCATION)
-        moderate: np.ndarray = high & seen & ~self.ignored
+        clear = (self.visibility >= MODERATE_VISIBILITY) & (self.truncation <= MODERATE_TRUNCATION)
+        moderate: np.ndarray = high & clear & ~self.ignored
         return moderate
 
     def truth(self, ignored: np.ndarray | None = None) -> Truth:

@@ -44,16 +44,18 @@ def open_detector(
     for path in file_fields(variant).values():
         _check_content(Path(path), files.get(path))
     runtime, place = runtime_of(variant, device)
-    given = Path(variant.model)
+    model_path = Path(variant.model)
     if variant.weights:
-        cfg = given if is_model_path(variant.model) else _published(variant.model)
+        cfg = model_path if is_model_path(variant.model) else _published(variant.model)
         names = Path(variant.names) if variant.names else None
         model = darknet_model(cfg, Path(variant.weights), names)
         return Detector(cfg, runtime=runtime, device=place, size_px=size_px, model=model)
     if not is_model_path(variant.model):
-        given = _shipped(variant.model)
+        model_path = _shipped(variant.model)
     description = read_description(Path(variant.description)) if variant.description else None
-    return Detector(given, description=description, runtime=runtime, device=place, size_px=size_px)
+    return Detector(
+        model_path, description=description, runtime=runtime, device=place, size_px=size_px
+    )
 
 
 def runtime_of(variant: NetworkPerception, device: str) -> tuple[RuntimeName, str]:

@@ -26,7 +26,7 @@ class LoadedNetwork(Protocol):
     outputs: list[str]
     """Names of all outputs."""
     runtime: str
-    """What runs it, for people."""
+    """The library and device that run the network, for people."""
 
     def heads(self, images: Pictures) -> dict[str, np.ndarray]:
         """Name -> float32 [N, ...], see :mod:`devkit.detector.description`."""

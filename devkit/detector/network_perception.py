@@ -59,9 +59,9 @@ class DetectorPerception:
 
     def detect(self, images: Images, boxes: Sequence[np.ndarray]) -> list[list[Detection]]:
         """See :class:`devkit.perception.Perception`."""
-        found = self._detector.detect(images, self._selection)
-        seen = found.each(len(boxes), by_place=self._by_place)
-        return [[_renamed(each) for each in _most_confident(one)] for one in seen]
+        batch = self._detector.detect(images, self._selection)
+        by_image = batch.each(len(boxes), by_place=self._by_place)
+        return [[_renamed(detection) for detection in _most_confident(one)] for one in by_image]
 
 
 def _most_confident(detections: list[Detection]) -> list[Detection]:

@@ -85,16 +85,16 @@ class NetworkInput:
     def __init__(
         self, description: DetectorDescription, size_px: tuple[int, int], batch: int, device: str
     ) -> None:
-        """Allocate. ``size_px``: width and height of the pictures; ``device``: ``cpu`` or
-        ``cuda:N``."""
+        """Allocate the arrays. ``size_px``: width and height of the pictures; ``device``: ``cpu``
+        or ``cuda:N``."""
         prepare_kernels()
         self.device = wp.get_device(device)
         self.stream = None if self.device.is_cpu else wp.Stream(self.device)
         """Stream in which its work is queued; networks of a GPU run side by side."""
         width, height = description.width, description.height
         self._across, self._down = (
-            wp.array(np.stack(taps(given, wanted)), dtype=wp.int32, device=self.device)
-            for given, wanted in zip(size_px, (width, height), strict=True)
+            wp.array(np.stack(taps(extent, wanted)), dtype=wp.int32, device=self.device)
+            for extent, wanted in zip(size_px, (width, height), strict=True)
         )
         self._scale = float(description.scale)
         self._bgr = int(description.channel_order == "bgr")
@@ -111,7 +111,7 @@ class NetworkInput:
         return 0 if self.stream is None else int(self.stream.cuda_stream)
 
     def wait(self) -> None:
-        """Until what was queued is done."""
+        """Wait until the queued work is done."""
         if self.stream is not None:
             wp.synchronize_stream(self.stream)
 

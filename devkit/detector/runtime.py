@@ -198,7 +198,7 @@ def refusals(path: Path, who: str, model: Any) -> Iterator[None]:
 
 
 def _refusal(path: Path, who: str, error: object, operators: Sequence[str]) -> ModelError:
-    """One line; the operators of the model that the error speaks of come first."""
+    """An error in one line; the operators of the model that it speaks of come first."""
     text = str(error)
     blamed = [name for name in operators if name in text]
     about = f"operator {', '.join(blamed)}: " if blamed else ""

@@ -136,10 +136,10 @@ def _small(card: Scorecard) -> Iterator[str]:
     units = {"size_px": "px long", "distance_m": "m away", "visibility": "visible"}
     for measure, groups in card.recalls.items():
         lost = [
-            f"{name} {group} {units[measure]} ({_share(found)} of {found.objects})"
+            f"{name} {group} {units[measure]} ({_share(share)} of {share.objects})"
             for group, classes in groups.items()
-            for name, found in classes.items()
-            if found.objects >= OBJECTS_MIN and 2 * found.found < found.objects
+            for name, share in classes.items()
+            if share.objects >= OBJECTS_MIN and 2 * share.found < share.objects
         ]
         if lost:
             yield (
@@ -163,8 +163,8 @@ def _percent(share: float | None) -> str:
     return "-" if share is None else f"{100.0 * share:.1f}"
 
 
-def _share(found: RecallShare) -> str:
-    return f"{100.0 * found.found / found.objects:.0f} %" if found.objects else "-"
+def _share(share: RecallShare) -> str:
+    return f"{100.0 * share.found / share.objects:.0f} %" if share.objects else "-"
 
 
 def _hours(block: str) -> str:
@@ -174,7 +174,7 @@ def _hours(block: str) -> str:
 
 
 def report(card: Scorecard) -> str:
-    """All tables."""
+    """All tables of a scorecard, in Markdown."""
     parts = [
         merit_line(card) + "\n",
         moderate_lines(card),

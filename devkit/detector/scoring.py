@@ -153,7 +153,7 @@ def renamed(found: DetectionBatch, names: Sequence[str]) -> DetectionBatch:
 
 
 def shifted(found: DetectionBatch, first: int) -> DetectionBatch:
-    """The same with images that begin at ``first``."""
+    """Detections whose image numbers begin at ``first``."""
     return DetectionBatch(
         names=found.names,
         image=found.image + first,
@@ -174,18 +174,18 @@ def joined(parts: Sequence[DetectionBatch]) -> DetectionBatch:
 
 
 def _recalls(
-    data: LabelledImages, truth: Truth, found: DetectionBatch
+    data: LabelledImages, truth: Truth, detections: DetectionBatch
 ) -> dict[str, dict[str, dict[str, RecallShare]]]:
     """Recalls by looks of an object; of boxes of at least :data:`CONFIDENCE_SHOWN`."""
-    seen = _seen(truth, found)
+    is_found = _seen(truth, detections)
     rows = np.flatnonzero(~truth.ignored)
     # The truth's rows that are not ignored are those of the data, in the same order.
-    own = np.flatnonzero(~data.ignored)
-    hit, class_id = seen[rows], truth.class_id[rows]
+    data_rows = np.flatnonzero(~data.ignored)
+    hit, class_id = is_found[rows], truth.class_id[rows]
     measures = {
-        "size_px": (data.box_px[own, 2:].max(axis=1, initial=0.0), SIZES_PX),
-        "distance_m": (data.distance_m[own], DISTANCES_M),
-        "visibility": (data.visibility[own], VISIBILITIES),
+        "size_px": (data.box_px[data_rows, 2:].max(axis=1, initial=0.0), SIZES_PX),
+        "distance_m": (data.distance_m[data_rows], DISTANCES_M),
+        "visibility": (data.visibility[data_rows], VISIBILITIES),
     }
     result = {}
     for name, (values, edges) in measures.items():
@@ -203,17 +203,17 @@ def _recalls(
     return result
 
 
-def _seen(truth: Truth, found: DetectionBatch) -> np.ndarray:
+def _seen(truth: Truth, detections: DetectionBatch) -> np.ndarray:
     """bool [M]: whether a reported box of its class overlaps a truth enough."""
-    seen = np.zeros(len(truth.image), bool)
-    shown = np.flatnonzero(found.confidence >= CONFIDENCE_SHOWN)
-    one, other = pairs(found.image[shown], truth.image)
+    is_found = np.zeros(len(truth.image), bool)
+    shown = np.flatnonzero(detections.confidence >= CONFIDENCE_SHOWN)
+    one, other = pairs(detections.image[shown], truth.image)
     one = shown[one]
-    same = found.class_id[one] == truth.class_id[other]
+    same = detections.class_id[one] == truth.class_id[other]
     one, other = one[same], other[same]
-    enough = overlaps(found.box_px[one], truth.box_px[other]) >= OVERLAP_MIN
-    seen[other[enough]] = True
-    return seen
+    enough = overlaps(detections.box_px[one], truth.box_px[other]) >= OVERLAP_MIN
+    is_found[other[enough]] = True
+    return is_found
 
 
 def _range(edges: Sequence[float], index: int) -> str:

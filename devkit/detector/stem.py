@@ -23,7 +23,7 @@ class StemLayer:
     kernels: np.ndarray
     """float32 [out, in, 3, 3]."""
     biases: np.ndarray
-    """float32 [out]."""
+    """float32 [out]: a bias per channel."""
     stride: int
     """Stride over rows and columns, 1 or 2."""
     slope: float
@@ -57,8 +57,8 @@ def cut(model: Any, input_name: str) -> tuple[list[StemLayer], Any, str]:
     layers: list[StemLayer] = []
     gone: set[str] = set()
     name = input_name
-    while (found := graph.layer(name)) is not None:
-        layer, names = found
+    while (step := graph.layer(name)) is not None:
+        layer, names = step
         layers.append(layer)
         gone.update(names)
         name = names[-1]
@@ -83,7 +83,7 @@ def cut(model: Any, input_name: str) -> tuple[list[StemLayer], Any, str]:
 
 
 class _Graph:
-    """Who reads what."""
+    """A network's nodes by the tensors that they read and make."""
 
     def __init__(self, graph: Any) -> None:
         self._constants = {tensor.name: tensor for tensor in graph.initializer}
@@ -100,7 +100,7 @@ class _Graph:
         convolution = self._reader(name, "Conv")
         if convolution is None or len(convolution.input) < 3:
             return None
-        kernels, biases = (self._constant(given) for given in convolution.input[1:3])
+        kernels, biases = (self._constant(tensor) for tensor in convolution.input[1:3])
         how = _attributes(convolution)
         stride = how.get("strides", [1, 1])
         if (
@@ -172,10 +172,12 @@ def _holds_graphs(node: Any) -> bool:
     import onnx
 
     kinds = (onnx.AttributeProto.GRAPH, onnx.AttributeProto.GRAPHS)
-    return any(given.type in kinds for given in node.attribute)
+    return any(attribute.type in kinds for attribute in node.attribute)
 
 
 def _attributes(node: Any) -> dict[str, Any]:
     import onnx
 
-    return {given.name: onnx.helper.get_attribute_value(given) for given in node.attribute}
+    return {
+        attribute.name: onnx.helper.get_attribute_value(attribute) for attribute in node.attribute
+    }

@@ -83,7 +83,9 @@ class ThinLayers:
     def __init__(
         self, layers: Sequence[StemLayer], given: wp.array, stream: "wp.Stream | None"
     ) -> None:
-        """Allocate. ``given``: [N, channels, rows, columns]; ``stream``: what is queued where.
+        """Allocate the layers.
+
+        ``given``: [N, channels, rows, columns]; ``stream``: the stream in which work is queued.
 
         Raises:
             ValueError: a layer reads another number of channels; one line.
@@ -98,9 +100,9 @@ class ThinLayers:
         wp.synchronize_device(given.device)  # arrays were filled in another stream
 
     def _add(self, layer: StemLayer) -> None:
-        reads, given = layer.kernels.shape[1], self.out.shape[1]
-        if reads != given:  # the kernel would read what lies behind the pictures
-            raise ValueError(f"a convolution reads {reads} channels, given {given}")
+        reads, available = layer.kernels.shape[1], self.out.shape[1]
+        if reads != available:  # the kernel would read what lies behind the pictures
+            raise ValueError(f"a convolution reads {reads} channels, given {available}")
         device, channels = self.out.device, len(layer.biases)
         vector = wp.types.vector(length=channels, dtype=wp.float32)
         # Of each channel in and each tap all channels out, together.

@@ -22,7 +22,7 @@ SHORTAGES = frozenset(
 """Errors of the operating system that say that a machine has run out of something."""
 
 OUT_OF_MEMORY = "OutOfMemoryError"
-"""What libraries of GPUs call it; they are not imported to ask."""
+"""Name of the error in libraries of GPUs; they are not imported to ask."""
 
 
 def is_machines(error: BaseException) -> bool:
@@ -57,7 +57,7 @@ def refusal(seq: int, error: BaseException) -> Commands:
 
 
 def line_buffered() -> None:
-    """What a stack prints reaches its log line by line, so that it is known when it was printed."""
+    """Buffer standard output by line, so that a stack's log shows when a line was printed."""
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(line_buffering=True)
 

@@ -157,9 +157,13 @@ class ForeignProcess:
         self._child.wait()
 
     def _family(self) -> list[psutil.Process]:
-        own = self._child.pid
-        found = _descendants()
-        return [p for p in found if p.pid == own or _session(p) == own or _mark(p) == self._mark]
+        leader = self._child.pid
+        descendants = _descendants()
+        return [
+            p
+            for p in descendants
+            if p.pid == leader or _session(p) == leader or _mark(p) == self._mark
+        ]
 
     def restart(self) -> None:
         """End it and start it again, as if for the first time."""
@@ -232,25 +236,25 @@ def end_descendants() -> None:
 def _end(look: Callable[[], list[psutil.Process]]) -> None:
     """Kill what is found until nothing is: first stop them, so that none starts another."""
     for _ in range(ROUNDS_MAX):
-        found = look()
-        if not found:
+        processes = look()
+        if not processes:
             return
-        for process in found:
+        for process in processes:
             _signal(process, signal.SIGSTOP)
-        for process in found:
+        for process in processes:
             _signal(process, signal.SIGKILL)
-        psutil.wait_procs(found, timeout=1.0)
+        psutil.wait_procs(processes, timeout=1.0)
 
 
 def _descendants() -> list[psutil.Process]:
-    found = []
+    alive = []
     for process in psutil.Process().children(recursive=True):
         with contextlib.suppress(psutil.NoSuchProcess):
             if process.status() != psutil.STATUS_ZOMBIE:
-                found.append(process)
+                alive.append(process)
             else:
                 _reap(process.pid)
-    return found
+    return alive
 
 
 def _session(process: psutil.Process) -> int:

@@ -39,7 +39,7 @@ def placed(foreign: Foreign, rig: str) -> tuple[list[str], str | None]:
 
 
 def vacate(foreign: Foreign, rig: str) -> None:
-    """When its processes have ended: a runtime may keep a dead container, which is removed."""
+    """Remove the dead container that a runtime may keep when the stack's processes have ended."""
     kept = foreign.image is not None and foreign.image.runtime in ("auto", "podman")
     if foreign.image is None or not kept or shutil.which("podman") is None:
         return

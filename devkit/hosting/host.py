@@ -75,7 +75,7 @@ class HostOptions:
     foreign: Foreign | None = None
     """A command to start: the stack itself, or what ``stack`` is the bridge to."""
     expected: Sequence[Expected] = ()
-    """What its first cases will look with."""
+    """Perception that the rig's first cases will look with."""
     source: StackSource = field(default_factory=StackSource)
     """What the stack consisted of when the campaign was submitted."""
     view: SandboxView | None = None
@@ -243,8 +243,8 @@ def _loaded(
         InfrastructureError: there is no such stack here, or the machine is to blame.
         RefusedError: it is not the one that was submitted; one line.
     """
-    found = confirm(named, source, parameters) if named.foreign is None else None
-    loaded = LoadedModules(found, shown_name(named)) if found is not None else None
+    stack_files = confirm(named, source, parameters) if named.foreign is None else None
+    loaded = LoadedModules(stack_files, shown_name(named)) if stack_files is not None else None
     try:
         stack = load_stack(named.stack, slots, parameters)
     except StackError as error:
@@ -314,7 +314,9 @@ def serve(
 
 def expect(stack: Stack, expected: Sequence[Expected]) -> None:
     """Have the stack load what its cases need, while the simulator builds its world."""
-    if takes_device_frames(stack) and any(each.device.startswith("cuda") for each in expected):
+    if takes_device_frames(stack) and any(
+        expectation.device.startswith("cuda") for expectation in expected
+    ):
         cuda.prepare()
     if isinstance(stack, Stack):  # one that is none of ours may lack the method
         stack.expect(expected)

@@ -33,10 +33,10 @@ FILE_BYTES_MAX = 1 << 20
 """Largest announcement that is read [bytes]."""
 
 ENTRIES_MAX = 10_000
-"""So many files of the folder are looked at."""
+"""Number of files of the folder that are looked at, at most."""
 
 TOLD_MAX = 1000
-"""So many files are told that are no announcements of ours."""
+"""Number of unfit files that are reported, at most."""
 
 WORDS = (
     *("--connect", "--rig", "--namespace", "--slots", "--stack", "--parameters", "--expected"),
@@ -129,8 +129,8 @@ def run_join(folder: Path, *, commands: bool = False) -> int:
             rig, arguments = claimed
             print(f"joining {rig}", file=sys.stderr, flush=True)
             key = folder / f"{rig}.key"
-            own = ["--key", str(key)] if key.exists() else []
-            words = [sys.executable, "-m", "devkit", "host", *arguments, *own]
+            key_option = ["--key", str(key)] if key.exists() else []
+            words = [sys.executable, "-m", "devkit", "host", *arguments, *key_option]
             try:
                 child = spawn(words, log=sys.stderr.buffer)
             except OSError as error:
@@ -164,10 +164,10 @@ def read_announcement(path: Path, *, commands: bool) -> list[str]:
             raise UnfitError(f"option '{word}', allowed once each: {', '.join(WORDS)}")
     if len(words) != len(values) or any("\0" in value for value in values):
         raise UnfitError("expected an option and its value in turns")
-    found = dict(zip(words, values, strict=True))
-    if found.get("--rig") != rig:
-        raise UnfitError(f"it announces rig '{found.get('--rig', '')}', its name says {rig}")
-    if found.get(COMMAND) and not commands:
+    options = dict(zip(words, values, strict=True))
+    if options.get("--rig") != rig:
+        raise UnfitError(f"it announces rig '{options.get('--rig', '')}', its name says {rig}")
+    if options.get(COMMAND) and not commands:
         raise UnfitError(
             "its campaign names a command (autonomy.command, bridge or image); start this host "
             "with --commands to have it run here"
@@ -191,11 +191,11 @@ def _own_bytes(path: Path) -> bytes:
     except OSError as error:
         raise UnfitError(str(error.strerror)) from None
     with file:
-        found = os.fstat(file.fileno())
-        if found.st_uid != os.geteuid():
-            raise UnfitError(f"belongs to user id {found.st_uid}, you are {os.geteuid()}")
-        if found.st_mode & 0o022:
-            raise UnfitError(f"others may write to it (mode {stat.S_IMODE(found.st_mode):04o})")
+        status = os.fstat(file.fileno())
+        if status.st_uid != os.geteuid():
+            raise UnfitError(f"belongs to user id {status.st_uid}, you are {os.geteuid()}")
+        if status.st_mode & 0o022:
+            raise UnfitError(f"others may write to it (mode {stat.S_IMODE(status.st_mode):04o})")
         return file.read(FILE_BYTES_MAX)
 
 
@@ -206,23 +206,23 @@ def _check_folder(folder: Path) -> bool:
         UsageError: others can put files of ours into it, or it is no folder.
     """
     try:
-        found = folder.stat()
+        status = folder.stat()
     except FileNotFoundError:
         return False
     except OSError as error:
         raise UsageError(f"{folder}: {error.strerror}") from None
-    if not stat.S_ISDIR(found.st_mode):
+    if not stat.S_ISDIR(status.st_mode):
         raise UsageError(f"{folder}: not a folder; give that of `twin worker --join-dir`")
-    sticky = bool(found.st_mode & stat.S_ISVTX)
-    if found.st_mode & 0o022 and not sticky:
-        mode = f"{stat.S_IMODE(found.st_mode):04o}"
+    sticky = bool(status.st_mode & stat.S_ISVTX)
+    if status.st_mode & 0o022 and not sticky:
+        mode = f"{stat.S_IMODE(status.st_mode):04o}"
         raise UsageError(
             f"{folder}: others may write to it (mode {mode}), and so say what runs here; run "
             f"`chmod go-w {folder}`"
         )
-    if found.st_uid not in (os.geteuid(), 0) and not sticky:
+    if status.st_uid not in (os.geteuid(), 0) and not sticky:
         raise UsageError(
-            f"{folder}: belongs to user id {found.st_uid}, you are {os.geteuid()}; give a folder "
+            f"{folder}: belongs to user id {status.st_uid}, you are {os.geteuid()}; give a folder "
             "of your own"
         )
     return True

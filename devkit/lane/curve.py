@@ -76,8 +76,8 @@ def _solved(matrix: list[list[float]], side: list[float]) -> Coefficients:
             rest = matrix[i][j] - sum(lower[i][k] * lower[j][k] for k in range(j))
             lower[i][j] = math.sqrt(rest) if i == j else rest / lower[j][j]
         half[i] = (side[i] - sum(lower[i][k] * half[k] for k in range(i))) / lower[i][i]
-    found = [0.0] * 4
+    solution = [0.0] * 4
     for i in reversed(range(4)):
-        rest = half[i] - sum(lower[k][i] * found[k] for k in range(i + 1, 4))
-        found[i] = rest / lower[i][i]
-    return (found[0], found[1], found[2], found[3])
+        rest = half[i] - sum(lower[k][i] * solution[k] for k in range(i + 1, 4))
+        solution[i] = rest / lower[i][i]
+    return (solution[0], solution[1], solution[2], solution[3])

@@ -73,7 +73,7 @@ class LateralParameters(Struct, frozen=True, forbid_unknown_fields=True):
 
 @dataclass(frozen=True, slots=True)
 class Wheel:
-    """What lateral control remembers."""
+    """Memory of the lateral control between ticks."""
 
     angle_rad: float = 0.0
     """Road-wheel angle asked for last, left positive [rad]."""

@@ -26,7 +26,7 @@ CONTRAST_MIN = 0.06
 """Least brightness above the flanks, relative to the stripe's own: texture of asphalt and of wide
 painted areas stays below, a marking in heavy fog above [-]."""
 NOISE_FACTOR = 3.0
-"""Or this many times the median response of everything that was looked at [-]."""
+"""Least brightness above the flanks, relative to the median of everything looked at [-]."""
 
 _REACH = FLANK + CORE
 _SUMMED = 2 * CORE + 1
@@ -38,7 +38,7 @@ class Points:
     """Places [P] on lane markings, in the vehicle's axes."""
 
     ahead_m: np.ndarray
-    """Before the rear axle [m]."""
+    """Distances before the rear axle [m]."""
     left_m: np.ndarray
     """Left of the vehicle's centre line [m]."""
     line_m: np.ndarray
@@ -71,13 +71,13 @@ def find_points(
     half = round(gate_m / PITCH_M) + _REACH
     points = point_of(expected)[..., None] + np.arange(-half, half + 1)
     luma = view.luma(image, np.arange(count)[:, None], points, covered)
-    ridge, stripe, seen = _ridge(luma)
-    best = np.argmax(np.where(seen, ridge, -1), axis=-1)[..., None]
+    ridge, stripe, visible = _ridge(luma)
+    best = np.argmax(np.where(visible, ridge, -1), axis=-1)[..., None]
     height = np.take_along_axis(ridge, best, -1)[..., 0]
-    found = np.take_along_axis(seen, best, -1)[..., 0]
-    own = np.take_along_axis(stripe, best, -1)[..., 0]
-    found &= (height >= _threshold(ridge[seen])) & (height >= CONTRAST_MIN * own)
-    line, row = np.nonzero(found)
+    is_line = np.take_along_axis(visible, best, -1)[..., 0]
+    brightness = np.take_along_axis(stripe, best, -1)[..., 0]
+    is_line &= (height >= _threshold(ridge[visible])) & (height >= CONTRAST_MIN * brightness)
+    line, row = np.nonzero(is_line)
     at = np.take_along_axis(points, best + _REACH, -1)[..., 0]
     return Points(view.ahead_m[row], left_of(at[line, row]), np.array(lines_m)[line])
 
@@ -91,8 +91,8 @@ def _ridge(luma: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     middle = stripe[..., FLANK : FLANK + size]
     flanks = np.maximum(stripe[..., :size], stripe[..., 2 * FLANK : 2 * FLANK + size])
     # What a lens draws of a line of the road is one piece, so its ends tell.
-    seen = (luma[..., :size] >= 0) & (luma[..., 2 * _REACH :] >= 0)
-    return middle - flanks, middle, seen
+    visible = (luma[..., :size] >= 0) & (luma[..., 2 * _REACH :] >= 0)
+    return middle - flanks, middle, visible
 
 
 def _threshold(ridge: np.ndarray) -> float:

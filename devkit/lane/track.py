@@ -32,10 +32,10 @@ SUPPORT_MIN = (5.0, 2.0)
 """The lane is known while the points that agree with it weigh this much together, to find it and
 to keep it; one clear frame weighs 15 [-]."""
 AGREED_MIN = (0.8, 0.6)
-"""And they must be this share of all points, by weight, to find it and to keep it. On wrong curves
+"""Share of all points, by weight, that must agree to find a lane and to keep it. On wrong curves
 through rain streaks and glare at most 0.75 of them agreed, on the right ones 0.81 [-]."""
 FRAMES_MIN = 3
-"""So many camera frames in a row must agree before a lane counts as found: streaks of rain lie
+"""Camera frames in a row that must agree before a lane counts as found: streaks of rain lie
 elsewhere in each [-]."""
 FOUND_WITHIN = (1.0, 0.15, 0.02)
 """A lane that is found lies within this offset [m] and slope [-] of the car, and its curvature

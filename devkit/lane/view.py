@@ -28,7 +28,7 @@ HALF_WIDTH_M = 10.0
 AHEAD_MAX_M = 16.0
 """End of the view before the rear axle: a cubic does not follow a narrow bend any further [m]."""
 ROW_MAX_M = 0.8
-"""Or where one row of the image covers more of the road than this [m]."""
+"""The view also ends where one row of the image covers more of the road than this [m]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -47,7 +47,7 @@ _FIELDS = Controller.__struct_fields__
 
 @dataclass(frozen=True, slots=True)
 class Actuation:
-    """What goes to the drive-by-wire system."""
+    """Actuator values for the drive-by-wire system."""
 
     throttle: float
     """0 to 1 [-]."""

@@ -36,9 +36,9 @@ class Eyes:
 
     def expect(self, expected: Sequence[Expected]) -> None:
         """Build what cases will look with; see :meth:`devkit.stack.Stack.expect`."""
-        for each in expected:
+        for expectation in expected:
             with suppress(UsageError, ValueError):  # told when a case needs it
-                self._perception(each)
+                self._perception(expectation)
 
     def reset(self, slot: int, episode: Episode) -> None:
         """Give ``slot`` the perception of a new case.
@@ -67,11 +67,11 @@ class Eyes:
         groups: dict[int, list[int]] = {}
         for slot in slots:
             groups.setdefault(id(self._of_slot[slot]), []).append(slot)
-        seen: dict[int, list[Detection]] = {}
-        for group, found, cost in self._looked(list(groups.values()), camera, observation):
-            seen.update(zip(group, found, strict=True))
+        detections: dict[int, list[Detection]] = {}
+        for group, lists, cost in self._looked(list(groups.values()), camera, observation):
+            detections.update(zip(group, lists, strict=True))
             self._costs.update(dict.fromkeys(group, cost))
-        return seen
+        return detections
 
     def _looked(
         self, groups: list[list[int]], camera: Any, observation: Observation
@@ -83,9 +83,9 @@ class Eyes:
             assert perception is not None, f"slot {group[0]} was not reset"
             boxes = [rows for slot in group if (rows := observation.boxes(slot)) is not None]
             started_s = time.perf_counter()
-            found = perception.detect(Images(camera, group), boxes)
+            lists = perception.detect(Images(camera, group), boxes)
             each_s = (time.perf_counter() - started_s) / len(group)
-            return group, found, PerceptionCost(perception.runtime, 1, each_s)
+            return group, lists, PerceptionCost(perception.runtime, 1, each_s)
 
         # While a GPU works on one network, this process prepares another and decodes a third.
         # On the CPU there is one core for all of it.

@@ -87,7 +87,7 @@ _DEFAULT_RULES_ONLY = tuple(name for name in _FIELDS if name not in ("rules", "c
 
 @dataclass(frozen=True, slots=True)
 class Cruise:
-    """Drives; ``recent``: whether the last camera frames showed a threat, newest last."""
+    """The car drives; ``recent``: whether the last camera frames showed a threat, newest last."""
 
     recent: tuple[bool, ...] = ()
 

@@ -14,9 +14,9 @@ from schemas.messages import Detection
 
 LABEL = "car"
 CONFIDENCE_MIN = 0.5
-"""Inclusive [-]."""
+"""Least confidence of a threat, inclusive [-]."""
 AREA_MIN_PX2 = 1000
-"""Inclusive, in the script's image [px^2]."""
+"""Least area of a threat, inclusive, in the script's image [px^2]."""
 WIDTH_PX, HEIGHT_PX = 640, 360
 """Size of the script's image [px]."""
 

@@ -93,8 +93,8 @@ def replay(
     done, damaged = run_replay(paths, asked, tolerances, report)
     equal = sum(one.equal for one in done)
     if output is Output.json:
-        found = {"equal": equal == len(paths), "cases": [_plain(one) for one in done]}
-        print(json.dumps({**found, "damaged": damaged}, indent=1))
+        result = {"equal": equal == len(paths), "cases": [_plain(one) for one in done]}
+        print(json.dumps({**result, "damaged": damaged}, indent=1))
     elif done:
         print(f"{equal} of {len(paths)} equal")
     if damaged:

@@ -49,7 +49,7 @@ def parse_tolerances(given: Iterable[str]) -> dict[str, float]:
     Raises:
         UsageError: no such field, or no number from 0 on; one line.
     """
-    found = {}
+    tolerances = {}
     for text in given:
         name, equals, value = text.partition("=")
         if name not in TOLERANT or not equals:
@@ -62,8 +62,8 @@ def parse_tolerances(given: Iterable[str]) -> dict[str, float]:
             number = -1.0
         if not 0 <= number < math.inf:
             raise UsageError(f"--tolerance {text}: given {value!r}, allowed: a number from 0 on")
-        found[name] = number
-    return found
+        tolerances[name] = number
+    return tolerances
 
 
 def compared(

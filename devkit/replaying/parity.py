@@ -68,7 +68,7 @@ class RefusedLog:
 
 @dataclass(slots=True)
 class Parity:
-    """What was found. Texts that come from the logs are escaped."""
+    """Result of the comparison. Texts that come from the logs are escaped."""
 
     files: int = 0
     """Logs whose rows were looked at."""

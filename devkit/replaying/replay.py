@@ -34,7 +34,7 @@ from twin.fabric.drive import Outgoing
 from twin.records.drive_record import RecordReader, decoded
 
 COMMAND_CHARS_MAX = 500
-"""So much of a command is shown [characters]."""
+"""Length at which a shown command is cut [characters]."""
 
 _ATTEMPT = re.compile(r"attempt-(\d+)")
 
@@ -47,14 +47,14 @@ class StackFailedError(TwinError):
 
 @dataclass(frozen=True, slots=True)
 class StackChoice:
-    """Which stack is to drive."""
+    """The stack that is to drive, where it is not the recorded one."""
 
     rig: RigSpec | None = None
-    """Whose stack and parameters count; None: the recorded ones."""
+    """Rig whose stack and parameters count; None: the recorded ones."""
     variants: Mapping[str, Perception] = field(default_factory=dict)
     """Perception variants that replace recorded ones of the same name."""
     parameters: Mapping[str, Any] | None = None
-    """Replace single ones of the recorded stack."""
+    """Parameters that replace single ones of the recorded stack."""
     device: str = ""
     """Device on which its networks may compute, ``cpu`` or ``cuda:N``; empty: as recorded."""
     timeout_s: float = 60.0
@@ -78,7 +78,7 @@ class Replayed:
 
     @property
     def equal(self) -> bool:
-        """No field differs by more than its tolerance."""
+        """Whether no field differs by more than its tolerance."""
         return not self.ended and not any(row.differ for row in self.rows)
 
 
@@ -95,30 +95,30 @@ def find_records(folder: Path, cases: Sequence[str], attempt: int | None) -> lis
     """
     if folder.is_file() or (folder / DRIVE_FILE).is_file():
         if cases or attempt is not None:
-            given = cases[0] if cases else "--attempt"
-            raise UsageError(f"{folder}: one attempt already; leave {given} out")
+            argument = cases[0] if cases else "--attempt"
+            raise UsageError(f"{folder}: one attempt already; leave {argument} out")
         return [folder]
     if not folder.is_dir():
         raise UsageError(f"{folder}: no such folder; give a campaign folder, or that of an attempt")
-    found: dict[str, dict[int, Path]] = {}
+    records_of: dict[str, dict[int, Path]] = {}
     for path in folder.glob(f"cases/*/attempt-*/{DRIVE_FILE}"):
         number = _ATTEMPT.fullmatch(path.parent.name)
         if number is not None:
-            found.setdefault(path.parent.parent.name, {})[int(number[1])] = path
-    if not found:
+            records_of.setdefault(path.parent.parent.name, {})[int(number[1])] = path
+    if not records_of:
         raise UsageError(
             f"{folder}: no record of a drive; `recording: {{drive: all}}` in the campaign file "
             "leaves one per attempt"
         )
     chosen = []
-    for case in cases or sorted(found):
-        records = found.get(case, {})
+    for case in cases or sorted(records_of):
+        records = records_of.get(case, {})
         number_wanted = max(records, default=-1) if attempt is None else attempt
         if number_wanted not in records:
             which = f"attempt {attempt} of case {case}" if attempt is not None else f"case {case}"
-            have = ", ".join(f"{c} ({max(n)})" for c, n in sorted(found.items())[:5])
+            have = ", ".join(f"{c} ({max(n)})" for c, n in sorted(records_of.items())[:5])
             raise UsageError(
-                f"{folder}: no record of {which}; there are {len(found)}, as in {have}"
+                f"{folder}: no record of {which}; there are {len(records_of)}, as in {have}"
             )
         chosen.append(records[number_wanted])
     return chosen
@@ -233,8 +233,8 @@ def _drive(
         except InfrastructureError as error:
             ended = f"tick {recorded.seen.tick}: {error}"
             break
-        given = None if recorded.answer is None else recorded.answer.command
-        pairs.append((recorded.seen.tick, given, command))
+        reference = None if recorded.answer is None else recorded.answer.command
+        pairs.append((recorded.seen.tick, reference, command))
     answered = [(tick, one, two) for tick, one, two in pairs if one is not None]
     return Replayed(
         reader.head,
@@ -274,7 +274,7 @@ class ReplayRig(StackRig):
         """
         if seen.episode is not None:
             self._token += 1
-        each: dict[str, Any] = {
+        stamp: dict[str, Any] = {
             "v": SCHEMA_VERSION,
             "seq": self._seq,
             "active": [True],
@@ -286,7 +286,7 @@ class ReplayRig(StackRig):
         episodes = []
         if seen.episode is not None:
             changed = {
-                "seq": each["seq"],
+                "seq": stamp["seq"],
                 "token": self._token,
                 "perception": case.variation.perception,
             }
@@ -294,9 +294,9 @@ class ReplayRig(StackRig):
             if asked.rig is not None:
                 changed["files"] = case.variation.files
             episodes = [msgspec.structs.replace(seen.episode, **changed)]
-        sensors = list(sensor_messages(seen, reader, each))
+        sensors = list(sensor_messages(seen, reader, stamp))
         names = [sensor.name for sensor in sensors]
-        tick = Tick(**each, sensors=names, episodes=len(episodes))
+        tick = Tick(**stamp, sensors=names, episodes=len(episodes))
         what = f"does not answer tick {seen.tick}"
         answer = self.exchange(tick, sensors, episodes, asked.timeout_s, what)
         for command in answer.commands:

@@ -18,12 +18,12 @@ from schemas.identity import digest
 
 
 def model_name(model: str) -> str:
-    """What the files are called."""
+    """Name of the model's files without a suffix."""
     return Path(model).stem if _is_file(model) else model
 
 
 def cfg_digest(model: str) -> str | None:
-    """What a cfg file says, as a SHA-256; None for a shipped architecture.
+    """SHA-256 of what a cfg file says; None for a shipped architecture.
 
     Raises:
         DarknetError: the file is no cfg.

@@ -28,7 +28,7 @@ def write_card(
     versions: Mapping[str, Any],
     cards: Mapping[str, Scorecard],
 ) -> str:
-    """Markdown.
+    """Text of a model's card, in Markdown.
 
     Args:
         name: of the model.
@@ -64,9 +64,9 @@ def write_card(
         " nothing is known about those.\n"
     )
     for split, card in cards.items():
-        found = failures(card)
+        sentences = failures(card)
         parts.append(f"`{split}`:\n")
-        parts.append("".join(f"- {sentence}\n" for sentence in found) or "- none stands out\n")
+        parts.append("".join(f"- {sentence}\n" for sentence in sentences) or "- none stands out\n")
     parts += ["## Licence\n", "Apache-2.0. Trained on images of drivetwin alone.\n"]
     return "\n".join(parts)
 

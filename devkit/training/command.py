@@ -42,7 +42,7 @@ from twin.base.software import device_class, software_digest
 
 @dataclass(frozen=True, slots=True)
 class Trained:
-    """What came out."""
+    """Files and scores of a training."""
 
     model: str
     """The ONNX file."""
@@ -98,8 +98,8 @@ def run_training(request: TrainingRequest) -> Trained:
             folder.write_head(parameters, about, {"complete": False})
             trainer = Trainer(network, parameters, device)
             with progress("train", "training", "steps") as report:
-                seen = _train(trainer, parameters, folder, data, images, report)
-            weights = trainer.mean.weights(seen)
+                images_seen = _train(trainer, parameters, folder, data, images, report)
+            weights = trainer.mean.weights(images_seen)
             model = write_onnx(network, weights, images.names, half=parameters.half)
             folder.write(f"{name}.onnx", model.SerializeToString(deterministic=True))
             folder.write(f"{name}.cfg", to_text(sections).encode())
@@ -117,21 +117,21 @@ def run_training(request: TrainingRequest) -> Trained:
 def _parameters(
     request: TrainingRequest, head: dict[str, Any] | None, data: DatasetHead
 ) -> TrainingParameters:
-    found: dict[str, Any] = dict(head["parameters"]) if head else {}
-    found |= {key: value for key, value in request.plain.items() if value is not None}
-    if "model" not in found:
+    values: dict[str, Any] = dict(head["parameters"]) if head else {}
+    values |= {key: value for key, value in request.plain.items() if value is not None}
+    if "model" not in values:
         raise UsageError("give --model, an architecture as yolov3-tiny-w25 or a .cfg file")
     if request.size is not None:
-        found["width"], found["height"] = _size(request.size)
+        values["width"], values["height"] = _size(request.size)
     elif head is None:
-        size = read_size(found["model"]) or (data.recipe["width"], data.recipe["height"])
-        found["width"], found["height"] = size
-    if head is None and found.get("threads") is None:
-        found["threads"] = len(os.sched_getaffinity(0))
+        size = read_size(values["model"]) or (data.recipe["width"], data.recipe["height"])
+        values["width"], values["height"] = size
+    if head is None and values.get("threads") is None:
+        values["threads"] = len(os.sched_getaffinity(0))
     if request.settings:
         settings = dict(parse_setting(text) for text in request.settings)
-        found["recipe"] = {**found.get("recipe", {}), **settings}
-    return parse_parameters(found, "train")
+        values["recipe"] = {**values.get("recipe", {}), **settings}
+    return parse_parameters(values, "train")
 
 
 def _size(text: str) -> tuple[int, int]:

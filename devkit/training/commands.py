@@ -143,8 +143,8 @@ def evaluate(
     chosen = classes_for(detector.description.names, classes, model)
     splits = TESTS if split is SplitChoice.all else (split.value,)
     images = read_labelled(head.path, splits, chosen)
-    with progress("evaluate", "scoring", "images") as told:
-        card = score_detector(detector, images, told)
+    with progress("evaluate", "scoring", "images") as advance:
+        card = score_detector(detector, images, advance)
     if output is Output.json:
         about = {"model": model, "data": str(data), "split": split.value}
         print(json.dumps({**about, "runtime": runtime.value, **plain(card)}))

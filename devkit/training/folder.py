@@ -125,7 +125,7 @@ class TrainingFolder:
         return state
 
     def remove_checkpoint(self) -> None:
-        """Nothing is left to do."""
+        """Remove the checkpoint: nothing is left to do."""
         (self.path / CHECKPOINT).unlink(missing_ok=True)
 
     def tidy(self) -> None:

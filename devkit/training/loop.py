@@ -137,11 +137,11 @@ def _end_epoch(
     row |= {"map50": None}
     every = parameters.validate_every
     if validate is not None and every and (epoch % every == 0 or epoch == parameters.epochs):
-        found = validate()
-        row["map50"] = found.all.mean_ap
-        scores = [f"{name} {_percent(one.ap)}" for name, one in found.all.classes.items()]
+        scorecard = validate()
+        row["map50"] = scorecard.all.mean_ap
+        scores = [f"{name} {_percent(one.ap)}" for name, one in scorecard.all.classes.items()]
         report.say(
-            f"epoch {epoch}: loss {sum(losses):.3f}, mAP@0.5 {_percent(found.all.mean_ap)}"
+            f"epoch {epoch}: loss {sum(losses):.3f}, mAP@0.5 {_percent(scorecard.all.mean_ap)}"
             f" ({', '.join(scores)})"
         )
     now.history.append(row)

@@ -67,8 +67,10 @@ class Losses(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Claims:
-    """Which object each of P places is responsible for; a place is an anchor in a cell of a head,
-    counted head by head, anchor by anchor, row by row."""
+    """The object that each of P places is responsible for.
+
+    A place is an anchor in a cell of a head, counted head by head, anchor by anchor, row by row.
+    """
 
     owner: Tensor
     """int64 [B, P]: index of the object from 1, 0 where there is none."""
@@ -111,8 +113,8 @@ class GridLoss:
         owners = torch.split(claims.owner, self._places, dim=1)
         dropped = torch.split(claims.dropped, self._places, dim=1)
         parts = [
-            self._of_head(head, values.float(), anchors, Claims(*own), truth)
-            for head, values, anchors, *own in zip(
+            self._of_head(head, values.float(), anchors, Claims(*claims_of_head), truth)
+            for head, values, anchors, *claims_of_head in zip(
                 self._heads, raw, self._anchors, owners, dropped, strict=True
             )
         ]
@@ -121,7 +123,7 @@ class GridLoss:
 
     @torch.no_grad()
     def claim(self, truth: Boxes) -> Claims:
-        """Who is responsible for what.
+        """Places that are responsible for the objects.
 
         An object takes its best anchor in the cell of its centre; of two that want the same place
         the later one gets it. With more than one choice the other one takes its next best anchor
@@ -159,32 +161,32 @@ class GridLoss:
         values = grid.permute(0, 1, 3, 4, 2)
         box = decoded(values, anchors, head.scale_xy)
         index = (claims.owner - 1).clamp(min=0)
-        own = torch.gather(truth.box, 1, index[..., None].expand(-1, -1, 4)).view_as(box)
+        target = torch.gather(truth.box, 1, index[..., None].expand(-1, -1, 4)).view_as(box)
         class_id = torch.gather(truth.class_id, 1, index).view(box.shape[:4])
         owned = (claims.owner > 0).view(box.shape[:4])
         dropped = claims.dropped.view(box.shape[:4])
         near = self._near(box.detach(), truth, OVERLAP_IGNORED[head.scores])
         taken, empty = owned.float(), (~(owned | near | dropped)).float()
-        scale = taken * (2.0 - _area(own))
+        scale = taken * (2.0 - _area(target))
         if recipe.box_loss == "ciou":
-            offset = 1.0 - complete_overlap(box, own)
+            offset = 1.0 - complete_overlap(box, target)
         else:
-            offset = _squared_offset(values, own, anchors, head)
+            offset = _squared_offset(values, target, anchors, head)
         wanted = (class_id[..., None] == torch.arange(head.classes, device=raw.device)).float()
         if head.scores == "softmax":
             certain = torch.sigmoid(values[..., 4])
-            found = 0.5 * (certain - aligned_overlap(box.detach(), own)) ** 2
+            object_loss = 0.5 * (certain - aligned_overlap(box.detach(), target)) ** 2
             missed = 0.5 * certain**2
             kinds = -(functional.log_softmax(values[..., 5:], dim=4) * wanted).sum(dim=4)
         else:
-            found = functional.softplus(-values[..., 4])
+            object_loss = functional.softplus(-values[..., 4])
             missed = functional.softplus(values[..., 4])
             kinds = functional.binary_cross_entropy_with_logits(
                 values[..., 5:], wanted, reduction="none"
             ).sum(dim=4)
         return [
             recipe.box_scale * (scale * offset).sum(),
-            recipe.object_scale * OBJECT_SCALE[head.scores] * (taken * found).sum(),
+            recipe.object_scale * OBJECT_SCALE[head.scores] * (taken * object_loss).sum(),
             recipe.background_scale * (empty * missed).sum(),
             recipe.class_scale * (taken * kinds).sum(),
         ]
@@ -204,9 +206,9 @@ class GridLoss:
 def _largest(cell: Tensor, rank: Tensor, cells: int) -> Tensor:
     """Largest rank [B, M] that was put into each of ``cells``, int64 [B, cells]; 0 where there is
     none. The cell behind the last one takes what belongs nowhere."""
-    found = torch.zeros((len(cell), cells + 1), dtype=rank.dtype, device=rank.device)
-    found.scatter_reduce_(1, cell, rank, "amax")
-    return found[:, :cells]
+    largest = torch.zeros((len(cell), cells + 1), dtype=rank.dtype, device=rank.device)
+    largest.scatter_reduce_(1, cell, rank, "amax")
+    return largest[:, :cells]
 
 
 def decoded(values: Tensor, anchors: Tensor, scale_xy: float) -> Tensor:
@@ -224,11 +226,11 @@ def decoded(values: Tensor, anchors: Tensor, scale_xy: float) -> Tensor:
     return torch.cat([torch.stack([x, y], dim=4), size], dim=4)
 
 
-def _squared_offset(values: Tensor, own: Tensor, anchors: Tensor, head: Head) -> Tensor:
-    """Squared distance of the raw values from those that would give ``own``, [B, A, H, W],
+def _squared_offset(values: Tensor, target: Tensor, anchors: Tensor, head: Head) -> Tensor:
+    """Squared distance of the raw values from those that would give ``target``, [B, A, H, W],
     unscaled."""
     rows, columns = values.shape[2:4]
-    within = torch.stack([own[..., 0] * columns, own[..., 1] * rows], dim=4)
+    within = torch.stack([target[..., 0] * columns, target[..., 1] * rows], dim=4)
     stretch = (within - within.floor() - 0.5) / head.scale_xy + 0.5
     if head.scores == "softmax":
         centre = 0.5 * (torch.sigmoid(values[..., :2]) - stretch) ** 2
@@ -237,7 +239,7 @@ def _squared_offset(values: Tensor, own: Tensor, anchors: Tensor, head: Head) ->
             values[..., :2], stretch, reduction="none"
         )
     # Where there is no object the size is 0; what comes out is not used, but must be a number.
-    wanted = torch.log((own[..., 2:] / anchors[:, None, None]).clamp(min=1e-6))
+    wanted = torch.log((target[..., 2:] / anchors[:, None, None]).clamp(min=1e-6))
     extent = 0.5 * (values[..., 2:4] - wanted) ** 2
     return (centre + extent).sum(dim=4)
 

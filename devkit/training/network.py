@@ -141,7 +141,7 @@ class ConvolutionBlock(nn.Module):
         return activate(values, self._activation)
 
     def draw(self, generator: torch.Generator) -> None:
-        """Kernels anew; biases 0."""
+        """Draw the kernels anew; biases become 0."""
         kernels = self.convolution.weight
         if self.normalisation is None:
             nn.init.normal_(kernels, std=0.01, generator=generator)
@@ -177,8 +177,8 @@ class ConvolutionBlock(nn.Module):
                 (norm.running_mean, numbers.means),
                 (norm.running_var, numbers.variances),
             ]
-        for own, given in pairs:
-            own.copy_(torch.from_numpy(np.ascontiguousarray(given)))
+        for tensor, array in pairs:
+            tensor.copy_(torch.from_numpy(np.ascontiguousarray(array)))
 
 
 def activate(values: Tensor, activation: str) -> Tensor:

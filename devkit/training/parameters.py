@@ -30,7 +30,7 @@ class TrainingRecipe(Struct, frozen=True, forbid_unknown_fields=True):
     """Longer gradients are shortened to this [-]."""
 
     jitter: Annotated[float, Meta(ge=0, le=0.9)] = 0.2
-    """Each edge of the picture moves by up to this share of it, in or out [-]."""
+    """Share of the picture by which each of its edges moves at most, in or out [-]."""
     flip: Share = 0.5
     """Share of mirrored images [-]."""
     hue: Annotated[float, Meta(ge=0, le=0.5)] = 0.05

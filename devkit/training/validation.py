@@ -51,5 +51,5 @@ def _detect(
         for head, array in zip(description.heads, raw, strict=True)
     }
     sizes = [(int(w), int(h)) for w, h in data.size_px[first : first + len(images)]]
-    found = decode(outputs, description, sizes, SELECTION)
-    return shifted(found, first)
+    batch = decode(outputs, description, sizes, SELECTION)
+    return shifted(batch, first)

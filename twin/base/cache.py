@@ -11,8 +11,8 @@ from twin.base.errors import UsageError
 
 def cache_folder() -> Path:
     """``TWIN_CACHE``, on a cluster a folder that all nodes share; else one in the home folder."""
-    given = os.environ.get("TWIN_CACHE", "")
-    return Path(given).absolute() if given else Path.home() / ".cache/drivetwin"
+    folder = os.environ.get("TWIN_CACHE", "")
+    return Path(folder).absolute() if folder else Path.home() / ".cache/drivetwin"
 
 
 def check_cache(cache: Path) -> None:
@@ -26,9 +26,9 @@ def check_cache(cache: Path) -> None:
     for folder in (cache, *(cache / name for name in ("repositories", "images", "mirrors"))):
         _check(folder)
     for parent in cache.resolve().parents:
-        found = parent.stat() if parent.exists() else None
+        status = parent.stat() if parent.exists() else None
         # Where everybody may rename, this folder is another one in a moment.
-        if found and found.st_mode & stat.S_IWOTH and not found.st_mode & stat.S_ISVTX:
+        if status and status.st_mode & stat.S_IWOTH and not status.st_mode & stat.S_ISVTX:
             raise UsageError(
                 f"cache {cache}: everybody may write to {parent}; choose another with TWIN_CACHE"
             )
@@ -45,18 +45,18 @@ def is_trusted(cache: Path) -> bool:
 
 def _check(folder: Path) -> None:
     try:
-        found = folder.lstat()
+        status = folder.lstat()
     except FileNotFoundError:
         return
-    if stat.S_ISLNK(found.st_mode):
-        found = folder.stat()
-    if found.st_uid != os.geteuid():
+    if stat.S_ISLNK(status.st_mode):
+        status = folder.stat()
+    if status.st_uid != os.geteuid():
         raise UsageError(
-            f"cache {folder}: belongs to user id {found.st_uid}, you are {os.geteuid()}: what lies "
-            "there would be run as you; choose a folder of your own with TWIN_CACHE"
+            f"cache {folder}: belongs to user id {status.st_uid}, you are {os.geteuid()}: what "
+            "lies there would be run as you; choose a folder of your own with TWIN_CACHE"
         )
-    if found.st_mode & 0o022:
+    if status.st_mode & 0o022:
         raise UsageError(
-            f"cache {folder}: others may write to it (mode {stat.S_IMODE(found.st_mode):04o}): "
+            f"cache {folder}: others may write to it (mode {stat.S_IMODE(status.st_mode):04o}): "
             f"what lies there would be run as you; if you trust it, `chmod -R go-w {folder}`"
         )

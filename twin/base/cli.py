@@ -41,7 +41,7 @@ class Output(StrEnum):
 OutputOption = Annotated[Output, typer.Option("--output", help="Format on standard output.")]
 
 _is_command = False
-"""This process is one of the commands: what it may open is decided for all of it."""
+"""Whether this process is one of the commands: what it may open is decided for all of it."""
 
 
 def is_command() -> bool:

@@ -35,7 +35,7 @@ class TwinError(Exception):
 
 
 class UsageError(TwinError):
-    """What was given cannot be used."""
+    """A value that was given cannot be used."""
 
     exit_code = EXIT_USAGE
 
@@ -57,7 +57,7 @@ class StackFaultError(InfrastructureError):
 
 
 class UnreachableError(InfrastructureError):
-    """Nobody answers at an endpoint (yet)."""
+    """An endpoint at which nobody answers (yet)."""
 
 
 class UnfinishedError(TwinError):

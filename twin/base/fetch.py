@@ -17,10 +17,10 @@ from twin.base.errors import InfrastructureError
 
 
 class Fetched(msgspec.Struct, frozen=True):
-    """What ``hpc fetch repository --output json`` says, as far as it is needed."""
+    """Answer of ``hpc fetch repository --output json``, as far as it is needed."""
 
     folder: str
-    """Its files, built and read-only."""
+    """Folder of the repository's files, built and read-only."""
     commit: str
 
 
@@ -35,6 +35,6 @@ def fetch(repository: Repository) -> Fetched:
     words += ["--cache", str(cache_folder()), "--", repository.url]
     done = subprocess.run(words, capture_output=True, stdin=subprocess.DEVNULL)
     if done.returncode:
-        said = done.stderr.decode(errors="replace").strip().removeprefix("hpc: ")
-        raise InfrastructureError(said or f"hpc fetch: exit code {done.returncode}")
+        reason = done.stderr.decode(errors="replace").strip().removeprefix("hpc: ")
+        raise InfrastructureError(reason or f"hpc fetch: exit code {done.returncode}")
     return msgspec.json.decode(done.stdout, type=Fetched)

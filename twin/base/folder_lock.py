@@ -1,4 +1,4 @@
-"""Who may write to a folder: locks that go with the process that holds them."""
+"""Locks on folders, which go with the process that holds them."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from twin.base.errors import InfrastructureError
 
 @contextlib.contextmanager
 def only_writer(folder: Path) -> Iterator[None]:
-    """Nobody else writes to ``folder`` meanwhile; it is made if it is missing.
+    """Let nobody else write to ``folder`` meanwhile; it is made if it is missing.
 
     Raises:
         InfrastructureError: somebody does.

@@ -15,8 +15,8 @@ def with_options(command: Callable[..., None]) -> Callable[..., None]:
     The fields are annotated as typer wants its parameters, and stand in ``--help`` where the
     parameter stands.
     """
-    given = inspect.signature(command, eval_str=True).parameters.values()
-    records = {each.name: each.annotation for each in given if _is_record(each)}
+    declared = inspect.signature(command, eval_str=True).parameters.values()
+    records = {option.name: option.annotation for option in declared if _is_record(option)}
 
     @functools.wraps(command)
     def wrapped(**values: Any) -> None:
@@ -27,11 +27,11 @@ def with_options(command: Callable[..., None]) -> Callable[..., None]:
 
     parameters = [
         parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY)
-        for each in given
-        for parameter in (_options(each.annotation) if each.name in records else (each,))
+        for option in declared
+        for parameter in (_options(option.annotation) if option.name in records else (option,))
     ]
     wrapped.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
-    wrapped.__annotations__ = {each.name: each.annotation for each in parameters}
+    wrapped.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
     return wrapped
 
 

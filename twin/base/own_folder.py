@@ -18,8 +18,8 @@ def own_folder(environment: Mapping[str, str] = os.environ) -> Path:
     Raises:
         UsageError: there is no home folder.
     """
-    if given := environment.get(VARIABLE, ""):
-        return Path(given).absolute()
+    if folder := environment.get(VARIABLE, ""):
+        return Path(folder).absolute()
     if config := environment.get("XDG_CONFIG_HOME", ""):
         return Path(config).absolute() / "drivetwin"
     try:

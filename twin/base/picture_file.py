@@ -28,7 +28,7 @@ DAMAGED = (
     *(OSError, SyntaxError, EOFError, zlib.error),
     *(Image.DecompressionBombError, Image.DecompressionBombWarning),
 )
-"""What Pillow raises for bytes that are no picture."""
+"""Errors that Pillow raises for bytes that are no picture."""
 
 # Refused like every other picture that is too large, not told beside it.
 warnings.simplefilter("error", Image.DecompressionBombWarning)

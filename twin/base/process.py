@@ -25,7 +25,7 @@ PARENT_VARIABLE = "TWIN_PARENT_PID"
 """Environment variable that tells a child who started it."""
 
 UNKNOWN = "0"
-"""Its value where the child cannot know the number, or sees another one."""
+"""Value of that variable where the child cannot know the number, or sees another one."""
 
 
 def spawn(
@@ -92,7 +92,7 @@ def die_with_parent(parent: str) -> None:
 
 
 def keep_to_itself() -> None:
-    """From now on no other process of this user reads or writes this one's memory, open files or
+    """Let no other process of this user read or write this one's memory, open files or
     environment; root may. It leaves no core file."""
     ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_DUMPABLE, 0, 0, 0, 0)
 
@@ -147,7 +147,7 @@ def how_it_ended(code: int) -> str:
 
 
 SHELL_CODES_MIN = 126
-"""From here on exit codes say what a shell saw: a command that could not be run, or a signal."""
+"""Exit codes from this one on are a shell's: a command that could not be run, or a signal."""
 
 
 def left_by_itself(code: int) -> bool:
@@ -157,10 +157,10 @@ def left_by_itself(code: int) -> bool:
 
 
 LOG_BYTES_MAX = 64 << 20
-"""What a log may take of the disk [bytes]."""
+"""Space on the disk that a log may take [bytes]."""
 
 LOG_PART_BYTES = 4 << 20
-"""What is kept of its beginning and of its end when it grew larger [bytes]."""
+"""Sizes of its beginning and of its end that are kept of a larger log, each [bytes]."""
 
 _KEEP_SIZE_AND_PUNCH = 0x01 | 0x02
 
@@ -176,11 +176,11 @@ def bound_log(log: IO[bytes], starts: Sequence[int] = (), start_bytes: int = 0) 
         start_bytes: so many of each [bytes].
     """
     descriptor = log.fileno()
-    found = os.fstat(descriptor)
-    if found.st_blocks * 512 <= LOG_BYTES_MAX:
+    status = os.fstat(descriptor)
+    if status.st_blocks * 512 <= LOG_BYTES_MAX:
         return
     library = ctypes.CDLL(None, use_errno=True)
-    until, begin = found.st_size - LOG_PART_BYTES, LOG_PART_BYTES
+    until, begin = status.st_size - LOG_PART_BYTES, LOG_PART_BYTES
     for start in (*sorted(start for start in starts if begin < start < until), until):
         start_and_length = ctypes.c_int64(begin), ctypes.c_int64(start - begin)
         begin = max(begin, start + start_bytes)
@@ -201,8 +201,8 @@ def last_frames(text: str) -> list[str]:
     if start < 0:
         return []
     # Frames are indented, and so is what is marked in them; what was raised begins its line.
-    found = re.match(r"(?:[ \t]+.*\n|\n)*(?:\S.*)?", text[start + len(_TRACEBACK) + 1 :])
-    return [line for line in (found[0] if found else "").splitlines() if line.strip(" ^~")]
+    match = re.match(r"(?:[ \t]+.*\n|\n)*(?:\S.*)?", text[start + len(_TRACEBACK) + 1 :])
+    return [line for line in (match[0] if match else "").splitlines() if line.strip(" ^~")]
 
 
 def raised_in(log: IO[bytes]) -> str:

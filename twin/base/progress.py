@@ -1,4 +1,4 @@
-"""How far something is: a bar on a terminal, a line now and then in a log file; on stderr."""
+"""Progress of a command: a bar on a terminal, a line now and then in a log file; on stderr."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ LINES = 20
 
 
 class ProgressReport(Protocol):
-    """Told how far something is."""
+    """A function that is told how far something is."""
 
     def __call__(self, done: int, total: int, /) -> None:
         """``done`` of ``total`` are done."""

@@ -55,10 +55,10 @@ def check_packages() -> None:
     """
     home = Path(__file__).resolve().parents[2]
     for package in ("schemas", "twin", "devkit", "conductor", "viewer", "hpc"):
-        found = package_folder(package)
-        if found != home / package:
+        folder = package_folder(package)
+        if folder != home / package:
             raise UsageError(
-                f"package '{package}' is loaded from {found}, expected {home / package}; "
+                f"package '{package}' is loaded from {folder}, expected {home / package}; "
                 "uninstall the other one or take it off PYTHONPATH"
             )
 

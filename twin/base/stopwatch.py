@@ -13,7 +13,7 @@ class Stopwatch:
     seconds: dict[str, float] = field(default_factory=dict)
     """Wall time by name [s]."""
     mark_s: float = field(default_factory=lambda: time.perf_counter())
-    """When the last lap ended [s]."""
+    """Time at which the last lap ended [s]."""
 
     def lap(self, name: str) -> float:
         """Charge the time since the last lap; returns it [s]."""

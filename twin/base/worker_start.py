@@ -8,11 +8,11 @@ from msgspec import Struct
 from schemas.wire.control import Share
 
 LATER = "-"
-"""As ``--connect`` of a worker or of a stack's host: it will be told."""
+"""Value of ``--connect`` for a worker or a stack's host that will be told later."""
 
 
 class WorkerStart(Struct, frozen=True):
-    """What such a worker is told, on one line of JSON."""
+    """Message that such a worker is sent, on one line of JSON."""
 
     connect: str
     """The conductor's endpoint; plain TCP only if somebody typed ``--insecure``."""
@@ -23,4 +23,4 @@ class WorkerStart(Struct, frozen=True):
     log: str = ""
     """File to which it writes from then on; empty: where it did before."""
     share: Share | None = None
-    """Which cases it prefers."""
+    """Cases that the worker prefers, where several work side by side; None: any."""

@@ -36,13 +36,13 @@ def attempt() -> dict[str, Any]:
     state = state_of(record)
     rows: Any = TableRows(kpi_table(columns))
     run = replay(record.scenario, surroundings_of(record), rows)
-    found = judge(rows, state, run, None)
+    judgement = judge(rows, state, run, None)
     return {
         "columns": columns,
         "record": record,
         "result": {
-            "verdict": found.verdict,
-            "reasons": found.reasons,
+            "verdict": judgement.verdict,
+            "reasons": judgement.reasons,
             "scalars": scalars(rows, state, run, None),
             "names": names(rows, state, None),
         },
@@ -60,7 +60,7 @@ def _columns() -> dict[str, list[Any]]:
     dtc_m = _OBSTACLE_M - x_m - 2 * _HALF_LENGTH_M
     aeb = braking_s > 0
     car = {"label": "car", "confidence": 0.75, "x_px": 301.5, "y_px": 170.25}
-    found: dict[str, list[Any]] = {
+    columns: dict[str, list[Any]] = {
         "tick": tick.tolist(),
         "sim_time_ns": (tick * round(_TICK_S * 1e9)).tolist(),
         "x_m": x_m.tolist(),
@@ -81,7 +81,7 @@ def _columns() -> dict[str, list[Any]]:
         "nearest_object": ["obstacle"] * TICKS,
         "detections": [[{**car, "width_px": 60.0, "height_px": 41.0}]] * TICKS,
     }
-    return found
+    return columns
 
 
 def _record() -> JudgeRecord:

@@ -40,7 +40,7 @@ HFOV_DEG = 70.0
 
 @dataclass(frozen=True, slots=True)
 class Size:
-    """What is rendered."""
+    """Number and size of the rendered pictures."""
 
     slots: int
     width: int
@@ -66,7 +66,7 @@ class Rate:
     """``lambert``, ``fast``, ``mirrors`` or ``full``."""
     frames_per_s: float
     copied_frames_per_s: float | None
-    """With the copy of the images to the host."""
+    """Rate with the copy of the images to the host."""
     rays_per_frame: float | None
     """Primary and shadow rays, mean over the views."""
     target: float | None = None
@@ -84,7 +84,7 @@ class Rate:
 
 @dataclass(frozen=True, slots=True)
 class CameraFigures:
-    """What was measured."""
+    """Figures of the camera bench."""
 
     device: str
     size: Size
@@ -107,15 +107,15 @@ class CameraFigures:
     @property
     def missed(self) -> list[str]:
         """One sentence for every target that was not reached."""
-        found = [
+        sentences = [
             f"{r.picture}: {r.frames_per_s:,.0f} frames/s, target {r.target:,.0f}"
             for r in self.rates
             if r.missed
         ]
         ratio = self.peer_ratio
         if ratio is not None and self.device != "cpu" and ratio < PEER_RATIO:
-            found.append(f"{ratio:.2f} times {newton_peer.PEER}, target {PEER_RATIO}")
-        return found
+            sentences.append(f"{ratio:.2f} times {newton_peer.PEER}, target {PEER_RATIO}")
+        return sentences
 
 
 def measure(
@@ -137,15 +137,15 @@ def measure(
         rate = bench.rate(rounds)
         target = TARGETS.get((kind, picture, size))
         rates.append(dataclasses.replace(rate, target=target))
-    found = CameraFigures(device, size, len(world.mesh.faces), world.motion.count, rates)
+    figures = CameraFigures(device, size, len(world.mesh.faces), world.motion.count, rates)
     if not peer:
-        return dataclasses.replace(found, peer_reason="not asked for")
+        return dataclasses.replace(figures, peer_reason="not asked for")
     if not newton_peer.available():
-        return dataclasses.replace(found, peer_reason=f"{newton_peer.PEER} is not installed")
+        return dataclasses.replace(figures, peer_reason=f"{newton_peer.PEER} is not installed")
     try:
-        return dataclasses.replace(found, peer=_peer(world, size, device, rounds))
+        return dataclasses.replace(figures, peer=_peer(world, size, device, rounds))
     except Exception as error:  # another package's failure is a line of the result
-        return dataclasses.replace(found, peer_reason=str(error).splitlines()[0])
+        return dataclasses.replace(figures, peer_reason=str(error).splitlines()[0])
 
 
 @dataclass(frozen=True, slots=True)
@@ -252,7 +252,7 @@ class CameraBench:
         return self.camera.render(self._poses)
 
     def rate(self, rounds: int) -> Rate:
-        """How fast it is."""
+        """Rate of the camera, the best of ``rounds``."""
         frames = best_rate(self.launch, self._device, rounds) * self._slots
         copied = frames
         if not self._device.is_cpu:

@@ -47,16 +47,16 @@ PARTS = {
 the processes and the report at the end."""
 
 TARGET_MS_PER_SIM_S = 10.0
-"""On a GPU: longest wall time per simulated second of one case, from command to report [ms]."""
+"""Longest wall time on a GPU per simulated second of one case, from command to report [ms]."""
 TARGET_REAL_TIME = 100.0
-"""On a GPU: least simulated time of all cases together per wall time."""
+"""Least simulated time on a GPU of all cases together per wall time."""
 TARGET_GPU_PERCENT = 85.0
-"""On a GPU: least utilisation while most slots have a case [%]."""
+"""Least utilisation of a GPU while most slots have a case [%]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """What is run."""
+    """The campaign to run, and where."""
 
     campaign: str
     """Shipped name or path."""
@@ -64,22 +64,22 @@ class Request:
     out: Path
     """Folder for the runs."""
     cases: int | None = None
-    """Only so many, the first; None: all."""
+    """Number of cases, the first ones; None: all."""
     workers: str = "1"
 
 
 @dataclass(frozen=True, slots=True)
 class SlotsRow:
-    """One number of slots."""
+    """Figures of a run with one number of slots."""
 
     slots: int
     cases: int
     fingerprint: str
     transport: str
     wall_s: float
-    """From command to report [s]."""
+    """Wall time from command to report [s]."""
     loop_s: float
-    """From the first tick to the last [s]."""
+    """Wall time from the first tick to the last [s]."""
     sim_s: float
     """Simulated time of all cases together [s]."""
     ticks: int
@@ -87,9 +87,9 @@ class SlotsRow:
     slot_use: float
     """Share of the slots that had a case, over all ticks."""
     shares: dict[str, float]
-    """Of the loop's time, by :data:`PARTS`; they sum to 1."""
+    """Shares of the loop's time, by :data:`PARTS`; they sum to 1."""
     laps_s: dict[str, float]
-    """The same, finer [s]."""
+    """Wall time of the loop by lap, finer than ``shares`` [s]."""
     quarters: list[Quarter]
     """The ticks by how many of the slots had a case."""
     round_trip_p50_ms: float
@@ -106,7 +106,7 @@ class SlotsRow:
 
     @property
     def loop_ms_per_sim_s(self) -> float:
-        """The same of the loop alone [ms]."""
+        """Wall time of the loop alone per simulated second [ms]."""
         return 1e3 * self.loop_s / self.sim_s
 
     @property
@@ -118,14 +118,14 @@ class SlotsRow:
         """Targets that were missed; a CPU has none."""
         if not device.startswith("cuda"):
             return []
-        found = []
+        misses = []
         if self.ms_per_sim_s > TARGET_MS_PER_SIM_S:
-            found.append(f"{self.ms_per_sim_s:.1f} of {TARGET_MS_PER_SIM_S:g} ms per simulated s")
+            misses.append(f"{self.ms_per_sim_s:.1f} of {TARGET_MS_PER_SIM_S:g} ms per simulated s")
         if self.real_time < TARGET_REAL_TIME:
-            found.append(f"real-time factor {self.real_time:.0f} of {TARGET_REAL_TIME:g}")
+            misses.append(f"real-time factor {self.real_time:.0f} of {TARGET_REAL_TIME:g}")
         if self.gpu_percent is not None and self.gpu_percent < TARGET_GPU_PERCENT:
-            found.append(f"GPU {self.gpu_percent:.0f} of {TARGET_GPU_PERCENT:g} %")
-        return found
+            misses.append(f"GPU {self.gpu_percent:.0f} of {TARGET_GPU_PERCENT:g} %")
+        return misses
 
 
 DONE = re.compile(r"(\d+) of (\d+) cases? done")
@@ -158,20 +158,20 @@ def measure(
     begun_s = time.monotonic()
     environment = {**os.environ, FOLDER_VARIABLE: str(profiles.absolute())}
     with watcher:
-        code, printed, told = _run(command, environment, report)
+        code, printed, log = _run(command, environment, report)
     wall_s = time.monotonic() - begun_s
     if code == EXIT_USAGE:
-        raise UsageError(told.strip())
+        raise UsageError(log.strip())
     if code not in (EXIT_PASS, EXIT_FAILED) or not printed:
-        tail = " ".join(told.split()[-40:])
+        tail = " ".join(log.split()[-40:])
         raise InfrastructureError(f"conductor run ended with {code}: {tail}")
-    found = [
+    profiled = [
         msgspec.json.decode(path.read_bytes(), type=LoopProfile)
         for path in sorted(profiles.glob("*.json"))
     ]
-    if not found:
+    if not profiled:
         raise InfrastructureError(f"{request.campaign}: no simulator ran; was everything done?")
-    return _row(json.loads(printed), found, wall_s, slots, watcher)
+    return _row(json.loads(printed), profiled, wall_s, slots, watcher)
 
 
 def _run(
@@ -180,7 +180,7 @@ def _run(
     report: Callable[[int, int], object],
 ) -> tuple[int, str, str]:
     """Exit code, standard output and standard error of a run, which says how far it is."""
-    told = []
+    log = []
     with tempfile.TemporaryFile("w+") as printed:
         child = subprocess.Popen(
             command, stdout=printed, stderr=subprocess.PIPE, text=True, env=environment
@@ -189,14 +189,14 @@ def _run(
             assert child.stderr is not None
             try:
                 for line in child.stderr:
-                    told.append(line)
-                    if found := DONE.search(line):
-                        report(int(found[1]), int(found[2]))
+                    log.append(line)
+                    if match := DONE.search(line):
+                        report(int(match[1]), int(match[2]))
             except BaseException:
                 child.terminate()  # it drains; its workers end with it
                 raise
         printed.seek(0)
-        return child.returncode, printed.read(), "".join(told)
+        return child.returncode, printed.read(), "".join(log)
 
 
 def _row(
@@ -249,7 +249,7 @@ def _row(
 def _together(parts: Sequence[Quarter]) -> Quarter:
     """One quarter of all simulators, with the laps named as in :data:`PARTS`."""
     seconds = {
-        part: sum(each.seconds.get(name, 0.0) for each in parts for name in names)
+        part: sum(quarter.seconds.get(name, 0.0) for quarter in parts for name in names)
         for part, names in PARTS.items()
     }
     return Quarter(sum(p.ticks for p in parts), sum(p.slot_ticks for p in parts), seconds)
@@ -331,15 +331,15 @@ def lines(rows: Sequence[SlotsRow]) -> list[str]:
                 *(gpu, memory, row.transport),
             ]
         )
-    told = _columns(table)
+    text = _columns(table)
     for row in rows:
-        told.append(
+        text.append(
             f"{counted(row.slots, 'slot')}: {counted(row.cases, 'case')}, {row.sim_s:,.1f} "
             f"simulated s in {row.wall_s:.1f} s of wall time, {row.loop_s:.1f} s of it between "
             f"the first tick and the last; fingerprint {row.fingerprint[:16]}"
         )
-        told += [f"  {line}" for line in _columns(_by_use(row))]
-    return told
+        text += [f"  {line}" for line in _columns(_by_use(row))]
+    return text
 
 
 def _by_use(row: SlotsRow) -> list[list[str]]:

@@ -61,7 +61,7 @@ def show(
 
 
 def _measured(request: Request, slots: int) -> SlotsRow:
-    """One run, which says how far it is."""
+    """Figures of one run, which says how far it is."""
     name = f"twin: {request.campaign} with {counted(slots, 'slot')}"
     with progress(name, f"{counted(slots, 'slot')}", "cases") as report:
         return measure(request, slots, report)

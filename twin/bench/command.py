@@ -49,30 +49,33 @@ def vehicle(
     if device not in {str(d) for d in wp.get_devices()}:
         known = ", ".join(str(d) for d in wp.get_devices())
         raise UsageError(f"device '{device}': not here; allowed: {known}")
-    found = measure(device, vehicles or VEHICLES[device.partition(":")[0]])
-    missed = found.substeps_per_s < found.target
+    figures = measure(device, vehicles or VEHICLES[device.partition(":")[0]])
+    missed = figures.substeps_per_s < figures.target
     if output is Output.json:
         result = {
-            "device": found.device,
-            "vehicles": found.vehicles,
-            "substeps_per_s": found.substeps_per_s,
-            "target_substeps_per_s": found.target,
-            "oracle_steps_per_s": found.oracle_steps_per_s,
-            "ratio": found.ratio,
+            "device": figures.device,
+            "vehicles": figures.vehicles,
+            "substeps_per_s": figures.substeps_per_s,
+            "target_substeps_per_s": figures.target,
+            "oracle_steps_per_s": figures.oracle_steps_per_s,
+            "ratio": figures.ratio,
         }
         print(json.dumps(result, indent=1))
     else:
-        rate = f"{found.substeps_per_s:,.0f} vehicle substeps/s"
-        print(f"{rate} on {found.device}, {found.vehicles} vehicles (target {found.target:,.0f})")
-        if found.ratio is None:
+        rate = f"{figures.substeps_per_s:,.0f} vehicle substeps/s"
+        print(
+            f"{rate} on {figures.device}, {figures.vehicles} vehicles "
+            f"(target {figures.target:,.0f})"
+        )
+        if figures.ratio is None:
             print(f"no ratio: {ORACLE} is not installed (pip install {ORACLE}==3.0.2)")
         else:
             print(
-                f"{found.ratio:,.0f} times the {found.oracle_steps_per_s:,.0f} single-track "
+                f"{figures.ratio:,.0f} times the {figures.oracle_steps_per_s:,.0f} single-track "
                 f"Runge-Kutta steps/s of {ORACLE} in the same run"
             )
     if check and missed:
-        print(f"twin: below the target of {found.target:,.0f} substeps/s", file=sys.stderr)
+        print(f"twin: below the target of {figures.target:,.0f} substeps/s", file=sys.stderr)
         raise typer.Exit(1)
 
 
@@ -119,8 +122,8 @@ def camera(
         look = camera_variants.ablate if ablate else camera_variants.time_variants
         print(json.dumps(look(device, size), indent=1))
         return
-    found = bench.measure(device, size, peer=not quick, rounds=2 if quick else 5)
-    _tell(bench, found, output, check=check)
+    figures = bench.measure(device, size, peer=not quick, rounds=2 if quick else 5)
+    _tell(bench, figures, output, check=check)
 
 
 @app.command()
@@ -158,10 +161,10 @@ def lidar(
         if variants:
             print(json.dumps(bench.time_tiles(device, count, profile, scene), indent=1))
             return
-        found = bench.measure(device, count, profile, scene)
+        figures = bench.measure(device, count, profile, scene)
     except ValueError as error:
         raise UsageError(str(error)) from None
-    _tell(bench, found, output, check=check)
+    _tell(bench, figures, output, check=check)
 
 
 @app.command()
@@ -177,8 +180,8 @@ def drive(
     """
     from twin.bench import drive as bench
 
-    found = bench.measure(ticks)
-    _tell(bench, found, output, check=check)
+    figures = bench.measure(ticks)
+    _tell(bench, figures, output, check=check)
 
 
 @app.command()
@@ -215,14 +218,14 @@ def campaign(
     show(campaign, slots, device, cases, workers, out, as_text=output is Output.human, check=check)
 
 
-def _tell(bench: Any, found: Any, output: Output, *, check: bool) -> None:
+def _tell(bench: Any, figures: Any, output: Output, *, check: bool) -> None:
     """Print what ``bench`` has found; with --check, end with 1 below a target."""
     if output is Output.json:
-        print(json.dumps(bench.as_json(found), indent=1))
+        print(json.dumps(bench.as_json(figures), indent=1))
     else:
-        print("\n".join(bench.lines(found)))
-    if check and found.missed:
-        print(f"twin: below target: {'; '.join(found.missed)}", file=sys.stderr)
+        print("\n".join(bench.lines(figures)))
+    if check and figures.missed:
+        print(f"twin: below target: {'; '.join(figures.missed)}", file=sys.stderr)
         raise typer.Exit(1)
 
 
@@ -243,13 +246,16 @@ def sandbox(
 
     from twin.bench.sandbox import measure
 
-    found = measure(campaign, rounds)
+    figures = measure(campaign, rounds)
     if output is Output.json:
-        print(json.dumps({**asdict(found), "missed": found.missed}))
+        print(json.dumps({**asdict(figures), "missed": figures.missed}))
     else:
-        print(f"start of a process: {found.start_ms:+.1f} ms; once per worker {found.first_ms:.1f}")
-        if found.campaign_percent is not None:
-            print(f"{found.campaign}: {found.campaign_percent:+.1f} % of its processor time")
-    if check and found.missed:
-        print(f"twin: missed: {'; '.join(found.missed)}", file=sys.stderr)
+        print(
+            f"start of a process: {figures.start_ms:+.1f} ms; "
+            f"once per worker {figures.first_ms:.1f}"
+        )
+        if figures.campaign_percent is not None:
+            print(f"{figures.campaign}: {figures.campaign_percent:+.1f} % of its processor time")
+    if check and figures.missed:
+        print(f"twin: missed: {'; '.join(figures.missed)}", file=sys.stderr)
         raise typer.Exit(1)

@@ -48,7 +48,7 @@ from twin.fabric.zenoh_bus import open_bus
 TARGET_TICKS_PER_S = 300.0
 TARGET_RATIO = 20.0
 ROUNDS = 3
-"""Of each peer, in turns; the median counts."""
+"""Measurements of each peer, in turns; the median counts."""
 WIDTH, HEIGHT = 640, 360
 CHANNELS, COLUMNS = 32, 1024
 PATIENCE_S = 60.0
@@ -73,16 +73,16 @@ SMALL = {
 
 @dataclass(frozen=True, slots=True)
 class DriveFigures:
-    """What was measured."""
+    """Figures of the drive plane's bench."""
 
     shared_ticks_per_s: float
     """Pictures and points in shared memory, the rest over a Unix socket, as beside a simulator."""
     loopback_ticks_per_s: float
-    """The same with the rest over TCP."""
+    """Pictures and points in shared memory, the rest over TCP."""
     payload_ticks_per_s: float
     """All of it over TCP, as from another host or to a stack that maps nothing."""
     bridge_ticks_per_s: float | None
-    """None: its packages are not installed."""
+    """Rate through the AutoDRIVE bridge; None: its packages are not installed."""
 
     @property
     def ratio(self) -> float | None:
@@ -94,12 +94,12 @@ class DriveFigures:
     @property
     def missed(self) -> list[str]:
         """Targets that were not reached."""
-        found = []
+        misses = []
         if self.shared_ticks_per_s < TARGET_TICKS_PER_S:
-            found.append(f"{self.shared_ticks_per_s:.0f} of {TARGET_TICKS_PER_S:.0f} ticks/s")
+            misses.append(f"{self.shared_ticks_per_s:.0f} of {TARGET_TICKS_PER_S:.0f} ticks/s")
         if self.ratio is not None and self.ratio < TARGET_RATIO:
-            found.append(f"{self.ratio:.1f} of {TARGET_RATIO:.0f} times the bridge")
-        return found
+            misses.append(f"{self.ratio:.1f} of {TARGET_RATIO:.0f} times the bridge")
+        return misses
 
 
 def measure(ticks: int, rounds: int = ROUNDS) -> DriveFigures:
@@ -124,14 +124,14 @@ def measure(ticks: int, rounds: int = ROUNDS) -> DriveFigures:
             rates["payload"].append(payload.rate(ticks))
             if bridge is not None:
                 rates["bridge"].append(bridge.rate(max(3, ticks // 100)))
-    median = {name: statistics.median(each) for name, each in rates.items() if each}
+    median = {name: statistics.median(values) for name, values in rates.items() if values}
     return DriveFigures(
         median["shared"], median["loopback"], median["payload"], median.get("bridge")
     )
 
 
 def lines(found: DriveFigures) -> list[str]:
-    """For people."""
+    """Figures in lines for people."""
     size = f"2 x {WIDTH}x{HEIGHT} RGB and {CHANNELS} x {COLUMNS} points per tick, one slot"
     socket = found.shared_ticks_per_s / found.loopback_ticks_per_s
     shown = [
@@ -148,7 +148,7 @@ def lines(found: DriveFigures) -> list[str]:
 
 
 def as_json(found: DriveFigures) -> dict[str, Any]:
-    """For programs."""
+    """Figures for ``--output json``."""
     targets = {"target_ticks_per_s": TARGET_TICKS_PER_S, "target_ratio": TARGET_RATIO}
     return {**asdict(found), "ratio": found.ratio, **targets}
 
@@ -179,7 +179,7 @@ class _Peer:
 
     def _exchange(self) -> None:
         seq = self._seq
-        each: dict[str, Any] = {
+        stamp: dict[str, Any] = {
             "v": SCHEMA_VERSION,
             "seq": seq,
             "active": [True],
@@ -187,31 +187,31 @@ class _Peer:
             "tick": [seq],
             "sim_time_ns": [seq * PERIOD_NS],
         }
-        sensors = [self._large(channel, each) for channel in CHANNEL_LIST]
-        sensors += [_small(name, *form, each) for name, form in SMALL.items()]
+        sensors = [self._large(channel, stamp) for channel in CHANNEL_LIST]
+        sensors += [_small(name, *form, stamp) for name, form in SMALL.items()]
         episodes = [_episode()] if seq == 0 else []
-        tick = Tick(**each, sensors=[s.name for s in sensors], episodes=len(episodes))
+        tick = Tick(**stamp, sensors=[s.name for s in sensors], episodes=len(episodes))
         self._end.exchange(seq, tick, sensors, episodes, self._check)
         self._seq += 1
 
-    def _large(self, channel: FrameChannel, each: dict[str, Any]) -> Outgoing:
+    def _large(self, channel: FrameChannel, stamp: dict[str, Any]) -> Outgoing:
         shared = self._end.transport == "memory"
         offset = self._offsets[channel.name] if shared else -1
-        frame = _frame(channel.name, channel.dtype, channel.shape, each, offset)
+        frame = _frame(channel.name, channel.dtype, channel.shape, stamp, offset)
         return Outgoing(channel.name, frame, b"" if shared else self._bytes[channel.name])
 
 
-def _small(name: str, columns: int, dtype: str, each: dict[str, Any]) -> Outgoing:
+def _small(name: str, columns: int, dtype: str, stamp: dict[str, Any]) -> Outgoing:
     values = np.ones((1, columns), dtype)
-    return Outgoing(name, _frame(name, dtype, values.shape, each, -1), values.tobytes())
+    return Outgoing(name, _frame(name, dtype, values.shape, stamp, -1), values.tobytes())
 
 
 def _frame(
-    name: str, dtype: str, shape: tuple[int, ...], each: dict[str, Any], offset: int
+    name: str, dtype: str, shape: tuple[int, ...], stamp: dict[str, Any], offset: int
 ) -> Frame:
     encoding = topics.sensor_topic(name).type
-    given = {"type": name, "case": ["bench"], "dtype": dtype, "shape": list(shape)}
-    return Frame(**each, **given, encoding=encoding, offset=offset)
+    fields = {"type": name, "case": ["bench"], "dtype": dtype, "shape": list(shape)}
+    return Frame(**stamp, **fields, encoding=encoding, offset=offset)
 
 
 @contextlib.contextmanager

@@ -26,7 +26,7 @@ class Way:
     """One way to render the pictures."""
 
     shape: bvh.BvhWidth | None = None
-    """Of the hierarchies; None: that of the device."""
+    """Shape of the hierarchies; None: that of the device."""
     traversal: str = "native"
     """``native``, or ``scalar``: the GPU's code on every device, or ``warp``: ``wp.Mesh``."""
     tile: tuple[int, int] = (8, 4)

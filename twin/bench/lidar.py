@@ -44,7 +44,7 @@ WEATHER = LidarWeather(extinction_per_m=2.996 / 500.0, rain_mm_per_h=2.0, wetnes
 
 @dataclass(frozen=True, slots=True)
 class LidarFigures:
-    """What was measured."""
+    """Figures of the LiDAR bench."""
 
     device: str
     slots: int
@@ -151,7 +151,7 @@ def time_tiles(
 
 
 def as_json(found: LidarFigures) -> dict[str, object]:
-    """What is printed with ``--output json``."""
+    """Figures for ``--output json``."""
     return {
         "device": found.device,
         "slots": found.slots,
@@ -172,7 +172,7 @@ def as_json(found: LidarFigures) -> dict[str, object]:
 
 
 def lines(found: LidarFigures) -> list[str]:
-    """What people read."""
+    """Figures in lines for people."""
     kind = found.profile
     text = [
         f"{found.rays_per_s:,.0f} rays/s with intensity, noise, weather and motion on "
@@ -242,7 +242,7 @@ def _rate(launch: Callable[[], object], rays: int, device: wp.Device) -> float:
 
 
 def _peer(
-    kind: LidarProfile, world: World, positions_m: np.ndarray, own: LidarSensor, device: str
+    kind: LidarProfile, world: World, positions_m: np.ndarray, sensor: LidarSensor, device: str
 ) -> tuple[float | None, str, float]:
     """Newton's best rate, the order it had it with, and the share of ranges that differ."""
     if importlib.util.find_spec(PEER) is None:
@@ -252,9 +252,9 @@ def _peer(
     eyes = positions_m + _MOUNT.position_m
     peer = NewtonLidar(world.mesh, np.stack(rays, -1), eyes, kind.range_max_m, device)
     count = len(eyes) * kind.channels * kind.columns
-    rates = {name: _rate(launch, count, own._device) for name, launch in peer.orders().items()}
+    rates = {name: _rate(launch, count, sensor._device) for name, launch in peer.orders().items()}
     best = max(rates, key=lambda name: rates[name])
     theirs = peer.ranges().reshape(len(eyes), -1)
     theirs = np.where(theirs == MISS, kind.range_max_m, theirs)
-    ours = own._hits.numpy()["t"].reshape(theirs.shape)
+    ours = sensor._hits.numpy()["t"].reshape(theirs.shape)
     return rates[best], best, float((np.abs(theirs - ours) > 0.01).mean())

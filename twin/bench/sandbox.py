@@ -39,31 +39,31 @@ STARTS = 20
 
 @dataclass(frozen=True, slots=True)
 class SandboxFigures:
-    """What was measured."""
+    """Figures of the sandbox bench."""
 
     start_ms: float
     """Added to the start of a process [ms]."""
     first_ms: float
     """Added once per worker: the trial that shows whether the kernel allows it [ms]."""
     campaign: str
-    """Empty: none was run."""
+    """Campaign that was run; empty: none."""
     campaign_percent: float | None
     """Added to the processor time of the campaign [%]."""
     fingerprints: tuple[str, ...]
-    """With a sandbox and without, per round."""
+    """Fingerprints of the runs with a sandbox and without, per round."""
 
     @property
     def missed(self) -> list[str]:
         """Targets that were not reached."""
-        found = []
+        misses = []
         if self.start_ms > START_MS_MAX:
-            found.append(f"{self.start_ms:.0f} ms per start, allowed are {START_MS_MAX:.0f}")
+            misses.append(f"{self.start_ms:.0f} ms per start, allowed are {START_MS_MAX:.0f}")
         if self.campaign_percent is not None and self.campaign_percent > CAMPAIGN_PERCENT_MAX:
             allowed = f"allowed are {CAMPAIGN_PERCENT_MAX:g} %"
-            found.append(f"{self.campaign_percent:.1f} % of {self.campaign}, {allowed}")
+            misses.append(f"{self.campaign_percent:.1f} % of {self.campaign}, {allowed}")
         if len(set(self.fingerprints)) > 1:
-            found.append("fingerprints differ")
-        return found
+            misses.append("fingerprints differ")
+        return misses
 
 
 def measure(campaign: str, rounds: int) -> SandboxFigures:
@@ -82,12 +82,12 @@ def measure(campaign: str, rounds: int) -> SandboxFigures:
         return SandboxFigures(start_ms, first_ms, "", None, ())
     pairs = [(_run(campaign, "default"), _run(campaign, "off")) for _ in range(rounds)]
     boxed, plain = (statistics.median(pair[i][0] for pair in pairs) for i in (0, 1))
-    prints = tuple(each[1] for pair in pairs for each in pair)
+    prints = tuple(run[1] for pair in pairs for run in pair)
     return SandboxFigures(start_ms, first_ms, campaign, (boxed / plain - 1) * 100, prints)
 
 
 def _start_s(boxed: bool) -> float:
-    """From the call to the first word of a Python that does nothing else [s]."""
+    """Time from the call to the first word of a Python that does nothing else [s]."""
     command = [sys.executable, "-S", "-c", "print()"]
     begun_s = time.perf_counter()
     with contextlib.ExitStack() as at_end:
@@ -119,12 +119,12 @@ def _run(campaign: str, mode: str) -> tuple[float, str]:
         ):
             took_s = _processor_s(child)
             assert child.stdout is not None
-            told = child.stdout.read()
+            printed = child.stdout.read()
             log.seek(0)
-            said = log.read().decode(errors="replace")
+            errors = log.read().decode(errors="replace")
     if child.returncode not in (0, 1):
-        raise InfrastructureError(f"{campaign}: {said.strip()[-300:]}")
-    return took_s, str(json.loads(told)["fingerprint"])
+        raise InfrastructureError(f"{campaign}: {errors.strip()[-300:]}")
+    return took_s, str(json.loads(printed)["fingerprint"])
 
 
 def _processor_s(child: subprocess.Popen[bytes]) -> float:

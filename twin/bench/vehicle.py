@@ -25,7 +25,7 @@ _ROUND_S = 0.5
 
 @dataclass(frozen=True, slots=True)
 class VehicleFigures:
-    """What was measured."""
+    """Figures of the vehicle bench."""
 
     device: str
     vehicles: int

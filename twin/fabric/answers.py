@@ -5,10 +5,10 @@ from __future__ import annotations
 from twin.base.errors import StackFaultError
 
 SEQS_KEPT = 64
-"""So many seqs are remembered to tell late answers from wrong ones."""
+"""Number of seqs that are remembered to tell late answers from wrong ones."""
 
 ODD_ANSWERS_MAX = 2
-"""So many answers more than there may be are let pass."""
+"""Number of answers beyond those allowed that are let pass."""
 
 
 class Answers:

@@ -54,12 +54,12 @@ InsecureOption = Annotated[
         "host, may read and command, and so run code as you.",
     ),
 ]
-"""Beside :data:`KeyOption`; works by itself, for the whole process."""
+"""Option beside :data:`KeyOption`; works by itself, for the whole process."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ConductorOptions:
-    """Which conductor a command talks to; see :func:`twin.base.option_record.with_options`."""
+    """Conductor that a command talks to; see :func:`twin.base.option_record.with_options`."""
 
     connect: ConnectOption = ""
     state: Annotated[
@@ -70,7 +70,7 @@ class ConductorOptions:
     insecure: InsecureOption = False
 
     def target(self, role: Role) -> Target:
-        """Where to connect, and with what; raises as :func:`choose_target`."""
+        """Target that the options mean; raises as :func:`choose_target`."""
         from twin.fabric.discovery import choose_target
 
         return choose_target(self.connect, self.state, self.namespace, self.key, role)

@@ -33,7 +33,7 @@ class RunEndedError(UsageError):
 
 
 class _Complete(msgspec.Struct, frozen=True):
-    """What is read of ``outcomes.json`` here."""
+    """The part of ``outcomes.json`` that is read here."""
 
     complete: bool = False
 
@@ -50,14 +50,14 @@ class ConductorFile(msgspec.Struct, frozen=True):
     key: str = ""
     """Path of the folder of keys, as the conductor sees it; empty: there is none."""
     insecure: bool = False
-    """It speaks plain TCP, which has to be typed on every side."""
+    """Whether the conductor speaks plain TCP, which has to be typed on every side."""
     fabric: str = ""
     """Under which name its user's own folder has the keys; empty: they lie elsewhere."""
 
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """Where to connect, and with what."""
+    """Endpoint and namespace to connect to, and the key to use."""
 
     endpoint: str
     namespace: str
@@ -65,7 +65,7 @@ class Target:
 
 
 def await_conductor(folder: Path, wait_s: float, role: Role, key: Path | None = None) -> Target:
-    """Like :func:`find_target`, but a conductor that is just starting may take ``wait_s`` [s].
+    """Target as of :func:`find_target`, but a conductor that just starts may take ``wait_s`` [s].
 
     A file of a conductor that was killed is left behind, so the endpoint must answer.
 
@@ -76,9 +76,9 @@ def await_conductor(folder: Path, wait_s: float, role: Role, key: Path | None = 
     until_s = time.monotonic() + wait_s
     while True:
         try:
-            found = find_target(folder, role, key)
-            greet(found.endpoint, found.key)
-            return found
+            target = find_target(folder, role, key)
+            greet(target.endpoint, target.key)
+            return target
         except UnfitKeyError:
             raise
         except UnreachableError as error:
@@ -93,16 +93,18 @@ def await_conductor(folder: Path, wait_s: float, role: Role, key: Path | None = 
 
 
 def find_target(folder: Path, role: Role, key: Path | None = None) -> Target:
-    """Where the conductor of a state or campaign folder is, and this user's key of ``role``, unless
-    one is given.
+    """Target of the conductor of a state or campaign folder; with this user's key of ``role``,
+    unless one is given.
 
     Raises:
         UsageError: there is no conductor, or no fit key.
     """
-    found = find_conductor(folder)
-    if key is None and is_tls(found.endpoint):
-        key = keys_of(found, folder)
-    return Target(found.endpoint, found.namespace, load_key(key, role) if key is not None else None)
+    conductor = find_conductor(folder)
+    if key is None and is_tls(conductor.endpoint):
+        key = keys_of(conductor, folder)
+    return Target(
+        conductor.endpoint, conductor.namespace, load_key(key, role) if key is not None else None
+    )
 
 
 def keys_of(found: ConductorFile, folder: Path) -> Path:
@@ -150,10 +152,10 @@ def choose_target(
     """
     if folder is not None and not connect:
         return find_target(folder, role, key)
-    found = load_key(key, role) if key is not None else None
-    endpoint = connect or (found.endpoint if found else "")
+    member_key = load_key(key, role) if key is not None else None
+    endpoint = connect or (member_key.endpoint if member_key else "")
     if endpoint:
-        return Target(endpoint, agreed_namespace(namespace, found), found)
+        return Target(endpoint, agreed_namespace(namespace, member_key), member_key)
     raise UsageError(
         "no conductor given; use --connect tls/HOST:PORT or --state FOLDER "
         "(`conductor serve` prints both), or the --key of an invitation, which names it"
@@ -208,8 +210,7 @@ def find_conductor(folder: Path) -> ConductorFile:
 
 
 def refuse_ended(folder: Path) -> None:
-    """For those who would wait for a conductor: nobody comes to a folder that is not there, nor to
-    a run that has ended.
+    """Refuse to wait for a conductor in a folder that is not there, or whose run has ended.
 
     Raises:
         UsageError: one of the two; it says where to look instead.

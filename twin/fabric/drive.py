@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from twin.base.gpu.cuda import DeviceFrame, DeviceMemory, SharedProbe
 
 READY_PERIOD_S = 0.05
-"""Each side repeats ``ready`` this often until answered [s]."""
+"""Period in which each side repeats ``ready`` until it is answered [s]."""
 
 RESEND_S = 1.0
 """A seq without commands is published again after this long [s]."""
@@ -152,7 +152,7 @@ class SimulatorEnd:
         self._frames = frames
         self._inbox: queue.SimpleQueue[Sample] = queue.SimpleQueue()
         self.transport: Transport = "bytes"
-        """What the stack took of what it was offered."""
+        """Transport that the stack chose of those offered."""
         self.resent = 0
         """Seqs published again."""
         self._fault = ""
@@ -165,7 +165,7 @@ class SimulatorEnd:
         self._came = 0
         """Bytes of all messages, also those that were left out."""
         self._messages = 0
-        """How many they were."""
+        """Number of all messages."""
         bus.subscribe(topics.READY.key.format(rig=rig, side="stack"), self._take_ready)
         bus.subscribe(topics.COMMAND.key.format(rig=rig), self._take)
         bus.announce(topics.SIMULATOR_ALIVE.key.format(rig=rig))
@@ -511,7 +511,7 @@ class StackEnd:
         return frame.seq
 
     def _part(self, seq: int) -> _Partial:
-        """What has come of ``seq``."""
+        """Messages of ``seq`` that have arrived."""
         if seq not in self._partial and len(self._partial) >= SEQS_MAX:
             raise WireError(f"parts of more than {SEQS_MAX} seqs; finish one before the next")
         return self._partial.setdefault(seq, _Partial())
@@ -589,7 +589,7 @@ class StackEnd:
 
 
 def _dtype(frame: Frame) -> np.dtype[Any]:
-    """What the array is made of, and its shape checked; NumPy's own parser takes whole programs."""
+    """Type of a frame's array, its shape checked; NumPy's own parser takes whole programs."""
     if frame.dtype not in DTYPES:
         raise WireError(f"array of {frame.dtype}, allowed: {', '.join(DTYPES)}")
     if len(frame.shape) > AXES_MAX or min(frame.shape, default=0) < 0:

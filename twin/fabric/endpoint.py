@@ -25,7 +25,7 @@ _keys_demanded = False
 
 
 def allow_plain() -> None:
-    """From now on this process may speak plain TCP anywhere: somebody typed ``--insecure``.
+    """Allow this process plain TCP anywhere from now on: somebody typed ``--insecure``.
 
     It holds for the process, because what it opens must not depend on which way the word took.
     """
@@ -39,7 +39,7 @@ def plain_is_allowed() -> bool:
 
 
 def demand_keys() -> None:
-    """From now on this process speaks no plain TCP on loopback either, unless it is allowed:
+    """Forbid this process plain TCP on loopback, too, from now on, unless it is allowed:
     commands are careful, because every user of a host reaches its loopback."""
     global _keys_demanded
     _keys_demanded = True

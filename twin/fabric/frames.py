@@ -42,19 +42,19 @@ class FrameChannel:
     """An array that a simulator writes at every frame of a sensor."""
 
     name: str
-    """Of the sensor message."""
+    """Name of the sensor message."""
     shape: tuple[int, ...]
     dtype: str
     """Little-endian, as NumPy writes it (``|u1``, ``<f4``)."""
 
     @property
     def size(self) -> int:
-        """[bytes]"""
+        """Size of a frame [bytes]."""
         return math.prod(self.shape) * np.dtype(self.dtype).itemsize
 
 
 def lay_out(channels: Sequence[FrameChannel]) -> tuple[dict[str, int], int]:
-    """Where each channel lies in one buffer, aligned, and the size of the buffer [bytes]."""
+    """Offset of each channel in one buffer, aligned, and the size of the buffer [bytes]."""
     offsets, size = {}, 0
     for channel in channels:
         offsets[channel.name] = size
@@ -78,7 +78,7 @@ class FrameBuffer:
         self.size = size
         self.nonce = secrets.token_hex(16)
         self.path = str(place)
-        """Where a process of the same user on this host gets it."""
+        """Socket at which processes of the same user on this host get the descriptor."""
         self._listener: socket.socket | None = None
         self._fd = os.memfd_create("twin-frames", os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
         try:
@@ -107,7 +107,7 @@ class FrameBuffer:
                     socket.send_fds(peer, [b"frames"], [self._fd])
 
     def shut(self) -> None:
-        """Who was to have it has it, or never will."""
+        """Hand the descriptor to no further process."""
         if self._listener is not None:
             with contextlib.suppress(OSError):
                 self._listener.shutdown(socket.SHUT_RDWR)  # wakes who waits there
@@ -141,10 +141,10 @@ def _listening(path: str) -> socket.socket:
 
 
 def _user_of(peer: socket.socket) -> int:
-    """Who is at the other end, as the kernel says."""
+    """User id of the process at the other end, as the kernel says."""
     size = struct.calcsize("3i")
-    said = peer.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, size)
-    return int(struct.unpack("3i", said)[1])
+    credentials = peer.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, size)
+    return int(struct.unpack("3i", credentials)[1])
 
 
 def offer_frames(size: int, path: Path) -> FrameBuffer | None:

@@ -49,7 +49,7 @@ class Attempt:
         self._key = key or topics.VIEW_CONTROL.key.format(campaign=campaign, case=case)
 
     def do(self, action: Action) -> ControlReply:
-        """One action; the answer says at which control tick it was applied.
+        """Carry out one action; the answer says at which control tick it was applied.
 
         Raises:
             UsageError: it cannot be done, or that attempt has ended; one line.
@@ -144,13 +144,13 @@ def find(bus: Bus, case: str, campaign: str = "") -> RunningAttempt:
         InfrastructureError: nobody answers at all.
     """
     _check_names(campaign, case)
-    found = running(bus, campaign or "*", case)
-    campaigns = sorted({state.campaign for state in found})
+    states = running(bus, campaign or "*", case)
+    campaigns = sorted({state.campaign for state in states})
     if len(campaigns) > 1:
         raise UsageError(f"case '{case}' runs in {', '.join(campaigns)}; give --campaign")
-    if not found:
+    if not states:
         raise _why_not(bus, case, campaign)
-    state = found[-1]  # of two attempts at once the later one
+    state = states[-1]  # of two attempts at once the later one
     return RunningAttempt(bus, state)
 
 
@@ -171,7 +171,7 @@ def find_in_rig(bus: Bus, rig: str, case: str = "", slot: int = -1) -> RunningAt
 
 
 def _check_names(campaign: str, case: str) -> None:
-    """They become parts of a key; one that is a pattern would mean somebody else's case as well."""
+    """Names become parts of a key; a pattern among them would mean other people's cases, too."""
     for what, name in (("a campaign", campaign), ("a case", case)):
         if wrong := sorted(set(name) & set("*$?#/")):
             raise UsageError(f"{what}'s name: given '{name}', not allowed: {' '.join(wrong)}")

@@ -34,20 +34,23 @@ def received_bytes(ports: Collection[int]) -> int:
             descriptor = int(name)
             if not stat.S_ISSOCK(os.fstat(descriptor).st_mode):
                 continue
-            found = socket.socket(fileno=descriptor)
+            connection = socket.socket(fileno=descriptor)
             try:
-                total += _received(found, ports)
+                total += _received(connection, ports)
             finally:
-                found.detach()  # it is the session's
+                connection.detach()  # it is the session's
     return total
 
 
-def _received(found: socket.socket, ports: Collection[int]) -> int:
-    if found.family not in (socket.AF_INET, socket.AF_INET6) or found.type != socket.SOCK_STREAM:
+def _received(connection: socket.socket, ports: Collection[int]) -> int:
+    if (
+        connection.family not in (socket.AF_INET, socket.AF_INET6)
+        or connection.type != socket.SOCK_STREAM
+    ):
         return 0
-    if found.getsockname()[1] not in ports:
+    if connection.getsockname()[1] not in ports:
         return 0
-    info = found.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, _BYTES_RECEIVED + 8)
+    info = connection.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, _BYTES_RECEIVED + 8)
     if len(info) < _BYTES_RECEIVED + 8:
         return 0
     return int(struct.unpack_from("<Q", info, _BYTES_RECEIVED)[0])
@@ -57,7 +60,7 @@ class LinkWatch:
     """Compares what the links brought with the messages that came of it."""
 
     def __init__(self, endpoints: Sequence[str]) -> None:
-        """``endpoints``: where the session listens."""
+        """Count from zero; ``endpoints``: where the session listens."""
         self._ports = {int(e.rpartition(":")[2]) for e in endpoints if not is_socket(e)}
         self._received = self._arrived = self._excess = 0
 
@@ -98,7 +101,7 @@ class ReadingWatch:
         self._is_reader: dict[str, bool] = {}
         self._fresh = True
         self._since_s, self._read_s, self._messages = 0.0, 0.0, 0
-        """When a message last arrived, and what had been read and had arrived by then."""
+        """Time at which a message last arrived, and what had been read and had arrived by then."""
 
     def begin(self) -> None:
         """Another wait begins."""
@@ -129,6 +132,6 @@ class ReadingWatch:
                     name = Path(f"/proc/self/task/{thread}/comm").read_bytes()
                     self._is_reader[thread] = name.startswith(b"rx-")
                 if self._is_reader[thread]:
-                    said = Path(f"/proc/self/task/{thread}/schedstat").read_bytes()
-                    total += int(said.split()[0])
+                    schedstat = Path(f"/proc/self/task/{thread}/schedstat").read_bytes()
+                    total += int(schedstat.split()[0])
         return total / 1e9

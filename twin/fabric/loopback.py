@@ -1,4 +1,4 @@
-"""Who is at the other end of a loopback connection, and under which name it asked.
+"""User at the other end of a loopback connection, and the name under which it asked.
 
 Loopback is open to everybody on a host: to its other users, and by a name that leads there (DNS
 rebinding) to any page in its user's browser.
@@ -23,7 +23,7 @@ def is_own_name(host: str, *bound: str) -> bool:
     name, colon, port = host.rpartition(":")
     if not colon or not port.isdecimal():
         name = host
-    return name.lower() in (*NAMES, *(each.lower() for each in bound))
+    return name.lower() in (*NAMES, *(address.lower() for address in bound))
 
 
 def is_ours(line: socket.socket) -> bool:
@@ -53,7 +53,7 @@ def is_ours(line: socket.socket) -> bool:
 
 
 def _hexadecimal(address: tuple[str, int]) -> str:
-    """As the kernel's table writes it."""
+    """An address as the kernel's table writes it."""
     number = int.from_bytes(socket.inet_aton(address[0]), "little")
     return f"{number:08X}:{address[1]:04X}"
 

@@ -34,7 +34,7 @@ class _Waiting:
 
 @dataclass(slots=True)
 class HubCounters:
-    """What the hub did; a test that drove no fault proves nothing."""
+    """Counts of what the hub did; a test that drove no fault proves nothing."""
 
     delivered: int = 0
     lost: int = 0

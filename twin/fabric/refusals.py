@@ -40,12 +40,12 @@ _LINE = re.compile(r"zenoh_link_tls::\w+: (.*)")
 
 def reason_of(line: str) -> str:
     """Why a connection was refused, by Zenoh's ``line``; empty: the line says something else."""
-    found = _found(line)
-    if found is None or "Skipping name verification" in line:
+    match = _found(line)
+    if match is None or "Skipping name verification" in line:
         return ""
-    said = found[1].partition(" Hint:")[0].rstrip(".")
-    known = (meaning for part, meaning in _REASONS if part in said)
-    return next(known, f"the handshake failed: {escape(said, REASON_CHARS_MAX)}")
+    failure = match[1].partition(" Hint:")[0].rstrip(".")
+    known = (meaning for part, meaning in _REASONS if part in failure)
+    return next(known, f"the handshake failed: {escape(failure, REASON_CHARS_MAX)}")
 
 
 def _found(line: str) -> re.Match[str] | None:
@@ -83,29 +83,31 @@ def refusals_logged(say: Callable[[str], object]) -> Iterator[None]:
     what it is."""
     before = sys.stdout
     before.flush()
-    own, (reader, writer) = os.dup(1), os.pipe()
+    stdout, (reader, writer) = os.dup(1), os.pipe()
     os.dup2(writer, 1)
     os.close(writer)
-    thread = threading.Thread(target=_read, args=(reader, own, say), name="refusals", daemon=True)
+    thread = threading.Thread(
+        target=_read, args=(reader, stdout, say), name="refusals", daemon=True
+    )
     try:
         thread.start()
         log_refusals()
-        with os.fdopen(os.dup(own), "w", buffering=1) as out:
+        with os.fdopen(os.dup(stdout), "w", buffering=1) as out:
             sys.stdout = out
             yield
     finally:
         sys.stdout = before
-        os.dup2(own, 1)  # closes the pipe, and so ends the thread
+        os.dup2(stdout, 1)  # closes the pipe, and so ends the thread
         if thread.ident is not None:
             thread.join(1.0)
-        os.close(own)
+        os.close(stdout)
 
 
-def _read(descriptor: int, own: int, say: Callable[[str], object]) -> None:
+def _read(descriptor: int, stdout: int, say: Callable[[str], object]) -> None:
     refusals = Refusals()
     with os.fdopen(descriptor, errors="replace") as lines:
         for line in lines:
             if _found(line) is None:  # a library of others printed it
-                os.write(own, line.encode())
+                os.write(stdout, line.encode())
             elif sentence := refusals.take(line, time.monotonic()):
                 say(sentence)

@@ -43,7 +43,7 @@ class PrivateFolder:
     """A folder of mode 0700 that goes when it is closed, or with this process however it ends."""
 
     def __init__(self, place: Path | None = None) -> None:
-        """Make it. Only from the main thread.
+        """Make the folder. Only from the main thread.
 
         Args:
             place: where; None: the user's runtime folder or the temporary one, whose path is short
@@ -54,7 +54,7 @@ class PrivateFolder:
         """
         name = f"twin-{secrets.token_hex(4)}"
         self.path = (place or _place(name)) / name
-        """Of the folder; absolute."""
+        """Path of the folder; absolute."""
         self._guard = spawn(["sh", "-c", _GUARD, str(self.path)], pipe_output=True)
         assert self._guard.stdout is not None
         with self._guard.stdout as answer:
@@ -79,7 +79,7 @@ class RigFolder(PrivateFolder):
 
 
 def frames_socket(endpoint: str) -> Path:
-    """Where the simulator whose drive session is at ``endpoint`` hands out its frames."""
+    """Socket at which the simulator whose drive session is at ``endpoint`` hands out its frames."""
     return Path(endpoint.partition("/")[2]).with_name(_FRAMES)
 
 

@@ -20,12 +20,12 @@ _CONTEXT = b"drivetwin result\0"
 
 
 def new_secret() -> bytes:
-    """For a new worker."""
+    """A secret for a new worker."""
     return secrets.token_bytes(SECRET_BYTES)
 
 
 def hash_of(secret: bytes) -> bytes:
-    """What may be kept of a secret, and known to everybody."""
+    """Hash of a secret, which may be kept, and known to everybody."""
     return hashlib.sha256(secret).digest()
 
 
@@ -35,7 +35,7 @@ def proves(secret: bytes, kept: bytes) -> bool:
 
 
 def seal(secret: bytes, data: bytes) -> bytes:
-    """Who holds the secret stands for ``data`` (Ed25519)."""
+    """Signature of ``data`` by the holder of the secret (Ed25519)."""
     return _private(secret).sign(_CONTEXT + data)
 
 

@@ -117,7 +117,7 @@ def join(target: Target, connect_timeout_s: float, mode: Mode = "client") -> Bus
 
 
 def log_refusals() -> None:
-    """From now on Zenoh writes a line to file descriptor 1 for every handshake that fails."""
+    """Have Zenoh write a line to file descriptor 1 for every handshake that fails from now on."""
     zenoh.init_log_from_env_or("off,zenoh_link_tls=warn")
 
 
@@ -256,9 +256,9 @@ class _ZenohBus:
 
     def _check(self, act: Act, key: str) -> None:
         """Raise WrongRoleError for what the other side would drop without a word."""
-        own = self._key
-        if own is not None and not may(own.role, act, key):
-            raise WrongRoleError(f"{own.path}: {refusal(own.role, act, key)}")
+        member_key = self._key
+        if member_key is not None and not may(member_key.role, act, key):
+            raise WrongRoleError(f"{member_key.path}: {refusal(member_key.role, act, key)}")
 
     def wanted(self, key: str) -> bool:
         if key not in self._publishers:

@@ -33,9 +33,9 @@ def computed_scalars(kinds: Iterable[KpiKind], rows: Rows) -> Scalars:
     Raises:
         ValueError: a function cannot be imported; one line.
     """
-    found: Scalars = {}
+    scalars: Scalars = {}
     for kind in kinds:
         if kind.implementation:
             value = implementation(kind.implementation)(rows)
-            found[kind.name] = None if value is None or not math.isfinite(value) else float(value)
-    return found
+            scalars[kind.name] = None if value is None or not math.isfinite(value) else float(value)
+    return scalars

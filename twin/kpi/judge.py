@@ -62,8 +62,8 @@ class TableRows:
 
     def valid(self, name: str) -> np.ndarray:
         """Validity of a nullable column [rows]."""
-        found: np.ndarray = self._table.column(name).combine_chunks().is_valid().to_numpy(False)
-        return found
+        valid: np.ndarray = self._table.column(name).combine_chunks().is_valid().to_numpy(False)
+        return valid
 
 
 def examine(claim: Claim) -> Judgement:
@@ -73,11 +73,11 @@ def examine(claim: Claim) -> Judgement:
     except Exception as error:  # files that others can write may hold anything
         words = str(error) if isinstance(error, InfrastructureError) else repr(error)
         differences, known = [escape(" ".join(words.split()), 300)], True
-    found = "differs" if differences else "agrees" if known else "no record"
+    agreement = "differs" if differences else "agrees" if known else "no record"
     return Judgement(
         folder=claim.folder,
         case=claim.case,
-        found=found,
+        found=agreement,
         differences=differences[:DIFFERENCES_MAX],
     )
 
@@ -89,11 +89,11 @@ def _compare(claim: Claim) -> tuple[list[str], bool]:
     log = _read(folder / "log.txt", LOG_BYTES_MAX)
     sealed = folder / RECORD_FILE
     data = _read(sealed, RECORD_BYTES_MAX) if sealed.exists() or sealed.is_symlink() else b""
-    found = kpi_sha256(table)
-    if found != claim.kpi_sha256:
-        return [f"KPI rows give {found[:12]}, committed {claim.kpi_sha256[:12]}"], True
-    found = attempt_digest(found, log, data)
-    if found != claim.manifest_sha256:
+    rows_sha256 = kpi_sha256(table)
+    if rows_sha256 != claim.kpi_sha256:
+        return [f"KPI rows give {rows_sha256[:12]}, committed {claim.kpi_sha256[:12]}"], True
+    digest = attempt_digest(rows_sha256, log, data)
+    if digest != claim.manifest_sha256:
         return [f"log.txt or {RECORD_FILE} is not what was committed"], True
     if not data:
         return [], False
@@ -109,9 +109,11 @@ def _judged(claim: Claim, record: JudgeRecord, rows: TableRows) -> list[str]:
         differences.append(f"{RECORD_FILE} is that of case {record.case}")
     if claim.scenario is not None and _limits(record.scenario) != _limits(claim.scenario):
         differences.append(f"the scenario in {RECORD_FILE} is not that of the campaign")
-    seen = int(rows.column("collisions")[-1])
-    if record.collisions != seen:
-        differences.append(f"{RECORD_FILE} counts {record.collisions} collisions, the rows {seen}")
+    collisions = int(rows.column("collisions")[-1])
+    if record.collisions != collisions:
+        differences.append(
+            f"{RECORD_FILE} counts {record.collisions} collisions, the rows {collisions}"
+        )
     state, hit = state_of(record), hit_of(record)
     run = replay(record.scenario, surroundings_of(record), rows)
     kind = kind_of(record.scenario)
@@ -136,21 +138,21 @@ def _judged(claim: Claim, record: JudgeRecord, rows: TableRows) -> list[str]:
 
 def _of_columns(kinds: Sequence[KpiKind], rows: TableRows) -> list[str]:
     """Columns that do not follow from the others, as they were computed."""
-    found = []
+    mistakes = []
     for kind in kinds:
         if kind.implementation:
-            said = np.where(rows.valid(kind.name), rows.column(kind.name), np.nan)
+            recorded = np.where(rows.valid(kind.name), rows.column(kind.name), np.nan)
             mine = computed_column(kind, rows)
-            if not np.allclose(said, mine, rtol=1e-9, atol=1e-12, equal_nan=True):
-                found.append(f"column {kind.name} does not follow from the others")
-    return found
+            if not np.allclose(recorded, mine, rtol=1e-9, atol=1e-12, equal_nan=True):
+                mistakes.append(f"column {kind.name} does not follow from the others")
+    return mistakes
 
 
-def _of_values(what: str, said: dict[str, Any], found: dict[str, Any]) -> list[str]:
+def _of_values(what: str, committed: dict[str, Any], computed: dict[str, Any]) -> list[str]:
     return [
-        f"{what} {name} is {found.get(name)!r}, committed {said.get(name)!r}"
-        for name in sorted({*said, *found})
-        if not _same(said.get(name), found.get(name))
+        f"{what} {name} is {computed.get(name)!r}, committed {committed.get(name)!r}"
+        for name in sorted({*committed, *computed})
+        if not _same(committed.get(name), computed.get(name))
     ]
 
 
@@ -163,7 +165,7 @@ def _same(one: Any, other: Any) -> bool:
 
 
 def _alike(one: Sequence[str], other: Sequence[str]) -> bool:
-    """The same sentences; a number in them may be rounded the other way."""
+    """Whether sentences are the same; a number in them may be rounded the other way."""
     if len(one) != len(other):
         return False
     for first, second in zip(one, other, strict=True):
@@ -181,7 +183,7 @@ def _step(number: str) -> float:
 
 
 def _limits(scenario: Scenario) -> Scenario:
-    """Where its files lie is no part of it: a campaign may have moved."""
+    """A scenario without the places of its files: a campaign may have moved."""
     return msgspec.structs.replace(scenario, scene="", vehicle="")
 
 

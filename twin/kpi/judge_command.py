@@ -58,15 +58,15 @@ def judge_folder(folder: Path, attempts: Sequence[str], *, as_json: bool) -> int
                 + (claims[0].attempt_dir if claims else "none: nothing was committed")
             )
         claims = [claim for claim in claims if claim.attempt_dir in chosen]
-    found = [examine(claim) for claim in claims]
-    counts = Counter(each.found for each in found)
+    judgements = [examine(claim) for claim in claims]
+    counts = Counter(judgement.found for judgement in judgements)
     if as_json:
-        print(json.dumps([msgspec.to_builtins(each) for each in found]))
+        print(json.dumps([msgspec.to_builtins(judgement) for judgement in judgements]))
     else:
-        for line in [line for each in found for line in told(each)][:SHOWN_MAX]:
+        for line in [line for judgement in judgements for line in told(judgement)][:SHOWN_MAX]:
             print(line)
         print(
-            f"{counted(len(found), 'attempt')}: {counts['agrees']} agree, {counts['differs']} "
+            f"{counted(len(judgements), 'attempt')}: {counts['agrees']} agree, {counts['differs']} "
             f"differ, {counts['no record']} without a record"
         )
     return EXIT_INFRASTRUCTURE if counts["differs"] else EXIT_PASS
@@ -83,12 +83,12 @@ def follow() -> int:
 
 
 def told(judgement: Judgement) -> Iterable[str]:
-    """Its differences for people, a line each."""
+    """Differences of a judgement for people, a line each."""
     return [f"case {judgement.case}: {line}" for line in judgement.differences]
 
 
 def claims_of(folder: Path) -> list[Claim]:
-    """What was committed in a campaign folder, of attempts with KPI rows."""
+    """Claims of a campaign folder: the committed attempts that have KPI rows."""
     try:
         ends = decode_json((folder / OUTCOMES_NAME).read_bytes(), _Ends)
     except OSError as error:
@@ -113,7 +113,7 @@ def claims_of(folder: Path) -> list[Claim]:
 
 
 def resign_rights() -> None:
-    """From here on this process writes no file and gains no right: what it reads was written by
+    """Keep this process from writing files and gaining rights: what it reads was written by
     programs under test. Its standard output must be a pipe."""
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))

@@ -87,6 +87,6 @@ def surroundings_of(record: JudgeRecord) -> Surroundings:
 
 
 def hit_of(record: JudgeRecord) -> Thing | None:
-    """What the ego hit first."""
+    """The object that the ego hit first."""
     hit = record.hit
     return None if hit is None else Thing(hit.name, hit.kind, hit.hull, hit.hulls)

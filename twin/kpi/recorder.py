@@ -118,9 +118,9 @@ class KpiRecorder:
         ttc_s = np.divide(state[which, COLUMN["dtc_m"]], closing, where=closes, out=closing.copy())
         self._set("ttc_s", which, row, ttc_s, closes)
         for name in _BY_SCENARIO:
-            given = np.array([name in values for values in by_scenario], np.bool_)
+            valid = np.array([name in values for values in by_scenario], np.bool_)
             values = np.array([values.get(name, 0.0) for values in by_scenario])
-            self._set(name, which, row, values, given)
+            self._set(name, which, row, values, valid)
         self._set_nearest(which, row, nearest)
         self._set_commands(which, row, commands)
         self._rows[which] += 1
@@ -139,7 +139,7 @@ class KpiRecorder:
     def _set_commands(
         self, which: np.ndarray, row: np.ndarray, commands: Sequence[Command | None]
     ) -> None:
-        given = np.array([command is not None for command in commands], np.bool_)
+        valid = np.array([command is not None for command in commands], np.bool_)
         numbers = np.array(
             [
                 (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -151,13 +151,13 @@ class KpiRecorder:
         ).reshape(-1, 6)
         names = ("throttle", "brake", "steering_rad", "aeb", "headlights", "indicators")
         for name, values in zip(names, numbers.T, strict=True):
-            self._set(name, which, row, values, given)
+            self._set(name, which, row, values, valid)
         for slot, command in zip(which.tolist(), commands, strict=True):
-            found = self._detected[slot]
+            detections = self._detected[slot]
             if command is not None:
-                found += command.detections
+                detections += command.detections
             self._commanded[slot].append(command is not None)
-            self._offsets[slot].append(len(found))
+            self._offsets[slot].append(len(detections))
 
     def _set(
         self,
@@ -178,10 +178,10 @@ class KpiRecorder:
     def of(self, slot: int) -> CaseRows:
         """The rows of a slot so far, with the columns that are computed of them."""
         rows = int(self._rows[slot])
-        given = [c.name for c in (*_PLAIN, *self._own[slot]) if c.name in self._values]
-        found = CaseRows(
-            {name: self._values[name][slot, :rows] for name in given},
-            {name: self._valid[name][slot, :rows] for name in given if name in self._valid},
+        columns = [c.name for c in (*_PLAIN, *self._own[slot]) if c.name in self._values]
+        case_rows = CaseRows(
+            {name: self._values[name][slot, :rows] for name in columns},
+            {name: self._valid[name][slot, :rows] for name in columns if name in self._valid},
             self._names,
             DetectionColumn(
                 offsets=np.array(self._offsets[slot], np.int32),
@@ -196,8 +196,8 @@ class KpiRecorder:
         )
         for kind in self._own[slot]:
             if kind.implementation:
-                found.put(kind.name, computed_column(kind, found))
-        return found
+                case_rows.put(kind.name, computed_column(kind, case_rows))
+        return case_rows
 
 
 class CaseRows:
@@ -217,7 +217,7 @@ class CaseRows:
         self.rows = len(values["tick"])
 
     def put(self, name: str, values: np.ndarray) -> None:
-        """One more column, float64 [rows]; NaN: missing."""
+        """Add a column, float64 [rows]; NaN: missing."""
         self._valid[name] = ~np.isnan(values)
         self._values[name] = np.where(self._valid[name], values, 0.0)
 

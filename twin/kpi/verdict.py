@@ -19,16 +19,16 @@ from twin.world.things import Thing
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """When the cases of all slots end at the latest; 0 where none runs."""
+    """Latest ends of the cases of all slots; 0 where none runs."""
 
     duration_ns: np.ndarray
-    """int64 [S]"""
+    """Longest sim time of the cases, int64 [S] [ns]."""
     standstill_ns: np.ndarray
-    """int64 [S]"""
+    """Time at rest after which a case ends, int64 [S] [ns]."""
 
     @classmethod
     def of(cls, slots: int) -> Limits:
-        """For so many slots."""
+        """Limits of ``slots`` empty slots."""
         return cls(np.zeros(slots, np.int64), np.zeros(slots, np.int64))
 
     def begin(self, slot: int, scenario: Scenario) -> None:
@@ -100,17 +100,17 @@ def scalars(
 
 def names(recorder: CaseRows, state: np.ndarray, hit: Thing | None) -> dict[str, str]:
     """Scalars of :data:`schemas.files.kpi.NAMES`; a missing one is left out."""
-    found = {}
+    name_of = {}
     for name, column in (
         ("nearest_object", "nearest_m"),
         ("nearest_ttc_object", "nearest_ttc_s"),
     ):
         least = _least(recorder, column)
         if least is not None:
-            found[name] = recorder.name(name, least)
+            name_of[name] = recorder.name(name, least)
     if hit is not None and state[COLUMN["collisions"]] > 0:
-        found |= {"hit_object": hit.name, "hit_class": hit.kind, "nearest_object": hit.name}
-    return found
+        name_of |= {"hit_object": hit.name, "hit_class": hit.kind, "nearest_object": hit.name}
+    return name_of
 
 
 def _least(recorder: CaseRows, column: str) -> int | None:

@@ -35,12 +35,12 @@ class LogFile:
     """Batch and instance, from 1; None: the file is no log of its own, by its name or because it is
     an archive or a repeat."""
     data: bytes
-    """Content; empty if it was not read."""
+    """Content of the file; empty if it was not read."""
     refused: str = ""
     """Why it was not read, or what is wrong with it, on one line; empty: it was read."""
     batch: int = 0
-    """Of a folder or an archive that could not be read to its end: the batch that it is named
-    after; else 0."""
+    """Batch that a folder or an archive is named after if it could not be read to its end; else
+    0."""
 
 
 def read_log_files(folder: Path) -> Iterator[LogFile]:
@@ -133,8 +133,8 @@ def _read_archive(path: Path) -> Iterator[LogFile]:
                 if block.count(0) < len(block):
                     raise tarfile.ReadError("a damaged header after the last file")
     except (tarfile.TarError, EOFError, OSError, zlib.error, ValueError) as error:
-        told = escape(str(error)) or type(error).__name__
-        reason = f"not read to its end, its logs may be damaged: {told}"
+        why = escape(str(error)) or type(error).__name__
+        reason = f"not read to its end, its logs may be damaged: {why}"
         yield LogFile(_shown(path.name), None, b"", reason, parse_batch(path.name))
 
 

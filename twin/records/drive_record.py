@@ -111,7 +111,7 @@ class RecordWriter:
         self._sha = hashlib.sha256()
         self._encode = msgspec.msgpack.Encoder().encode
         self.size = 0
-        """Of the file [bytes]."""
+        """Size of the file [bytes]."""
         self.ticks = 0
         try:
             self.write(head)
@@ -154,7 +154,7 @@ class RecordedTick:
 
     seen: RecordSeen
     answer: RecordAnswer | None
-    """None: the attempt ended before there was one."""
+    """Answer of the stack; None: the attempt ended before there was one."""
 
 
 class RecordReader:
@@ -172,7 +172,7 @@ class RecordReader:
         self.path = path / DRIVE_FILE if path.is_dir() else path
         self._decode = msgspec.msgpack.Decoder(RecordBlock).decode
         self.end: RecordEnd | None = None
-        """When all ticks were read; None: the file was cut off."""
+        """End of the record, known when all ticks were read; None: the file was cut off."""
         try:
             with open_regular(self.path) as file:
                 head = next(self._blocks(file), None)
@@ -198,23 +198,23 @@ class RecordReader:
         Raises:
             UsageError: the file is damaged; one line.
         """
-        seen: RecordSeen | None = None
+        open_tick: RecordSeen | None = None
         with open_regular(self.path) as file:
             for block in self._blocks(file):
-                if isinstance(block, RecordAnswer) and seen is not None:
-                    yield RecordedTick(seen, block)
-                    seen = None
+                if isinstance(block, RecordAnswer) and open_tick is not None:
+                    yield RecordedTick(open_tick, block)
+                    open_tick = None
                 elif isinstance(block, RecordSeen):
-                    if seen is not None:
-                        yield RecordedTick(seen, None)
-                    seen = block
+                    if open_tick is not None:
+                        yield RecordedTick(open_tick, None)
+                    open_tick = block
                 elif isinstance(block, RecordEnd):
                     self.end = block
-        if seen is not None:
-            yield RecordedTick(seen, None)
+        if open_tick is not None:
+            yield RecordedTick(open_tick, None)
 
     def _blocks(self, file: IO[bytes]) -> Iterator[RecordBlock]:
-        """Whole blocks; what was cut off is left out."""
+        """Whole blocks of a file; what was cut off is left out."""
         sha = hashlib.sha256()
         while len(length := file.read(_LENGTH.size)) == _LENGTH.size:
             (size,) = _LENGTH.unpack(length)

@@ -61,7 +61,7 @@ def kpi_table(columns: dict[str, list[Any]]) -> pa.Table:
 
 
 def write_kpi(table: pa.Table, path: Path) -> None:
-    """Write atomically: the file is complete or absent."""
+    """Write KPI rows atomically: the file is complete or absent."""
     data = io.BytesIO()
     pq.write_table(table, data, compression="zstd")
     try:
@@ -96,10 +96,12 @@ def _is_known(schema: pa.Schema) -> bool:
     all of this one's, columns of families."""
     if len(schema) < COLUMNS_MIN or len(set(schema.names)) < len(schema):
         return False
-    found = [(f.name, f.type) for f in schema]
-    first = [(f.name, f.type) for f in KPI_SCHEMA][: len(found)]
-    own = {column.name: _TYPES[column.type] for column in columns_by_name().values()}
-    return found[: len(first)] == first and all(own.get(n) == t for n, t in found[len(first) :])
+    columns = [(f.name, f.type) for f in schema]
+    first = [(f.name, f.type) for f in KPI_SCHEMA][: len(columns)]
+    known = {column.name: _TYPES[column.type] for column in columns_by_name().values()}
+    return columns[: len(first)] == first and all(
+        known.get(n) == t for n, t in columns[len(first) :]
+    )
 
 
 def read_kpi_columns(path: Path, names: Sequence[str]) -> pa.Table:
@@ -112,8 +114,8 @@ def read_kpi_columns(path: Path, names: Sequence[str]) -> pa.Table:
         table = pq.read_table(path, columns=list(names))
     except (OSError, ValueError, pa.ArrowException) as error:  # of text that is none, ValueError
         raise InfrastructureError(f"{path}: {escape(' '.join(str(error).split()))}") from None
-    found = {field.name: field.type for field in table.schema}
-    if found != {name: _TYPES[columns_by_name()[name].type] for name in names}:
+    columns = {field.name: field.type for field in table.schema}
+    if columns != {name: _TYPES[columns_by_name()[name].type] for name in names}:
         raise InfrastructureError(f"{path}: without the KPI columns {', '.join(names)}")
     return table
 

@@ -78,7 +78,7 @@ def write_pace(lease: Lease, paced: Paced) -> None:
 
 
 def _log_text(lease: Lease, finished: Finished, output: Kept | None) -> str:
-    """What happened, in sim time only, and then what the stack printed, which need not repeat."""
+    """Log of an attempt: events in sim time only, then the stack's output, which may not repeat."""
     lines = head(lease)
     for name, value in finished.scalars.items():
         lines.append(f"{name}: {'-' if value is None else value}")

@@ -34,7 +34,7 @@ def write_failure(lease: Lease, reason: str, output: Kept | None) -> Result:
 
 
 def failure(lease: Lease, reason: str) -> Result:
-    """The same without a log."""
+    """Result of a failed attempt without a log."""
     return Result(
         campaign=lease.case.variation.campaign,
         case=lease.case.id,
@@ -71,13 +71,13 @@ def head(lease: Lease) -> list[str]:
     case = lease.case
     variation = case.variation
     kind = type(variation.perception).__struct_config__.tag
-    told = f", told {', '.join(variation.tell)}" if variation.tell else ""
+    tell = f", told {', '.join(variation.tell)}" if variation.tell else ""
     hour, minute = divmod(variation.time_of_day_min, 60)
     return [
         f"case {case.id} of campaign {variation.campaign}, seed {variation.seed}",
         f"perception {variation.model} ({kind}), weather {variation.weather}, "
         f"{hour:02d}:{minute:02d}",
-        f"the stack knows it as {stack_name(case)}{told}",
+        f"the stack knows it as {stack_name(case)}{tell}",
     ]
 
 

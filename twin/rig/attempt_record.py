@@ -58,7 +58,7 @@ class AttemptRecord:
             self._lose(error)
 
     def seen(self, tick: int, sim_time_ns: int, arrays: Arrays, episode: Episode | None) -> None:
-        """What was published for one tick."""
+        """Record what was published for one tick."""
         from twin.records.drive_record import coded
 
         if self._writer is not None and self._writer.size > FILE_BYTES_MAX:
@@ -72,7 +72,7 @@ class AttemptRecord:
             self._lose(error)
 
     def answered(self, command: Command) -> None:
-        """What the stack answered to it."""
+        """Record the stack's answer to that tick."""
         if self._writer is None or self._cut:
             return
         try:

@@ -1,4 +1,4 @@
-"""When commands take effect: declared latency, its jitter, a slower stack, losses. In sim time.
+"""Delays of commands: declared latency, its jitter, a slower stack, losses. In sim time.
 
 Draws are whole numbers from (case's stream, case tick): nothing depends on slots, order or load.
 """

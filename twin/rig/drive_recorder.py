@@ -38,7 +38,7 @@ class DriveRecorder(SlotListener):
         self._records: dict[int, AttemptRecord] = {}
         self._slots, self._device = slots, device
         self._jobs: BoundedChannel[Callable[[], None]] | None = None
-        """Of the thread, once there is something to record."""
+        """Jobs of the thread, once there is something to record."""
 
     # --- the simulator's loop ---------------------------------------------------------------
 

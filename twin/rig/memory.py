@@ -67,7 +67,7 @@ def show_memory(
 def show_memory_of(
     campaign: str, slots: int, device: str, free_gb: float | None, *, as_json: bool
 ) -> None:
-    """The same for the rigs of a campaign file, with the networks that its stack loads.
+    """Print the memory of a campaign file's rigs, with the networks that its stack loads.
 
     Args:
         campaign: path of the file; ``-``: standard input.
@@ -92,17 +92,17 @@ def show_memory_of(
 
 
 def show_memory_of_case(case: bytes, slots: int, device: str, *, as_json: bool) -> None:
-    """The same for the rig of one case, JSON as in a lease.
+    """Print the memory of the rig of one case, JSON as in a lease.
 
     Raises:
         UsageError: it is none; one line.
     """
     prepare_kernels()
     try:
-        found = msgspec.json.decode(case, type=Case)
+        decoded = msgspec.json.decode(case, type=Case)
     except msgspec.MsgspecError as error:
         raise UsageError(f"case: {error}") from None
-    _show([found], slots, _free_bytes(device), as_json=as_json)
+    _show([decoded], slots, _free_bytes(device), as_json=as_json)
 
 
 def _cases(data: Any, shown: str) -> list[Case]:
@@ -124,34 +124,37 @@ def _show(cases: list[Case], slots: int, free: int | None, *, as_json: bool) -> 
         plans = [_plan(case, list(networks.values()), slots) for case in rigs.values()]
     except ValueError as error:
         raise UsageError(str(error)) from None
-    found = max(plans, key=lambda plan: plan.bytes_total)
+    largest = max(plans, key=lambda plan: plan.bytes_total)
     if as_json:
         result = {
             "slots": slots,
-            "bytes": found.bytes_total,
-            "rows": {row.name: row.total(slots) for row in found.rows},
+            "bytes": largest.bytes_total,
+            "rows": {row.name: row.total(slots) for row in largest.rows},
             "free_bytes": free,
-            "slots_max": None if free is None else found.slots_max(free),
+            "slots_max": None if free is None else largest.slots_max(free),
         }
         print(json.dumps(result, indent=1))
         return
-    print("\n".join(found.lines()))
+    print("\n".join(largest.lines()))
     if free is not None:
-        print(f"{free / 1e6:10,.1f} MB  are free: at most {found.slots_max(free)} slots")
+        print(f"{free / 1e6:10,.1f} MB  are free: at most {largest.slots_max(free)} slots")
 
 
 def _plan(case: Case, networks: list[Perception], slots: int) -> MemoryPlan:
     vehicle = load_vehicle(case.rig.vehicle)
     for camera in case.rig.seeing:
         vehicle.camera(camera.name)
-    found = rig_memory(case, vehicle, build_world(load_scene(case.rig.scene)), slots)
+    plan = rig_memory(case, vehicle, build_world(load_scene(case.rig.scene)), slots)
     if not networks:
-        return found
+        return plan
     rows = (
         MemoryRow("stack: CUDA and its libraries", _STACK_BYTES, 0),
-        *(MemoryRow(f"network {_loaded(each)}", _network_bytes(each), 0) for each in networks),
+        *(
+            MemoryRow(f"network {_loaded(network)}", _network_bytes(network), 0)
+            for network in networks
+        ),
     )
-    return replace(found, rows=(*found.rows, *rows))
+    return replace(plan, rows=(*plan.rows, *rows))
 
 
 def _loaded(variant: Perception) -> str:
@@ -169,5 +172,5 @@ def _free_bytes(device: str) -> int | None:
     known = {str(d): d for d in wp.get_devices()}
     if device not in known:
         raise UsageError(f"device '{device}': not here; allowed: {', '.join(known)}")
-    found = known[device]
-    return free_bytes(found) if found.is_cuda else None
+    warp_device = known[device]
+    return free_bytes(warp_device) if warp_device.is_cuda else None

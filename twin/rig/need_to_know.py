@@ -33,27 +33,29 @@ def as_told(sensed: dict[str, SensorData], cases: Sequence[Case | None]) -> dict
         sensed: by the engine, for all slots.
         cases: of the slots; None: nothing runs there.
     """
-    told = np.array([case is None or is_told_truth(case) for case in cases])
-    if told.all():
+    told_truth = np.array([case is None or is_told_truth(case) for case in cases])
+    if told_truth.all():
         return sensed
-    return {name: _without(name.partition(".")[0], data, told) for name, data in sensed.items()}
+    return {
+        name: _without(name.partition(".")[0], data, told_truth) for name, data in sensed.items()
+    }
 
 
-def _without(kind: str, data: SensorData, told: NDArray[np.bool_]) -> SensorData:
+def _without(kind: str, data: SensorData, told_truth: NDArray[np.bool_]) -> SensorData:
     if kind not in _TRUTH:
         return data
     shown = data.values.copy()
     if kind == "environment":
         for column, steps in enumerate(_STEPS):
-            shown[~told, column] = stepped(shown[~told, column], steps)
+            shown[~told_truth, column] = stepped(shown[~told_truth, column], steps)
         return SensorData(shown)
     assert data.count is not None
-    shown[~told] = 0
-    return SensorData(shown, np.where(told, data.count, 0).astype(data.count.dtype))
+    shown[~told_truth] = 0
+    return SensorData(shown, np.where(told_truth, data.count, 0).astype(data.count.dtype))
 
 
 def stepped(values: NDArray[np.float64], steps: tuple[float, ...]) -> NDArray[np.float64]:
-    """Each value as the middle of the two steps that it lies between; on a step it stays."""
+    """Values as the middles of the two steps that they lie between; on a step a value stays."""
     edges, middles = _scale(steps)
     above = edges.searchsorted(values, side="right").clip(1, len(edges) - 1)
     stays = (values == edges[above - 1]) | (values == edges[above]) | (values == 0)

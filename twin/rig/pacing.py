@@ -14,10 +14,10 @@ BEHIND_S = 0.25
 """A case that fell behind the wall clock by more goes on from now, and does not catch up [s]."""
 
 CSV_FILE = "realtime.csv"
-"""Beside ``kpi.parquet``: :data:`COLUMNS`."""
+"""File beside ``kpi.parquet`` with :data:`COLUMNS`."""
 
 COLUMNS = ("tick", "late_ms", "command_age_ms", "new_command", "given_to_stack")
-"""Of the table of an attempt, a line per tick after the first."""
+"""Columns of an attempt's table, a line per tick after the first."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +56,7 @@ class TickLog:
 
     period_ns: int
     rows: list[tuple[int, float, float, bool, bool]] = field(default_factory=list)
-    """As :data:`COLUMNS` says."""
+    """Values of :data:`COLUMNS` by tick."""
 
     def add(self, tick: int, late_s: float, answered: int, *, new: bool, given: bool) -> None:
         """A tick began.
@@ -90,7 +90,7 @@ class TickLog:
         """The rows as a table."""
         lines = [",".join(COLUMNS)]
         lines += [
-            f"{t},{late:g},{age:g},{new:d},{given:d}" for t, late, age, new, given in self.rows
+            f"{t},{late:g},{age:g},{new:d},{sensed:d}" for t, late, age, new, sensed in self.rows
         ]
         return "\n".join(lines) + "\n"
 

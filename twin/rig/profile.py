@@ -1,4 +1,4 @@
-"""What a simulator's loop did with its time, written beside it for `twin bench campaign`."""
+"""Profile of a simulator's loop, written beside it for `twin bench campaign`."""
 
 from __future__ import annotations
 
@@ -35,11 +35,11 @@ class Quarter(Struct, frozen=True):
     slot_ticks: int
     """Sum over these ticks of the slots that had a case."""
     seconds: dict[str, float]
-    """As :attr:`LoopProfile.seconds`, of these ticks."""
+    """Seconds of these ticks by name, as in :attr:`LoopProfile.seconds`."""
 
 
 class LoopProfile(Struct, frozen=True):
-    """One simulator process so far. Times are wall clock on the host's monotonic clock."""
+    """Profile of a simulator process so far. Times are wall clock on the host's monotonic clock."""
 
     rig: str
     device: str
@@ -54,13 +54,13 @@ class LoopProfile(Struct, frozen=True):
     period_s: float
     """Control period [s]."""
     begun_s: float
-    """When the process began [s]."""
+    """Time at which the process began [s]."""
     first_tick_s: float
-    """When the first tick began [s]."""
+    """Time at which the first tick began [s]."""
     last_tick_s: float
-    """When the last tick ended [s]."""
+    """Time at which the last tick ended [s]."""
     full_s: float
-    """When more than half of the slots had a case for the last time [s]."""
+    """Last time at which more than half of the slots had a case [s]."""
     seconds: dict[str, float]
     """Where the loop's time went, by name [s]; sums to that from the first tick to the last."""
     round_trip_p50_ms: float

@@ -49,7 +49,7 @@ class RealtimeLink(SlotListener):
         self._pacer = Pacer(period_ns / 1e9, clock())
         self._log = TickLog(period_ns)
         self._begun_s = 0.0
-        """When the last tick began [s]."""
+        """Time at which the last tick began [s]."""
         self._mail: dict[str, tuple[int, Outgoing]] = {}
         """Readings that the stack has not got, with their ticks."""
         self._sent: _Sent | None = None
@@ -79,15 +79,15 @@ class RealtimeLink(SlotListener):
         now_s = self._clock()
         wait_s = self._pacer.reach(now, now_s)
         answer = self._collect(now_s + wait_s, on_wait)
-        given = self._sent is None
-        if given:
+        is_free = self._sent is None
+        if is_free:
             self._give(seq, tick)
         elif self._sent is not None and self._clock() - self._sent.at_s >= RESEND_S:
             self._end.publish(self._sent.tick, self._sent.sensors, [])
             self._sent.at_s = self._clock()
         late_s = max(0.0, -wait_s)
         self._begun_s = self._clock()
-        self._log.add(now, late_s, self._answers, new=answer is not None, given=given)
+        self._log.add(now, late_s, self._answers, new=answer is not None, given=is_free)
         return self._command(seq, now, answer)
 
     def finish(self) -> Paced:
@@ -122,10 +122,10 @@ class RealtimeLink(SlotListener):
         while True:
             left_s = due_s - self._clock()
             seq = None if self._sent is None else self._sent.tick.seq
-            found = self._end.answered(seq, min(LOOK_S, max(0.0, left_s)))
-            if found is not None:
+            commands = self._end.answered(seq, min(LOOK_S, max(0.0, left_s)))
+            if commands is not None:
                 assert self._sent is not None, "nothing else was asked for"
-                answer = self._held = found
+                answer = self._held = commands
                 self._held_tick, self._answers = self._sent.tick.tick[0], self._sent.oldest
                 self._sent = None
             on_wait()

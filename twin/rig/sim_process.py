@@ -92,7 +92,7 @@ def main(device: str) -> int:
 
 
 def _first(device: str, orders: Orders) -> BuildRig:
-    """What is to be built; the time until it is known is for what takes long to load."""
+    """Order that says what to build; until it comes, what takes long to load is loaded."""
     build = orders.next(0)
     if build is None:
         waking = threading.Thread(target=_wake, args=(device,), name="wake", daemon=True)

@@ -94,7 +94,7 @@ class Simulator:
         self._log = LoopLog(rig, device, slots)
         self._inline: InlineStack | None = None
         self._realtime: RealtimeLink | None = None
-        """In place of the lockstep."""
+        """Link that takes the place of the lockstep; None: lockstep."""
         self._faulty = False
         """The stack cannot go on; the worker says what becomes of the cases."""
 
@@ -276,13 +276,13 @@ class Simulator:
         """Readings of the current ticks, and the messages that bring them to a stack elsewhere."""
         sensed = self._engine.sense()
         cases = [None if slot is None else slot.lease.case for slot in self._slots.by_index]
-        told = as_told(sensed, cases)
-        sensors = [] if self._inline else self._messages.frames(self._seq, told)
+        readings = as_told(sensed, cases)
+        sensors = [] if self._inline else self._messages.frames(self._seq, readings)
         self._log.watch.lap("frames")
         episodes = self._messages.episodes(self._seq)
         message = self._messages.tick(self._seq, list(sensed), len(episodes))
         self._log.watch.lap("messages")
-        return RigTick(message, sensed, told, episodes), sensors
+        return RigTick(message, sensed, readings, episodes), sensors
 
     def _ask(self, tick: RigTick, sensors: list[Outgoing]) -> Commands:
         """The stack's answer to a tick."""
@@ -300,7 +300,7 @@ class Simulator:
         self._listeners.ended(slot, SlotEnd(finished, time.monotonic() - slot.started_s))
 
     def _account(self, answer: Commands, wall_s: float) -> None:
-        """What the tick took: for the report, never for a KPI."""
+        """Account for the time that a tick took: for the report, never for a KPI."""
         running = self._slots.running
         for slot in running:
             slot.rig_wall_s += wall_s / len(running)
@@ -310,7 +310,7 @@ class Simulator:
                 by_index[command.slot].perceived(cost)
 
     def _intervened(self, slot: Slot, attempt: AttemptInterventions) -> None:
-        """Somebody has intervened in a case."""
+        """Tell view and worker that somebody has intervened in a case."""
         self._view.label(slot, attempt.label())
         if attempt.note is not None and not attempt.replayed:
             self._upward.send(Intervened(attempt.lease.token, attempt.note))

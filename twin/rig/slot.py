@@ -39,7 +39,7 @@ class Finished:
     names: dict[str, str] = field(default_factory=dict)
     """Scalars that are names, :data:`schemas.files.kpi.NAMES`."""
     record: JudgeRecord | None = None
-    """What a judge needs beside the rows."""
+    """Record that a judge needs beside the rows."""
 
     @property
     def passed(self) -> bool:
@@ -54,15 +54,15 @@ class Slot:
     index: int
     lease: Lease
     started_s: float
-    """When the slot took it [s]."""
+    """Time at which the slot took the attempt [s]."""
     name: str = field(init=False)
     """Name by which the stack knows the case."""
     replay: list[RecordedAction] = field(default_factory=list)
-    """What the journal of an earlier attempt says was done to it."""
+    """Actions from the journal of an earlier attempt, to be repeated."""
     fresh: bool = True
     """The stack has not seen it yet."""
     held: bool = False
-    """It stands still in sim time, while others go on."""
+    """Whether it stands still in sim time, while others go on."""
     perception: PerceptionCost | None = None
     """Sum so far; None: the stack reported none."""
     rig_wall_s: float = 0.0
@@ -89,17 +89,17 @@ class SlotEnd:
 
     finished: Finished
     wall_s: float
-    """From when its slot took it to its end [s]."""
+    """Wall time from when its slot took it to its end [s]."""
     changes: int = 0
     """Interventions that changed what was simulated; if any, it is no result of the case."""
     journal: InterventionJournal | None = None
-    """Of these interventions, to be ended with the result."""
+    """Journal of these interventions, to be ended with the result."""
     paced: Paced | None = None
-    """How it went by the wall clock; None: in lockstep."""
+    """Course of the attempt by the wall clock; None: in lockstep."""
     record: AttemptRecord | None = None
     """Drive record, to be ended with the result."""
     output: Kept | None = None
-    """What the stack printed; None: that is on another host."""
+    """Output of the stack; None: that is on another host."""
 
 
 @dataclass(slots=True)
@@ -107,11 +107,11 @@ class RigTick:
     """One tick of a rig, as far as it has come."""
 
     message: Tick
-    """As the stack gets it."""
+    """Tick message as the stack gets it."""
     sensed: dict[str, SensorData]
     """Readings of all slots by sensor message."""
     told: dict[str, SensorData]
-    """The same as far as the stack may know them."""
+    """Readings as far as the stack may know them."""
     episodes: list[Episode]
     """Cases that the stack sees for the first time."""
     answered: list[Command | None] = field(default_factory=list)
@@ -150,7 +150,7 @@ class Slots:
 
     @property
     def by_index(self) -> list[Slot | None]:
-        """For each slot the attempt that takes part in the next tick."""
+        """Attempts that take part in the next tick, by slot."""
         return [None if slot is None or slot.held else slot for slot in self._slots]
 
     def __getitem__(self, index: int) -> Slot | None:

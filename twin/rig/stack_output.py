@@ -11,10 +11,10 @@ import os
 from dataclasses import dataclass, field
 
 HEAD_BYTES = 64 << 10
-"""What is kept of the beginning of an attempt's output [bytes]."""
+"""Size of the part that is kept of the beginning of an attempt's output [bytes]."""
 
 TAIL_BYTES = 192 << 10
-"""What is kept of its end [bytes]."""
+"""Size of the part that is kept of its end [bytes]."""
 
 NEIGHBOURS_SHOWN = 8
 """Most cases that are named as having run beside it."""
@@ -39,7 +39,7 @@ class Kept:
     """Cases that ran meanwhile, sorted."""
 
     def text(self) -> str:
-        """As it stands in the attempt's log: whole lines, control characters written out."""
+        """Output as it stands in the attempt's log: whole lines, control characters written out."""
         if not (self.head or self.tail or self.dropped):
             return "--- the stack printed nothing ---\n"
         title = "--- printed by the stack"
@@ -121,11 +121,11 @@ class StackOutput:
         )
 
     def starts(self) -> list[int]:
-        """Where in the log the cases that run began [bytes]; from any thread."""
+        """Places in the log at which the running cases began [bytes]; from any thread."""
         return [window.start for window in list(self._windows.values())]
 
     def forget(self, token: int) -> None:
-        """Nobody wants what a case printed."""
+        """Forget the output of a case that nobody wants."""
         if self._windows.pop(token, None) is not None and not self._windows:
             self._idle_from = self._size()
 

@@ -102,17 +102,17 @@ class TickMessages:
         Raises:
             StackFaultError: a slot has no valid one; it names the slot's case.
         """
-        given = {command.slot: command for command in commands}
+        by_slot = {command.slot: command for command in commands}
         checked: list[Command | None] = [None] * len(self._slots)
         active = {slot.index for slot in self._slots.running}
-        if odd := sorted(given.keys() - active):
+        if odd := sorted(by_slot.keys() - active):
             raise StackFaultError(f"stack: command for slot {odd[0]}, which is not active")
-        if len(given) < len(commands):
+        if len(by_slot) < len(commands):
             slots = Counter(command.slot for command in commands)
             twice = next(slot for slot in self._slots.running if slots[slot.index] > 1)
             raise StackFaultError(f"stack: two commands for case {twice.lease.case.id}")
         for slot in self._slots.running:
-            command, case = given.get(slot.index), slot.lease.case.id
+            command, case = by_slot.get(slot.index), slot.lease.case.id
             expected = slot.lease.token, tick.message.tick[slot.index]
             if command is None:
                 raise StackFaultError(f"stack: no command for case {case}")
@@ -124,7 +124,7 @@ class TickMessages:
         return checked
 
     def _frame(self, name: str, data: SensorData, common: Frame) -> Outgoing:
-        """One message; an array in shared memory has no payload."""
+        """Message of one sensor; an array in shared memory has no payload."""
         handle, offset, payload = b"", -1, b""
         if self._transport == "device" and data.device is not None:
             handle = self._handle(name, data.device)
@@ -157,8 +157,10 @@ class TickMessages:
         return self._handles[name]
 
 
-def _not_echoed(given: Command, token: int, tick: int) -> str:
-    """Which of token and tick a command does not echo."""
-    echoes = (("token", given.token, token), ("tick", given.tick, tick))
-    wrong = [f"{name} {said}, expected {asked}" for name, said, asked in echoes if said != asked]
+def _not_echoed(command: Command, token: int, tick: int) -> str:
+    """Mistakes of a command that does not echo token and tick, in a line."""
+    echoes = (("token", command.token, token), ("tick", command.tick, tick))
+    wrong = [
+        f"{name} {echoed}, expected {asked}" for name, echoed, asked in echoes if echoed != asked
+    ]
     return f"{' and '.join(wrong)}; echo those of the observation"

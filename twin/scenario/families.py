@@ -1,4 +1,4 @@
-"""From a scenario to its family's class, by the table of kinds."""
+"""A scenario's family class, by the table of kinds."""
 
 from __future__ import annotations
 
@@ -37,5 +37,5 @@ def replay(scenario: Scenario, ground: Surroundings, rows: Rows) -> ScenarioRun:
 
 @cache
 def _family(reference: str) -> ScenarioFamily:
-    found: ScenarioFamily = implementation(reference)
-    return found
+    family: ScenarioFamily = implementation(reference)
+    return family

@@ -31,13 +31,13 @@ class Rows(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """What a finished case comes to."""
+    """Verdict of a finished case, and its reasons."""
 
     verdict: str
     """``pass``, ``collision``, ``false_braking``, ``time_up`` or another word of a family. Only
     ``pass`` counts as passed (:mod:`schemas.verdict`)."""
     reasons: list[str]
-    """Short sentences."""
+    """Reasons for the verdict, short sentences."""
 
 
 class ScenarioRun(Protocol):

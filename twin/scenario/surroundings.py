@@ -25,15 +25,15 @@ class Surroundings:
     """Hull of what the scenario is about [5]: x, y [m], yaw [rad], half length and width [m]; None:
     it is not in this scene."""
     centre_offset_m: float
-    """From the ego's reference point to the middle of its hull, forward."""
+    """Distance from the ego's reference point to the middle of its hull, forward [m]."""
     half_length_m: float
     half_width_m: float
     further: tuple[np.ndarray | None, ...] = ()
     """Hulls of the scenario's further targets, like ``target``, in the order of its declaration."""
     front_offset_m: float = 0.0
-    """From the ego's reference point to its front bumper; not in records."""
+    """Distance from the ego's reference point to its front bumper; not in records [m]."""
     scene: str = ""
-    """For messages; not in records."""
+    """Name of the scene, for messages; not in records."""
     street: bool = True
     """The scene has a street with lanes; not in records."""
 
@@ -41,7 +41,7 @@ class Surroundings:
     def of(
         cls, world: World, vehicle: Vehicle, kind: ScenarioKind, scene: str, *, street: bool
     ) -> Surroundings:
-        """Those of a vehicle in a world, as far as a family looks at it."""
+        """Surroundings of a vehicle in a world, as far as a family looks at them."""
 
         def hull(name: str) -> np.ndarray | None:
             index = world.collider_of(name)

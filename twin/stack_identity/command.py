@@ -67,8 +67,8 @@ class CommandFiles:
         image = self._foreign.image
         if image is None:
             return True
-        seen = [Path.cwd(), Path("/tmp"), *(Path(folder) for folder in image.binds)]
-        return any(folder in path.absolute().parents for folder in seen)
+        visible = [Path.cwd(), Path("/tmp"), *(Path(folder) for folder in image.binds)]
+        return any(folder in path.absolute().parents for folder in visible)
 
     def _add_module(self, module: str, interpreter: str) -> None:
         """``python -m module``."""
@@ -117,7 +117,7 @@ def _is_script(path: Path) -> bool:
 
 
 def _interpreter(script: Path) -> str:
-    """What the first line names, ``env`` aside."""
+    """Interpreter that a script's first line names, ``env`` aside."""
     words = _first_line(script).removeprefix("#!").split()
     return words[-1] if words else ""
 

@@ -24,7 +24,7 @@ BYTES_MAX = 8 << 30
 """Most bytes of the folders of a stack [bytes]."""
 
 KEPT_BYTES_MIN = 32 << 20
-"""From this size on a file's digest is kept in the cache folder, and the file is read again only
+"""Size from which on a file's digest is kept in the cache folder, and the file is read again only
 if size, times or inode changed [bytes]."""
 
 _NOTE_BYTES_MAX = 1 << 16
@@ -44,7 +44,7 @@ class Budget:
         self._bytes = 0
 
     def spend(self, folder: Path, size: int) -> None:
-        """One more file, of ``size`` bytes, below ``folder``.
+        """Count one more file, of ``size`` bytes, below ``folder``.
 
         Raises:
             UsageError: it is one too many.
@@ -216,11 +216,11 @@ def _remembered(
             return kept.sha256
     except (OSError, JsonError):
         pass  # not read yet, or damaged
-    found = compute()
+    value = compute()
     if stamp() == before:  # nobody wrote to it meanwhile
         try:
             note.parent.mkdir(parents=True, exist_ok=True)
-            write_atomic(note, msgspec.json.encode(_Kept(before, found)), sync=False)
+            write_atomic(note, msgspec.json.encode(_Kept(before, value)), sync=False)
         except OSError:
             pass  # it is read again next time
-    return found
+    return value

@@ -104,8 +104,8 @@ def _located(named: Named) -> tuple[dict[str, Path], set[str]]:
         command.look()
         files |= command.files
         distributions |= command.distributions
-    for index, given in enumerate(named.files):
-        files |= named_path(f"autonomy.files[{index}]", Path(given), budget)
+    for index, name in enumerate(named.files):
+        files |= named_path(f"autonomy.files[{index}]", Path(name), budget)
     return files, distributions
 
 
@@ -141,17 +141,17 @@ def confirm(named: Named, source: StackSource, parameters: Mapping[str, Any]) ->
     if not submitted.digest:
         return None
     try:
-        found = find_stack(named, image=IMAGE in submitted.parts)
+        present = find_stack(named, image=IMAGE in submitted.parts)
     except UsageError as error:
         raise RefusedError(f"{shown}: {error}") from None
-    what = difference(submitted, found.identity)
+    what = difference(submitted, present.identity)
     if what:
         raise RefusedError(
             f"{shown}: {what} since the campaign was submitted (stack digest "
-            f"{submitted.digest[:12]}, here {found.identity.digest[:12]}); put it back, or run the "
-            "campaign anew with another --out"
+            f"{submitted.digest[:12]}, here {present.identity.digest[:12]}); put it back, or run "
+            "the campaign anew with another --out"
         )
-    return found
+    return present
 
 
 def _confirm_parameters(
@@ -241,5 +241,5 @@ def _image(image: ContainerImage) -> dict[str, str]:
         )
     except (OSError, subprocess.TimeoutExpired):
         return {}
-    found = done.stdout.strip().removeprefix("sha256:")
-    return {IMAGE: found} if done.returncode == 0 and found else {}
+    image_id = done.stdout.strip().removeprefix("sha256:")
+    return {IMAGE: image_id} if done.returncode == 0 and image_id else {}

@@ -40,7 +40,9 @@ def search_path(script: Path | None = None, *, environment: bool = True) -> list
     first = str(Path.cwd() if script is None else script.resolve().parent)
     further = sys.path if environment else os.environ.get("PYTHONPATH", "").split(os.pathsep)
     scripts = sysconfig.get_path("scripts")
-    return list(dict.fromkeys([first, *(each for each in further if each and each != scripts)]))
+    return list(
+        dict.fromkeys([first, *(folder for folder in further if folder and folder != scripts)])
+    )
 
 
 @dataclass(slots=True)
@@ -48,7 +50,7 @@ class _Top:
     """A top-level module or package that is the user's own."""
 
     folders: list[str]
-    """Of a package; empty: a module."""
+    """Folders of a package; empty: it is a module."""
     is_namespace: bool
 
 
@@ -154,7 +156,8 @@ class Imports:
             self._waiting.append((source, name, is_package))
 
     def _top(self, name: str) -> _Top | None:
-        """None: it is ours, the standard library's, installed, or not there."""
+        """The user's own module or package; None: it is ours, the standard library's, installed, or
+        not there."""
         if name not in self._tops:
             self._tops[name] = self._looked_up(name)
         return self._tops[name]
@@ -171,8 +174,8 @@ class Imports:
             if is_standard(Path(spec.origin)) or self._is_installed(place, name):
                 return None
             return _Top(folders, is_namespace=False)
-        own = [f for f in folders if not self._is_installed(Path(f).parent, name, shared=True)]
-        return _Top(own, is_namespace=True) if own else None
+        local = [f for f in folders if not self._is_installed(Path(f).parent, name, shared=True)]
+        return _Top(local, is_namespace=True) if local else None
 
     def _is_installed(self, place: Path, name: str, *, shared: bool = False) -> bool:
         owners = claimants(place, name, shared=shared)

@@ -51,7 +51,7 @@ def contents(names: set[str]) -> dict[str, str]:
     It is taken over the lines of RECORD that have a digest, without scripts and metadata, which
     differ between environments of the same versions.
     """
-    found: dict[str, str] = {}
+    digests: dict[str, str] = {}
     waiting, reached = sorted(names), {_OURS}
     while waiting:
         name = _plain(waiting.pop())
@@ -63,13 +63,13 @@ def contents(names: set[str]) -> dict[str, str]:
         except importlib.metadata.PackageNotFoundError:
             continue
         record = distribution.read_text("RECORD") or ""
-        found[f"{name} {distribution.version}"] = _record_digest(record)
+        digests[f"{name} {distribution.version}"] = _record_digest(record)
         for line in distribution.requires or ():
             required, _, condition = line.partition(";")
             match = _NAME.match(required)
             if match is not None and "extra" not in condition:
                 waiting.append(match[0])
-    return found
+    return digests
 
 
 def _record_digest(record: str) -> str:

@@ -15,7 +15,7 @@ class LoadedModules:
     """Watches that this process loads no module of the stack whose content does not count."""
 
     def __init__(self, found: StackFiles, shown: str) -> None:
-        """From now on; ``shown``: the stack, in messages."""
+        """Watch what is imported from now on; ``shown``: the stack, in messages."""
         self._counted = found.paths
         self._shown = shown
         self._known = set(sys.modules)

@@ -36,23 +36,23 @@ def class_mistakes(entry_point: str, parameters: Iterable[str]) -> list[Mistake]
     source = _Source.of(spec)
     if source is None:
         return []
-    found = _find(source, name)
-    if found is None:
+    stack_class = _find(source, name)
+    if stack_class is None:
         classes = [known for known in source.classes() if not known.startswith("_")]
         hint = suggest(name, classes) if classes else "it defines none"
         missing = f"given '{entry_point}', no class '{name}' in module '{module}'; {hint}"
         return [Mistake("autonomy.stack", missing)]
-    allowed = _parameters(found)
+    allowed = _parameters(stack_class)
     if allowed is None:
         return []
     unknown = f"unknown parameter of {entry_point}"
     return [
         Mistake(
-            f"autonomy.parameters.{given}",
-            f"{unknown}; {suggest(given, allowed) if allowed else 'it takes none'}",
+            f"autonomy.parameters.{parameter}",
+            f"{unknown}; {suggest(parameter, allowed) if allowed else 'it takes none'}",
         )
-        for given in parameters
-        if given not in allowed
+        for parameter in parameters
+        if parameter not in allowed
     ]
 
 
@@ -66,7 +66,7 @@ class _Source:
 
     @classmethod
     def of(cls, spec: ModuleSpec) -> _Source | None:
-        """None: it is no Python source, or one with mistakes, which its import will tell."""
+        """Source of a module; None: it is no Python, or has mistakes that its import will tell."""
         if spec.origin is None or not spec.origin.endswith(".py"):
             return None
         try:
@@ -76,7 +76,7 @@ class _Source:
         return cls(spec.name, spec.submodule_search_locations is not None, tree)
 
     def statements(self) -> Iterator[ast.stmt]:
-        """Those of the module itself, also inside ``if`` and ``try``."""
+        """Statements of the module itself, also inside ``if`` and ``try``."""
         waiting: list[ast.AST] = list(reversed(self.tree.body))
         while waiting:
             node = waiting.pop()
@@ -111,24 +111,24 @@ class _Class:
 
 def _find(source: _Source, name: str, left: int = CHAIN_MAX) -> _Class | None:
     """What ``name`` is in a module; None: nothing."""
-    found: _Class | None = None
+    definition: _Class | None = None
     for node in source.statements():
         match node:
             case ast.ClassDef() if node.name == name:
-                found = _Class(source, node)
+                definition = _Class(source, node)
             case ast.ImportFrom():
                 for alias in node.names:
                     if alias.name == "*":
-                        found = found or _Class(source, None)
+                        definition = definition or _Class(source, None)
                     elif (alias.asname or alias.name) == name:
                         origin = source.imported_from(node) if left else None
                         known = origin and _find(origin, alias.name, left - 1)
-                        found = known or _Class(source, None)
+                        definition = known or _Class(source, None)
             case ast.FunctionDef() if node.name == "__getattr__":
-                found = found or _Class(source, None)
+                definition = definition or _Class(source, None)
             case _ if name in _bound(node):
-                found = _Class(source, None)
-    return found
+                definition = _Class(source, None)
+    return definition
 
 
 def _bound(node: ast.stmt) -> set[str]:
@@ -174,8 +174,14 @@ def _listed(of: _Class) -> list[str] | None:
     for statement in of.node.body:
         match statement:
             case ast.Assign(targets=[ast.Name(id="PARAMETERS")], value=ast.Tuple(elts=parts)):
-                found = [_find(of.source, part.id) for part in parts if isinstance(part, ast.Name)]
-                nodes = [each.node for each in found if each is not None and each.node is not None]
+                definitions = [
+                    _find(of.source, part.id) for part in parts if isinstance(part, ast.Name)
+                ]
+                nodes = [
+                    definition.node
+                    for definition in definitions
+                    if definition is not None and definition.node is not None
+                ]
                 if len(nodes) < len(parts) or any(len(node.bases) != 1 for node in nodes):
                     return None
                 return [name for node in nodes for name in _fields(node)]
@@ -199,8 +205,8 @@ def _names_in(node: ast.ClassDef) -> set[str]:
 
 def _taken(init: ast.FunctionDef) -> list[str] | None:
     """Keyword arguments of an ``__init__`` after ``self`` and ``slots``; None: any."""
-    given = init.args
-    if given.kwarg is not None or init.decorator_list:
+    arguments = init.args
+    if arguments.kwarg is not None or init.decorator_list:
         return None
-    plain = [argument.arg for argument in (*given.posonlyargs, *given.args)][1:]
-    return [name for name in (*plain, *(a.arg for a in given.kwonlyargs)) if name != "slots"]
+    plain = [argument.arg for argument in (*arguments.posonlyargs, *arguments.args)][1:]
+    return [name for name in (*plain, *(a.arg for a in arguments.kwonlyargs)) if name != "slots"]

@@ -10,12 +10,12 @@ AGE_MAX_S = 0.25
 """How long a sample waits for others, at most; what a killed simulator's recordings lack [s]."""
 
 BYTES_MAX = 256 << 10
-"""From this size on a batch waits no longer; below the size that takes long to decode [bytes]."""
+"""Size from which on a batch waits no longer; below one that takes long to decode [bytes]."""
 
 SAMPLE_BYTES = 512
-"""What a sample counts for without its picture [bytes]."""
+"""Size that a sample counts for without its picture [bytes]."""
 MOVER_BYTES = 64
-"""What an object that moves adds to it [bytes]."""
+"""Size that an object that moves adds to a sample [bytes]."""
 
 
 class SampleBatch:
@@ -25,10 +25,10 @@ class SampleBatch:
         self._samples: list[RecorderSample] = []
         self._bytes = 0
         self._since_s = 0.0
-        """When the oldest one came."""
+        """Time at which the oldest sample came [s]."""
 
     def add(self, sample: RecorderSample, now_s: float) -> None:
-        """One more; ``now_s``: a clock that does not jump [s]."""
+        """Add a sample; ``now_s``: a clock that does not jump [s]."""
         if not self._samples:
             self._since_s = now_s
         self._samples.append(sample)

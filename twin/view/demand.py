@@ -1,4 +1,4 @@
-"""Who looks at a rig's cases, and what they are due: paced by the wall clock, at the source.
+"""Viewers of a rig's cases, and what they are due: paced by the wall clock, at the source.
 
 Streams are named as their sensor messages (``camera.front_left``, ``lidar.roof``), beside
 ``thumbnail`` for the wall, and ``start`` and ``state`` for those who look at a single case.
@@ -32,16 +32,16 @@ class Demand:
         """Tokens of the cases that are shown in full."""
 
     def wall(self) -> bool:
-        """Somebody looks at the wall of all cases."""
+        """Whether somebody looks at the wall of all cases."""
         everything = topics.VIEW_THUMBNAIL.key.format(campaign="*", case="*")
         return self._shows and self._bus.wanted(everything)
 
     def singles(self) -> bool:
-        """Somebody looks at some single case, not necessarily of this rig."""
+        """Whether somebody looks at some single case, not necessarily of this rig."""
         return self._shows and self._bus.wanted(topics.live_keys("*", "*"))
 
     def focused(self, run: SlotRun) -> bool:
-        """Somebody looks at this case alone; ask only while :meth:`singles`."""
+        """Whether somebody looks at this case alone; ask only while :meth:`singles`."""
         token = run.lease.token
         if not self._bus.wanted(_keys(run)):
             self._focused.discard(token)

@@ -43,7 +43,7 @@ from twin.world.street.build import World
 
 
 class ViewMessage(NamedTuple):
-    """What viewers are sent of a case."""
+    """A message of a case that viewers are sent."""
 
     topic: Topic
     payload: bytes
@@ -59,7 +59,7 @@ class Encoder:
         self._stages: dict[tuple[str, str, int | None], Stage] = {}
         self._scene: SceneMesh | None = None
         self._shown: dict[int, _Shown] = {}
-        """By token."""
+        """Cases shown on the wall by token."""
 
     def scene(self, world: World) -> bytes:
         """The standing world, encoded; of a rig there is one."""
@@ -146,7 +146,7 @@ class Encoder:
 
 
 class _Shown(NamedTuple):
-    """What the wall shows of a case."""
+    """A case as the wall shows it."""
 
     picture: bytes
     """The latest thumbnail, JPEG."""

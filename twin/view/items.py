@@ -34,9 +34,9 @@ class SlotSeen:
     boxes: np.ndarray | None
     """float32 [B, 7] of :data:`schemas.messages.BOX_COLUMNS`, valid rows only."""
     pictures: dict[str, np.ndarray] = field(default_factory=dict)
-    """Of further cameras, by message; like ``image``."""
+    """Pictures of further cameras by message name; like ``image``."""
     clouds: dict[str, Cloud] = field(default_factory=dict)
-    """Of lidars, by message."""
+    """LiDAR points by message name."""
     label: str = ""
     """See :attr:`SlotRun.label`."""
     target: bool = True
@@ -44,7 +44,7 @@ class SlotSeen:
     movers: np.ndarray | None = None
     """float64 [M, 7]: world x, y, z, yaw, half length, half width, height."""
     readings: dict[str, np.ndarray] = field(default_factory=dict)
-    """Of the sensors with a row of numbers that were due, by message [K]."""
+    """Readings of the sensors with a row of numbers that were due, by message name [K]."""
 
     @property
     def nbytes(self) -> int:
@@ -75,12 +75,12 @@ class SlotRun:
     """Running numbers handed out."""
     last_tick: int = -1
     shown_s: dict[str, float] = field(default_factory=dict)
-    """When a stream for viewers was last due, by its name [s]."""
+    """Times at which streams for viewers were last due, by name [s]."""
     label: str = ""
     """State that an intervention has left it in: ``by hand``, ``paused``, ``steered``."""
 
     qualities: dict[str, Quality] = field(default_factory=dict)
-    """Of its cameras' pictures, by message; the view's thread alone looks at them."""
+    """Qualities of its cameras' pictures by message name; only the view's thread looks at them."""
 
     def number(self, count: int = 1) -> int:
         """The first of ``count`` running numbers."""
@@ -103,7 +103,7 @@ class Began:
 
 @dataclass(frozen=True, slots=True)
 class Scenery:
-    """What stands still around a case that a viewer has just begun to look at."""
+    """Static surroundings of a case that a viewer has just begun to look at."""
 
     run: SlotRun
     rig: str
@@ -132,7 +132,7 @@ class ShownEnd:
     seq: int
     """First running number (last row, then end); -1: for viewers only."""
     finished: Finished | None
-    """None: abandoned."""
+    """End of the attempt; None: it was abandoned."""
     last_row: bool
     """The last KPI row has not been sent with a tick."""
     sim_time_ns: int

@@ -23,10 +23,10 @@ class View(SlotListener):
     """Listener that shows slots; every call returns at once."""
 
     endpoint = ""
-    """Where a recorder connects; empty: there is none to come."""
+    """Endpoint at which a recorder connects; empty: there is none to come."""
 
     def asks(self, ask: Ask) -> None:
-        """Who takes requests of viewers."""
+        """Take the function that requests of viewers go to."""
 
     def label(self, slot: Slot, label: str) -> None:
         """What views say of a case in which somebody has intervened: ``paused``, ``by hand`` ...;
@@ -40,7 +40,7 @@ class View(SlotListener):
 
 
 class NoView(View):
-    """Nothing is shown."""
+    """A view that shows nothing."""
 
 
 class GuardedView(View):

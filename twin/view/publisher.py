@@ -58,7 +58,7 @@ SPARE_MAX = 64
 """Buffers of encoded pictures kept for the next; fresh memory costs more than the copy."""
 
 END: Literal["end"] = "end"
-"""Nothing comes any more."""
+"""Mark in the queue: no further item comes."""
 
 _TICK_BYTES = 1024
 """What a tick without its picture counts for in the queue [bytes]."""
@@ -66,7 +66,7 @@ _TICK_BYTES = 1024
 
 @dataclass(frozen=True, slots=True)
 class ViewOptions:
-    """Where a simulator shows itself."""
+    """Session and mode by which a simulator shows itself."""
 
     mode: ViewMode = ViewMode.none
     namespace: str = "twin"
@@ -100,7 +100,7 @@ class ViewPublisher(View):
     """Publishes on the view plane; see the module."""
 
     def __init__(self, bus: Bus, rig: str, mode: ViewMode) -> None:
-        """If ``mode`` records, samples wait for the recorder that is about to connect."""
+        """Start the view; if ``mode`` records, samples wait for the recorder that will connect."""
         self.endpoint = bus.endpoints[0] if bus.endpoints else ""
         self._demand = Demand(bus, mode)
         self._bus = bus
@@ -114,7 +114,7 @@ class ViewPublisher(View):
         self._spare: deque[np.ndarray] = deque(maxlen=SPARE_MAX)
         self._engine: Engine | None = None
         self._sensed: dict[str, SensorData] = {}
-        """With the latest pictures; those of slots that stand still stay in their buffers."""
+        """Readings with the latest pictures; slots that stand still keep theirs in the buffers."""
         self._ask: Ask | None = None
         self._served: dict[int, Cancel] = {}
         """Keys on which viewers ask something of a slot's case."""
@@ -238,7 +238,7 @@ class ViewPublisher(View):
             cancel()
 
     def _leave(self, slot: int) -> SlotRun | None:
-        """Nothing more is shown of a slot; the attempt that was."""
+        """Show nothing more of a slot; returns the attempt that was shown."""
         cancel = self._served.pop(slot, None)
         if cancel is not None:
             cancel()
@@ -349,7 +349,7 @@ def _thinned(sensed: SensorData, slot: int) -> Cloud:
 
 
 def _movers(engine: Engine, slot: int) -> np.ndarray:
-    """[M, 7]: x, y, z, yaw, half length, half width, height of the scripted objects in sight."""
+    """Scripted objects in sight [M, 7]: x, y, z, yaw, half length, half width, height."""
     placement, kinds = engine.placement, engine.world.kinds
     there = np.flatnonzero(placement.kind[slot] >= 0)
     rows = np.zeros((len(there), 7))

@@ -20,7 +20,7 @@ _SHADE = 0.45
 """Brightness of a face that looks away from it [-]."""
 
 _LEVEL = 3
-"""Of compression: 70,000 triangles become about 1 MB in 0.1 s."""
+"""Level of compression: 70,000 triangles become about 1 MB in 0.1 s."""
 
 
 def pack_scene(world: World) -> SceneMesh:

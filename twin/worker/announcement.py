@@ -28,7 +28,7 @@ class RigOwner(msgspec.Struct, frozen=True):
     host: str
     pid: int
     born_ticks: int
-    """When it started, since the host did [clock ticks]: numbers of processes come again."""
+    """Start of the process, since the host's [clock ticks]: numbers of processes come again."""
 
 
 def me() -> RigOwner:
@@ -55,8 +55,8 @@ class Announcement:
         write_atomic(self._folder / f".{self._rig}{OWNER}", msgspec.json.encode(me()))
         if keys is not None:
             keys.hand_over(self._folder / f"{self._rig}.key")
-        told = json.dumps({"arguments": arguments}).encode()
-        write_atomic(self._folder / f"{self._rig}.json", told, mode=0o600)
+        data = json.dumps({"arguments": arguments}).encode()
+        write_atomic(self._folder / f"{self._rig}.json", data, mode=0o600)
 
     def remove(self) -> None:
         """The rig has ended."""
@@ -80,7 +80,7 @@ def sweep(folder: Path) -> list[str]:
 
 
 def born_ticks(pid: int) -> int:
-    """When the process started, since the host did; 0: there is none, or it is dead [clock ticks].
+    """Start of a process, since the host's; 0: there is none, or it is dead [clock ticks].
 
     Not psutil's time of day, which a step of the wall clock changes.
     """
@@ -93,12 +93,12 @@ def born_ticks(pid: int) -> int:
 
 def _remove(folder: Path, rig: str) -> None:
     """All that begins with the rig's name, the owner's note last; half-written files as well."""
-    found = [*folder.glob(f"{rig}.*"), *folder.glob(f".{rig}.*")]
-    for path in sorted(found, key=lambda path: path.name.endswith(OWNER)):
+    paths = [*folder.glob(f"{rig}.*"), *folder.glob(f".{rig}.*")]
+    for path in sorted(paths, key=lambda path: path.name.endswith(OWNER)):
         with contextlib.suppress(OSError):
             path.unlink()
 
 
 def _host() -> str:
-    """In a container the same host has other processes under the same numbers."""
+    """Name of the host and its process numbers, which in a container are others."""
     return f"{socket.gethostname()} {Path('/proc/self/ns/pid').readlink()}"

@@ -101,11 +101,11 @@ def parse_cores(text: str) -> set[int]:
     Raises:
         UsageError: something else.
     """
-    found: set[int] = set()
+    cores: set[int] = set()
     for part in text.split(","):
         match = re.fullmatch(r"([0-9]{1,5})(?:-([0-9]{1,5}))?", part)
         first, last = (int(match[1]), int(match[2] or match[1])) if match else (1, 0)
         if first > last:
             raise UsageError(f"--cores {text[:80]}: expected numbers and ranges, as in 0-7,12")
-        found |= set(range(first, last + 1))
-    return found
+        cores |= set(range(first, last + 1))
+    return cores

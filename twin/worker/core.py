@@ -85,7 +85,7 @@ class Core:
     """Results of earlier workers, out of the spool."""
     ended: list[Ended] = field(default_factory=list)
     waits: bool = False
-    """For a port of this host that another rig uses; no cases are asked for."""
+    """Whether it waits for a port of this host that another rig uses; no cases are asked for."""
     rig: Rig | None = None
     seq: int = 0
     pending: Next | None = None
@@ -207,7 +207,7 @@ class Core:
         return effects
 
     def on_intervened(self, token: int, touch: Touch, now_ns: int) -> list[Effect]:
-        """Somebody has intervened in a case; the conductor hears of it at once."""
+        """An intervention in a case has begun; the conductor hears of it at once."""
         held = self.held.get(token)
         if held is not None:
             held.touch, held.told = touch, False
@@ -229,16 +229,16 @@ class Core:
         return []
 
     def on_spool(self, contents: list[bytes]) -> list[Effect]:
-        """What earlier incarnations left behind: delivered with the next request."""
-        found = [sealed for data in contents if (sealed := unpack(data)) is not None]
-        self.inherited += found
-        damaged = len(contents) - len(found)
-        said: list[Effect] = []
-        if found:
-            said.append(Say(f"{len(found)} results of earlier workers are delivered"))
+        """Results that earlier incarnations left behind are delivered with the next request."""
+        results = [sealed for data in contents if (sealed := unpack(data)) is not None]
+        self.inherited += results
+        damaged = len(contents) - len(results)
+        effects: list[Effect] = []
+        if results:
+            effects.append(Say(f"{len(results)} results of earlier workers are delivered"))
         if damaged:
-            said.append(Say(f"{damaged} files of the spool are damaged and ignored"))
-        return said
+            effects.append(Say(f"{damaged} files of the spool are damaged and ignored"))
+        return effects
 
     def on_stack_failed(self, reason: str, now_ns: int, *, left: bool = False) -> list[Effect]:
         """The stack raised, broke the protocol or left by itself, which it would do again.
@@ -262,12 +262,12 @@ class Core:
         if suspect or not running:
             return self.on_rig_died("crash", reason, now_ns)
         self.rig.faulty = True
-        said = Say(f"rig ended (failed): {reason}")
+        line = Say(f"rig ended (failed): {reason}")
         for held in running:
             held.moved_ns = now_ns
         if self.rig.ready:
-            return [said, FailCase(running[0].lease.token, reason)]
-        return [said, FailUnbegun(tuple(held.lease for held in running), reason)]
+            return [line, FailCase(running[0].lease.token, reason)]
+        return [line, FailUnbegun(tuple(held.lease for held in running), reason)]
 
     def on_port_taken(self, port: int, now_ns: int) -> list[Effect]:
         """A rig cannot be started: its script listens where that of another rig of this host does.
@@ -370,8 +370,8 @@ class Core:
         self.ask_at_ns = now_ns
         held = len(self.held)
         returned = f"{counted(held, 'case')} {agree(held, 'is', 'are')} given back"
-        said = Say(f"{self.drain_detail}: leaving, {returned}")
-        return [said, *self._end_all(self.drain_reason, self.drain_detail)]
+        line = Say(f"{self.drain_detail}: leaving, {returned}")
+        return [line, *self._end_all(self.drain_reason, self.drain_detail)]
 
     def _end_all(self, reason: Release, detail: str) -> list[Effect]:
         """Give every case back and stop the rig."""
@@ -384,7 +384,7 @@ class Core:
         return effects
 
     def _keep_logs(self, end: str) -> list[Effect]:
-        """For attempts that the worker holds, which end without a result; those of cases that are
+        """Logs are kept of the held attempts, which end without a result; those of cases that are
         over have one on the way."""
         leases = tuple(held.lease for held in self.held.values() if not held.over)
         return [KeepLogs(leases, end)] if leases and self.rig is not None else []
@@ -476,15 +476,15 @@ class Core:
 
     def _refused(self, reply: Reply, now_ns: int) -> list[Effect]:
         """The conductor does not know us (its journal is older) or cannot write: try again."""
-        said: list[Effect] = [Say(f"conductor: {reply.error}")]
+        effects: list[Effect] = [Say(f"conductor: {reply.error}")]
         self.ask_at_ns = now_ns + IDLE_NS
         if "hello" in reply.error and self.phase == "working":
             self.phase = "joining"
         if self.phase == "draining":
             self.refused += 1
             if self.refused >= GOODBYE_TRIES:
-                return said + self._leave()
-        return said
+                return effects + self._leave()
+        return effects
 
     def _unanswered(self, now_ns: int) -> list[Effect]:
         self.unanswered += 1
@@ -493,8 +493,8 @@ class Core:
             return self._leave()
         if self.reachable and self.unanswered > 1:
             self.reachable = False
-            said = Say("conductor does not answer; cases go on, results wait")
-            return [said, *self._spool(self.results)]
+            line = Say("conductor does not answer; cases go on, results wait")
+            return [line, *self._spool(self.results)]
         return []
 
     def _next_reply(self, request: Next, reply: Reply, now_ns: int) -> list[Effect]:
@@ -515,7 +515,7 @@ class Core:
             # Granted while we were about to leave: hand them back.
             self.ended += [Held(lease).ended("released", "worker leaves") for lease in reply.leases]
             return effects
-        if strange := {each.case_version for each in reply.leases} - {CASE_VERSION}:
+        if strange := {granted.case_version for granted in reply.leases} - {CASE_VERSION}:
             why = (
                 f"the conductor leases cases of version {max(strange)}, this worker reads version "
                 f"{CASE_VERSION}; install the same release on both sides"
@@ -572,14 +572,14 @@ class Core:
                 self.ask_at_ns = now_ns
         return effects
 
-    def _stalled(self, now_ns: int, said: Callable[[], str]) -> list[Effect]:
+    def _stalled(self, now_ns: int, last_words: Callable[[], str]) -> list[Effect]:
         for held in self.held.values():
             deadline_s = held.lease.case.variation.deadline_s
             deadline_ns = int(deadline_s * SECOND_NS)
             if now_ns - held.moved_ns >= deadline_ns:
                 detail = (
                     f"case {held.lease.case.id}: no progress for {deadline_s:g} s "
-                    f"at tick {max(held.progress, 0)}{said()}"
+                    f"at tick {max(held.progress, 0)}{last_words()}"
                 )
                 return self.on_rig_died("deadline", detail, now_ns)
         return []

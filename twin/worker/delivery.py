@@ -36,14 +36,14 @@ from twin.fabric.bus import Bus
 from twin.fabric.discovery import FILE_NAME as CONDUCTOR_FILE
 
 PREFIX = "twin-attempts-"
-"""Of the scratch folder's name, below ``TMPDIR``."""
+"""Beginning of the scratch folder's name, below ``TMPDIR``."""
 
 TIMEOUT_S = 10.0
 """Longest wait for the answer to one file; then it is sent again [s]."""
 
 
 class Delivery:
-    """Which campaign folders are shared, and what has to be delivered. Its calls may wait."""
+    """Results for campaign folders that the conductor does not share. Its calls may wait."""
 
     def __init__(self, bus: Bus, worker: str, session: bytes) -> None:
         """``worker`` and ``session``: for whom it speaks, and what proves that."""
@@ -63,14 +63,14 @@ class Delivery:
 
     def look(self, leases: Sequence[Lease]) -> list[str]:
         """Find out about the folders of new leases; what there is to say about it."""
-        said = []
+        lines = []
         for lease in leases:
             if lease.case.rig.simulator == "noop":
                 continue
             if lease.out not in self._shared:
                 self._shared[lease.out] = self._is_shared(lease)
                 if not self._shared[lease.out]:
-                    said.append(
+                    lines.append(
                         f"{lease.out} is not the conductor's folder here: results are delivered "
                         "through the fabric, recordings and the log of resources are not"
                     )
@@ -78,7 +78,7 @@ class Delivery:
                 attempt = f"cases/{lease.case.id}/attempt-{lease.attempt}"
                 folder = self._root(lease) / attempt
                 self._files[lease.token] = (lease, folder)
-        return said
+        return lines
 
     def localized(self, lease: Lease) -> Lease:
         """The lease as the simulator gets it: its campaign folder is one that we can write."""
@@ -145,7 +145,7 @@ class Delivery:
             content = read_regular(Path(lease.out) / CONDUCTOR_FILE, RUN_FILE_BYTES_MAX)
         except OSError:
             return False
-        seen = SeenFolder(
+        question = SeenFolder(
             v=SCHEMA_VERSION,
             campaign=lease.case.variation.campaign,
             sha256=hashlib.sha256(content).hexdigest(),
@@ -153,7 +153,7 @@ class Delivery:
             session=self._session,
         )
         # No answer counts as no: a delivery into a folder that is shared does no harm.
-        answer = self._ask(encode(seen))
+        answer = self._ask(encode(question))
         return answer is not None and answer.ok
 
     def _root(self, lease: Lease) -> Path:

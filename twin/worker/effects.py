@@ -65,7 +65,7 @@ class KeepLogs:
 
     leases: tuple[Lease, ...]
     end: str
-    """How they ended, in a line."""
+    """End of the attempts, in a line."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,7 +14,7 @@ class Held:
     lease: Lease
     progress: int = -1
     moved_ns: int = 0
-    """When progress was last seen [ns]."""
+    """Time at which progress was last seen [ns]."""
     touch: Touch | None = None
     """Last intervention in it."""
     told: bool = True
@@ -36,7 +36,7 @@ class Rig:
     slots: int
     """Cases that it drives at once."""
     apart: bool = False
-    """It shares its GPU in turns, for the sake of one case; others get another rig."""
+    """Whether the rig shares its GPU in turns, for the sake of one case; others get another rig."""
     ready: bool = False
     faulty: bool = False
-    """Its stack has failed by itself: it ends when the results are there."""
+    """Whether the stack has failed by itself: the rig ends when the results are there."""

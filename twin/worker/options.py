@@ -46,15 +46,15 @@ class WorkerOptions:
     memory_gb: float | None = None
     """Most memory that the processes of a rig may use together; None: no limit [GB]."""
     tags: tuple[str, ...] = ()
-    """What campaigns may ask for."""
+    """Tags that campaigns may ask for."""
     share: Share | None = None
-    """Which cases are preferred."""
+    """Cases that the worker prefers, where several work side by side; None: any."""
     spool: Path | None = None
     """Folder for results that the conductor has not got yet."""
 
 
 def fitting(device: str, slots: int, case: Case) -> int:
-    """At most ``slots``, and no more than fit into what is free on ``device``."""
+    """Number of slots, at most ``slots``, that fit into what is free on ``device``."""
     options = ("--case", "-", "--slots", str(slots), "--device", device)
     fits = MemoryCount(msgspec.json.encode(case), options).slots()
     return slots if fits is None else min(slots, fits)

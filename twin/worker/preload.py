@@ -25,9 +25,9 @@ class Loading:
     simulator: RigChild
     stack: RigChild
     folder: RigFolder
-    """In which the two will meet."""
+    """Folder in which the two will meet."""
     stack_log: IO[bytes]
-    """That the one writes and the other reads, also if another stack takes the place of this."""
+    """Log that the stack writes and the simulator reads, also if another stack takes its place."""
 
     def discard(self) -> None:
         """End them; they have not been told anything."""
@@ -57,14 +57,14 @@ def await_start(loading: Loading | None) -> WorkerStart:
             loading.discard()
         sys.exit(0)
     try:
-        told: WorkerStart = decode_json(line, WorkerStart)
+        start: WorkerStart = decode_json(line, WorkerStart)
     except JsonError as error:
         raise UsageError(f"--connect -: standard input: {error}") from None
-    if not is_tls(told.connect):  # as somebody typed it there
+    if not is_tls(start.connect):  # as somebody typed it there
         allow_plain()
-    if told.log:
-        log = os.open(told.log, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o666)
+    if start.log:
+        log = os.open(start.log, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o666)
         os.dup2(log, 1)
         os.dup2(log, 2)
         os.close(log)
-    return told
+    return start

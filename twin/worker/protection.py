@@ -20,14 +20,14 @@ from twin.sandbox.view import SandboxView
 
 @dataclass(frozen=True, slots=True)
 class Protection:
-    """How a stack is started."""
+    """The sandbox that a stack is started in."""
 
     said: str
     """``default``, ``strict``, what is shared behind it, or ``unprotected`` and why."""
     view: SandboxView | None
-    """What it sees; None: it runs without a sandbox."""
+    """The files that the stack sees; None: it runs without a sandbox."""
     later: bool = False
-    """Its files have to be fetched first, outside."""
+    """Whether its files have to be fetched first, outside."""
 
 
 def protection(

@@ -70,7 +70,7 @@ def reenact(attempt: Path, device: str, slots: int | None, out: Path | None) -> 
 
 
 def _check_free(folder: Path) -> None:
-    """What is there may be the attempt itself."""
+    """Refuse a folder that exists: it may be the attempt itself."""
     if folder.exists():
         raise UsageError(f"{folder} exists, and nothing is overwritten; give another --out")
 

@@ -26,7 +26,7 @@ class ProcessReading:
     role: str
     pid: int
     born_s: float
-    """When it started, on the wall clock; tells it from another process with its pid [s]."""
+    """Start of the process on the wall clock; tells it from another one with its pid [s]."""
     cpu_s: float
     """CPU time since it started [s]."""
     rss_bytes: int
@@ -85,8 +85,8 @@ class Meter:
                 time_ns=time_ns,
                 host=self._host,
                 worker=self._worker,
-                batch=each.batch,
-                cases=each.cases,
+                batch=campaign.batch,
+                cases=campaign.cases,
                 cpu_cores=sum(known) if known else None,
                 ram_bytes=sum(process.rss_bytes for process in processes),
                 processes=processes,
@@ -101,7 +101,7 @@ class Meter:
                 gpu_memory_total_bytes=gpu.memory_total_bytes,
                 gpu_power_w=gpu.power_w,
             )
-            for each in work
+            for campaign in work
         ]
 
 
@@ -114,18 +114,18 @@ def used(
     ended used since the reading before is lost.
     """
     known = {(reading.pid, reading.born_s): reading.cpu_s for reading in before or ()}
-    found = []
+    uses = []
     for reading in now:
         cores = None
         if before is not None and elapsed_s > 0:
             spent_s = reading.cpu_s - known.get((reading.pid, reading.born_s), 0.0)
             cores = max(0.0, spent_s / elapsed_s)
-        found.append(
+        uses.append(
             ProcessUse(
                 role=reading.role, pid=reading.pid, cpu_cores=cores, rss_bytes=reading.rss_bytes
             )
         )
-    return found
+    return uses
 
 
 def read_tree(root: psutil.Process) -> list[ProcessReading]:

@@ -56,10 +56,10 @@ class ResourceLog:
         meter.sample((), time.time_ns(), time.monotonic_ns())
         while not self._stop.wait(until_next(time.time_ns())):
             work = self.work
-            for each, sample in zip(
+            for campaign, sample in zip(
                 work, meter.sample(work, time.time_ns(), time.monotonic_ns()), strict=False
             ):
-                self._append(Path(each.out), sample)
+                self._append(Path(campaign.out), sample)
 
     def _append(self, out: Path, sample: ResourceSample) -> None:
         path = out / PARTS_FOLDER / f"{self._worker}{PART_SUFFIX}"
@@ -76,7 +76,7 @@ def work_of(leases: Iterable[Lease]) -> tuple[CampaignWork, ...]:
     batches: dict[str, list[int]] = {}
     for lease in leases:
         batches.setdefault(lease.out, []).append(lease.case.variation.batch)
-    return tuple(CampaignWork(out, len(found), _only(found)) for out, found in batches.items())
+    return tuple(CampaignWork(out, len(held), _only(held)) for out, held in batches.items())
 
 
 def until_next(time_ns: int) -> float:

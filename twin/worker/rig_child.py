@@ -18,7 +18,7 @@ class RigChild:
     """An unnamed file: gone with its last user, however this process ends. What matters of it, the
     last lines of a process that died, goes to the conductor."""
     protection: str = ""
-    """Of a stack's host: what it is kept from."""
+    """Sandbox of a stack's host: what it is kept from."""
 
     def discard(self) -> None:
         """End it; it has not been told anything."""

@@ -68,19 +68,19 @@ FEED_GRACE_S = 8.0
 """Longest wait for a recorder that still gets samples, when its rig ends; below the ttl [s]."""
 
 STOPPED_GRACE_S = 0.5
-"""How long a recorder may stand still by SIGSTOP meanwhile [s]."""
+"""Longest time that a recorder may stand still by SIGSTOP meanwhile [s]."""
 
 FILE_GRACE_S = 1.0
-"""After that: longest wait for it to finish its files without the rest [s]."""
+"""Longest wait after that for the recorder to finish its files without the rest [s]."""
 
 FOREIGN_GRACE_S = 5.0
 """Longest wait for the end of everything that a foreign stack started [s]."""
 
 FETCH = "-m hpc fetch repository "
-"""In the command line of what fetches and builds the files of a stack."""
+"""Part of the command line of the process that fetches and builds a stack's files."""
 
 FETCH_PERIOD_NS = 1_000_000_000
-"""How often it is looked for [ns]."""
+"""Period in which that process is looked for [ns]."""
 
 RECORDERS_MAX = 5
 """Recorders of one rig, one in place of the other, before its cases go on without."""
@@ -118,7 +118,7 @@ class RecorderEnded:
 
     detail: str
     endpoint: str
-    """Where it read."""
+    """Endpoint at which the recorder read."""
 
 
 class RigProcess:
@@ -156,7 +156,7 @@ class RigProcess:
         self._lock = threading.Lock()
         self._recorder: subprocess.Popen[bytes] | None = None
         self._recorders = 0
-        """So many were started."""
+        """Number of recorders started."""
         self._announced: Announcement | None = None
         self._fetches, self._fetch_seen_ns = False, 0
         # A case with which a rig died must not end what others compute on the GPU, nor they it.
@@ -171,9 +171,9 @@ class RigProcess:
         stack = loaded and _usable(loaded.stack, may_run(lease.case))
         self._stack = stack.process if stack else None
         self._crowded = False
-        """It ran too many processes, and was ended for that."""
+        """Whether the stack ran too many processes, and was ended for that."""
         self.protection = stack.protection if stack else ""
-        """What keeps the stack from the machine; empty: it has not been started."""
+        """Sandbox that keeps the stack from the machine; empty: it has not been started."""
         if stack:
             stack.log.close()
         self._stack_log = loaded.stack_log if loaded else tempfile.TemporaryFile()  # noqa: SIM115
@@ -378,10 +378,10 @@ class RigProcess:
         turn = {} if self._turn is None else {TURN_VARIABLE: str(port_of(self._lease.case))}
         variables = {**self._environment, **turn}
         if self._stack is None:
-            found = self._protection()
-            self.protection = found.said
+            shield = self._protection()
+            self.protection = shield.said
             self._stack = start_stack(
-                arguments, self._stack_log, variables, found.view, later=found.later
+                arguments, self._stack_log, variables, shield.view, later=shield.later
             )
         threading.Thread(target=self._watch_stack, name="stack", daemon=True).start()
 
@@ -469,7 +469,7 @@ class RigProcess:
             if self._stopped:
                 return
             tail = last_lines(log)
-            said = _said(log) if name == "stack" else ""
+            last_words = _said(log) if name == "stack" else ""
         if name == "stack" and self._crowded:
             tail = f"it runs more than {PROCESSES_MAX} processes"
         # SIGKILL that nobody of us sent is the kernel's out-of-memory killer or an operator.
@@ -481,7 +481,7 @@ class RigProcess:
         # The simulator has answered since: the stack did not leave because of it.
         if name == "stack" and left_by_itself(code) and self._simulator.poll() is None:
             line = last_lines(log, 1)  # of our host, about a stack that it could not load
-            why = line if line.startswith("stack: ") else _joined(detail, said)
+            why = line if line.startswith("stack: ") else _joined(detail, last_words)
             self._inbox.put((self, StackLeft(why)))
             return
         self._inbox.put((self, RigDied(reason, _joined(detail, tail))))
@@ -503,8 +503,8 @@ def _said(log: IO[bytes]) -> str:
     return raised_in(log) or last_lines(log)
 
 
-def _joined(detail: str, said: str) -> str:
-    return f"{detail}: {said}" if said else detail
+def _joined(detail: str, last_words: str) -> str:
+    return f"{detail}: {last_words}" if last_words else detail
 
 
 def runs_fetch(pid: int) -> bool:
@@ -541,7 +541,7 @@ def _folder_of(case: Case, loaded: Loading | None) -> RigFolder:
 
 
 def _usable(child: RigChild, wanted: bool) -> RigChild | None:
-    """``child``; None: it is not wanted, or it ended while it waited, and nothing is left of it."""
+    """The child that waits; None: it is not wanted, or it ended meanwhile, and nothing is left."""
     if wanted and child.process.poll() is None:
         return child
     child.discard()
@@ -549,13 +549,13 @@ def _usable(child: RigChild, wanted: bool) -> RigChild | None:
 
 
 def _resident_bytes(pid: int) -> int:
-    """Of a process and its descendants; 0 when it is gone [bytes]."""
+    """Memory of a process and its descendants; 0 when it is gone [bytes]."""
     total = 0
     with contextlib.suppress(psutil.Error):
         process = psutil.Process(pid)
-        for each in [process, *process.children(recursive=True)]:
+        for member in [process, *process.children(recursive=True)]:
             with contextlib.suppress(psutil.Error):
-                total += each.memory_info().rss
+                total += member.memory_info().rss
     return total
 
 

@@ -370,7 +370,7 @@ class Worker:
         assert self._rig is not None
         try:
             held = self._core.held.values()
-            self._rig.start_stack(endpoint, [each.lease.case for each in held])
+            self._rig.start_stack(endpoint, [held_case.lease.case for held_case in held])
             if view:
                 self._rig.start_recorder(view)
         except OSError as error:
@@ -387,8 +387,8 @@ class Worker:
 
     def _stack_words(self) -> str:
         """What a stack of another process said last, to be added to a reason."""
-        said = self._rig.stack_words() if self._rig else ""
-        return f"; the stack's log ends: {said}" if said else ""
+        last_words = self._rig.stack_words() if self._rig else ""
+        return f"; the stack's log ends: {last_words}" if last_words else ""
 
     def _failures(self, leases: Sequence[Lease], reason: str) -> list[Result]:
         """Results of cases whose stack failed before they began."""

@@ -27,7 +27,7 @@ from twin.worker.protection import protection
 from twin.worker.rig_child import RigChild
 
 SHIPPED = "devkit."
-"""How modules of stacks begin that need what is loaded ahead, and are not disturbed by it."""
+"""Prefix of the stacks' modules that need what is preloaded, and are not disturbed by it."""
 
 THREADS = ("OPENCV_FOR_THREADS_NUM", "OMP_NUM_THREADS")
 """Variables that say how many threads libraries of a stack start: one unless the user says
@@ -35,7 +35,7 @@ otherwise, because there is a worker per core, and its simulator waits while the
 
 
 def threads() -> dict[str, str]:
-    """Those variables, for a process in which a stack runs."""
+    """Variables of :data:`THREADS` for a process in which a stack runs."""
     return {name: os.environ.get(name, "1") for name in THREADS}
 
 
@@ -47,7 +47,7 @@ def start_stack(
     *,
     later: bool = False,
 ) -> subprocess.Popen[bytes]:
-    """Start one. Only from the main thread.
+    """Start a stack's process. Only from the main thread.
 
     Args:
         arguments: its options.
@@ -80,10 +80,10 @@ def compile_kernels(device: str) -> subprocess.Popen[bytes] | None:
 def load_stack(device: str, folder: Path, log: IO[bytes]) -> RigChild:
     """Start one that loads what it needs on ``device``, and waits for :func:`tell_stack`; its rig
     will have ``folder``, and keeps ``log`` also if this one is discarded."""
-    found = protection(None, device, folder)
+    shield = protection(None, device, folder)
     arguments = ["--connect", LATER, "--load-for", device]
-    own = os.fdopen(os.dup(log.fileno()), "rb")
-    return RigChild(start_stack(arguments, own, view=found.view), own, found.said)
+    copy = os.fdopen(os.dup(log.fileno()), "rb")
+    return RigChild(start_stack(arguments, copy, view=shield.view), copy, shield.said)
 
 
 def may_run(case: Case) -> bool:

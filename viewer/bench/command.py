@@ -69,17 +69,17 @@ def bench(options: BenchOptions, *, as_json: bool, check: bool) -> int:
     """Measure and print; the exit code."""
     if options.focus > min(8, options.cases):
         raise UsageError(f"--focus {options.focus}: at most 8, and at most --cases")
-    found: dict[str, Any] = {}
+    figures: dict[str, Any] = {}
     if options.seconds:
-        found["viewer"] = measure_viewer(options)
+        figures["viewer"] = measure_viewer(options)
     if options.rounds:
-        found["simulation"] = measure_simulation(options)
-    missed = misses(found)
-    found["missed"] = missed
+        figures["simulation"] = measure_simulation(options)
+    missed = misses(figures)
+    figures["missed"] = missed
     if as_json:
-        print(json.dumps(found))
+        print(json.dumps(figures))
     else:
-        for line in _lines(found):
+        for line in _lines(figures):
             print(line)
     return EXIT_FAILED if check and missed else EXIT_PASS
 
@@ -145,13 +145,13 @@ def _simulate(options: BenchOptions, mode: str, out: Path) -> CampaignRun:
         *(() if options.simulate is None else ("--cases", str(options.simulate))),
     ]
     if mode in ("none", "record"):
-        found, course = _run(arguments, out)
+        summary, course = _run(arguments, out)
     else:
         with _viewer("--run", str(out)) as child:
-            found, course = _run(arguments, out, child if mode == "frozen" else None)
+            summary, course = _run(arguments, out, child if mode == "frozen" else None)
     sizes = [path.stat().st_size / 1e6 for path in out.glob(f"cases/*/*/{naming.RECORDING_FILE}")]
     measured = window(course.samples, course.workers * options.slots)
-    return CampaignRun(found["cases"], measured, found["fingerprint"], tuple(sorted(sizes)))
+    return CampaignRun(summary["cases"], measured, summary["fingerprint"], tuple(sorted(sizes)))
 
 
 def _run(
@@ -173,10 +173,10 @@ def _run(
             assert child.stdout is not None
             text = child.stdout.read()
             try:
-                found: dict[str, Any] = json.loads(text)
+                summary: dict[str, Any] = json.loads(text)
             except ValueError:
                 raise InfrastructureError(f"conductor run: {last_lines(log)}") from None
-            return found, course
+            return summary, course
         finally:
             if freeze is not None:
                 freeze.send_signal(signal.SIGCONT)
@@ -218,20 +218,20 @@ def _counts(child: subprocess.Popen[bytes]) -> dict[str, Any]:
     """What the viewer says at its end."""
     child.send_signal(signal.SIGINT)
     assert child.stdout is not None
-    found: dict[str, Any] = json.loads(child.stdout.readline() or "{}")
-    return {name: found.get(name, 0) for name in ("received", "overwritten", "logged", "skipped")}
+    counts: dict[str, Any] = json.loads(child.stdout.readline() or "{}")
+    return {name: counts.get(name, 0) for name in ("received", "overwritten", "logged", "skipped")}
 
 
-def _lines(found: dict[str, Any]) -> list[str]:
+def _lines(figures: dict[str, Any]) -> list[str]:
     lines = []
-    if viewer := found.get("viewer"):
+    if viewer := figures.get("viewer"):
         lines.append(
             f"viewer, {viewer['cases']} cases of which {viewer['in_full']} in full, "
             f"{viewer['seconds']} s: {viewer['cpu_share']:.1%} of a core, "
             f"{viewer['memory_first_mb']} MB at first, {viewer['memory_last_mb']} MB at last, "
             f"{viewer['received']} messages"
         )
-    if simulation := found.get("simulation"):
+    if simulation := figures.get("simulation"):
         lines.append(f"{Path(simulation['campaign']).name}, {simulation['rounds']} runs of each:")
         lines += [f"  {line}" for line in bench_compare.lines(simulation)]
-    return lines + [f"missed: {line}" for line in found["missed"]]
+    return lines + [f"missed: {line}" for line in figures["missed"]]

@@ -16,7 +16,7 @@ from typing import Any
 from twin.base.errors import UsageError
 
 MODES = ("none", "live", "frozen", "record")
-"""Nobody looks; a viewer does; it is frozen; every case is recorded."""
+"""Modes of a run: nobody looks, a viewer does, it is frozen, every case is recorded."""
 
 SHARE_MIN = {"live": 0.95, "frozen": 0.99, "record": 0.90}
 """Targets: cases per minute relative to those with nobody [-]."""
@@ -84,14 +84,23 @@ def window(samples: list[CourseSample], at_once: int) -> CampaignWindow:
 
 def compare(runs: dict[str, list[CampaignRun]]) -> dict[str, Any]:
     """What the runs of every mode of :data:`MODES` come to."""
-    windows = {mode: [run.measured for run in found] for mode, found in runs.items()}
-    rates = {mode: [60 * w.cases / w.wall_s for w in found] for mode, found in windows.items()}
-    loads = {mode: [w.cpu_s / w.cases for w in found] for mode, found in windows.items()}
-    thrifts = {mode: [1 / load for load in found] for mode, found in loads.items()}
+    windows = {mode: [run.measured for run in mode_runs] for mode, mode_runs in runs.items()}
+    rates = {
+        mode: [60 * w.cases / w.wall_s for w in mode_windows]
+        for mode, mode_windows in windows.items()
+    }
+    loads = {
+        mode: [w.cpu_s / w.cases for w in mode_windows] for mode, mode_windows in windows.items()
+    }
+    thrifts = {mode: [1 / load for load in mode_loads] for mode, mode_loads in loads.items()}
     sizes = [size for run in runs["record"] for size in run.recordings_mb]
     return {
-        "cases_per_min": {m: _spread(found, best=max(found)) for m, found in rates.items()},
-        "cpu_s_per_case": {m: _spread(found, best=min(found)) for m, found in loads.items()},
+        "cases_per_min": {
+            m: _spread(mode_rates, best=max(mode_rates)) for m, mode_rates in rates.items()
+        },
+        "cpu_s_per_case": {
+            m: _spread(mode_loads, best=min(mode_loads)) for m, mode_loads in loads.items()
+        },
         "share": {
             mode: {
                 "cases_per_min": round(max(rates[mode]) / max(rates["none"]), 4),
@@ -105,7 +114,8 @@ def compare(runs: dict[str, list[CampaignRun]]) -> dict[str, Any]:
         "recordings_expected": sum(run.cases for run in runs["record"]),
         "recording_mb": round(statistics.mean(sizes), 2) if sizes else None,
         "recording_max_mb": round(max(sizes), 2) if sizes else None,
-        "same_results": len({run.fingerprint for found in runs.values() for run in found}) == 1,
+        "same_results": len({run.fingerprint for mode_runs in runs.values() for run in mode_runs})
+        == 1,
     }
 
 
@@ -143,7 +153,7 @@ def unclear(found: dict[str, Any]) -> list[str]:
 
 def lines(found: dict[str, Any]) -> list[str]:
     """Lines for people."""
-    told = []
+    text_lines = []
     for mode in MODES:
         rate, load = found["cases_per_min"][mode], found["cpu_s_per_case"][mode]
         line = (
@@ -152,15 +162,15 @@ def lines(found: dict[str, Any]) -> list[str]:
         )
         if mode in found["share"]:
             line += f"; {_shares(found['share'][mode])}"
-        told.append(line)
+        text_lines.append(line)
     if found["recordings"]:
-        told.append(
+        text_lines.append(
             f"{found['recordings']} recordings, {found['recording_mb']} MB each, the largest "
             f"{found['recording_max_mb']} MB"
         )
-    told += unclear(found)
-    told.append(f"results {'the same' if found['same_results'] else 'DIFFER'}")
-    return told
+    text_lines += unclear(found)
+    text_lines.append(f"results {'the same' if found['same_results'] else 'DIFFER'}")
+    return text_lines
 
 
 def _shares(share: dict[str, float]) -> str:

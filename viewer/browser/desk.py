@@ -55,10 +55,10 @@ class Desk:
         Raises:
             TwinError: no conductor there, or another version.
         """
-        found = running(self._session())
-        if not found:
+        states = running(self._session())
+        if not states:
             self._drop()  # nobody there, or the conductor has moved: look for it next time
-        return msgspec.json.encode(found)
+        return msgspec.json.encode(states)
 
     def do(self, body: bytes) -> bytes:
         """Carry out what a page asks; the answer says at which tick, and how the case stands.

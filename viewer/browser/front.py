@@ -87,7 +87,7 @@ class ShownSite:
     at: str = "aeb"
     """Moment at which recordings open."""
     hub: tuple[str, int] | None = None
-    """Or: host and port of a live hub."""
+    """Host and port of a live hub, in place of recordings."""
     desk: Desk | None = None
     """Way to running cases, for pages that know its token; None: there is none."""
 
@@ -97,16 +97,16 @@ class ShownSite:
         Raises:
             UsageError: there is no such case, or no recording.
         """
-        found: dict[str, Any] = {"live": self.folder is None, "cases": [], "missing": []}
+        about: dict[str, Any] = {"live": self.folder is None, "cases": [], "missing": []}
         if self.folder is not None:
-            found["name"] = self.folder.resolve().name
+            about["name"] = self.folder.resolve().name
             if case:
-                found["cases"] = [read_row(self.folder, case, self.at).as_json()]
+                about["cases"] = [read_row(self.folder, case, self.at).as_json()]
             else:
-                found |= read_catalogue(self.folder, self.at).as_json()
-            for row in found["cases"]:
+                about |= read_catalogue(self.folder, self.at).as_json()
+            for row in about["cases"]:
                 del row["path"]
-        return json.dumps(found).encode()
+        return json.dumps(about).encode()
 
 
 class BrowserFront(ThreadingHTTPServer):

@@ -35,14 +35,14 @@ class WebOptions:
     """What the command line says."""
 
     port: int
-    """0: a free one."""
+    """Port to listen on; 0: a free one."""
     folder: Path | None = None
     at: str = "aeb"
     case: str = ""
     """Case that the printed address opens; empty: the table."""
     moment: RecordedMoment | None = None
     live: tuple[str, ...] = ()
-    """Or: options of `viewer live`."""
+    """Options of `viewer live`, in place of a recording."""
     where: LiveOptions | None = None
     """Options of the same conductor, for the control panel; None: there is none."""
     json: bool = False

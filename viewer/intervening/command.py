@@ -39,7 +39,7 @@ CONNECT_S = 5.0
 
 @dataclass(frozen=True, slots=True)
 class InterventionOptions:
-    """Which case, and where."""
+    """The case to intervene in, and where it runs."""
 
     case: str
     where: LiveOptions
@@ -107,7 +107,7 @@ def take_over(options: InterventionOptions) -> int:
 
 
 def _drive(running: RunningAttempt) -> None:
-    """Until the case ends or the driver wants no more."""
+    """Drive by the keyboard until the case ends or the driver wants no more."""
     pedals, told_s = Pedals(), 0.0
     while True:
         ready, _, _ = select.select([sys.stdin], [], [], PERIOD_S)
@@ -160,7 +160,7 @@ def line_of(state: InterventionState, pedals: Pedals) -> str:
 
 def described(state: InterventionState) -> list[str]:
     """State of a case, in lines for people."""
-    there = [each for each in state.objects if each.present]
+    there = [shown for shown in state.objects if shown.present]
     lines = [
         f"{state.case} of {state.campaign}, attempt {state.attempt}: tick {state.tick}, "
         f"{state.sim_time_ns / 1e9:g} s"
@@ -172,9 +172,9 @@ def described(state: InterventionState) -> list[str]:
         f"{state.changes} changes by hand" + (": no verdict" if state.changes else ""),
     ]
     return lines + [
-        f"object {each.object}: {each.kind} at x {each.x_m:.1f} m, y {each.y_m:.1f} m"
-        + (", by hand" if each.by_hand else "")
-        for each in there
+        f"object {shown.object}: {shown.kind} at x {shown.x_m:.1f} m, y {shown.y_m:.1f} m"
+        + (", by hand" if shown.by_hand else "")
+        for shown in there
     ]
 
 

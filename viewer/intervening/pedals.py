@@ -61,18 +61,18 @@ class Pedals:
 
 def keys(data: bytes) -> list[str]:
     """What a terminal sent as keys: lower case letters, ``esc``; arrows are ``wasd``."""
-    found = []
+    pressed = []
     while data:
         if data[:2] in (b"\x1b[", b"\x1bO") and data[2:3] in _ARROWS:
-            found.append(_ARROWS[data[2:3]])
+            pressed.append(_ARROWS[data[2:3]])
             data = data[3:]
         elif data[:1] == b"\x1b":
-            found.append("esc")
+            pressed.append("esc")
             data = data[1:]
         else:
-            found.append(data[:1].decode("latin-1").lower())
+            pressed.append(data[:1].decode("latin-1").lower())
             data = data[1:]
-    return found
+    return pressed
 
 
 def _up(value: float, step: float) -> float:

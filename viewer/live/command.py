@@ -60,7 +60,7 @@ class LiveOptions:
     key: Path | None = None
     """Key file or folder of keys, for an endpoint with TLS; an invitation says where that is."""
     role: Role = Role.viewer
-    """Which of several keys is taken."""
+    """Role of the key that is taken from a folder of several."""
     cases: tuple[str, ...] = ()
     """Cases to show in full."""
     wait_s: float | None = None
@@ -351,7 +351,7 @@ def _tell(hub: ViewerHub, options: LiveOptions) -> None:
 
 def _conclude(live: Live, options: LiveOptions) -> None:
     counters, hub = live.slots.counters, live.hub
-    found: dict[str, Any] = {
+    counts: dict[str, Any] = {
         "cases": len(live.overview.tiles),
         "ended": len(live.overview.verdicts),
         "received": counters.received,
@@ -363,10 +363,10 @@ def _conclude(live: Live, options: LiveOptions) -> None:
         "skipped": hub.skipped,
     }
     if options.json:
-        print(json.dumps(found), flush=True)
+        print(json.dumps(counts), flush=True)
         return
     print(
-        f"{found['received']} messages of {counted(found['cases'], 'case')}, "
-        f"{found['ended']} ended; "
-        f"{found['logged']} pictures shown, {found['skipped']} left out"
+        f"{counts['received']} messages of {counted(counts['cases'], 'case')}, "
+        f"{counts['ended']} ended; "
+        f"{counts['logged']} pictures shown, {counts['skipped']} left out"
     )

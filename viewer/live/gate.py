@@ -22,7 +22,7 @@ from viewer.live.inner_port import InnerPort
 LAG_S = 1.0
 """A viewer whose latest bytes are so much older than those of another lags behind [s]."""
 LEAST_BYTES = 1 << 16
-"""Who has been sent less is no viewer of the stream [bytes]."""
+"""A client that has been sent less is no viewer of the stream [bytes]."""
 PIECE_BYTES = 1 << 16
 HEAD_BYTES_MAX = 1 << 16
 """Largest head of a request [bytes]."""
@@ -37,13 +37,13 @@ LINES_MAX = 64
 
 @dataclass(slots=True, eq=False)
 class ViewerLine:
-    """A viewer's."""
+    """The connection of one viewer."""
 
     viewer: socket.socket
     passed_bytes: int = 0
     """Amount sent from the hub to the viewer so far [bytes]."""
     passed_s: float = 0.0
-    """When the latest of them were."""
+    """Time at which the latest bytes were sent [s]."""
 
 
 def laggards(lines: Collection[ViewerLine]) -> list[ViewerLine]:
@@ -78,9 +78,9 @@ class Gate:
     def relieve(self) -> None:
         """The stream stands still: cut off whoever holds the others up."""
         with self._lock:
-            found = laggards(self._lines)
-            self._lines.difference_update(found)
-        for line in found:
+            slow = laggards(self._lines)
+            self._lines.difference_update(slow)
+        for line in slow:
             _hang_up(line.viewer)
             self._say("a viewer that does not read was cut off, because others waited for it")
 
@@ -105,8 +105,8 @@ class Gate:
                     viewer.sendall(REFUSED + b"this hub belongs to another user\n")
                 viewer.close()
                 continue
-            given = viewer, hub
-            threading.Thread(target=self._serve, args=given, name="line", daemon=True).start()
+            ends = viewer, hub
+            threading.Thread(target=self._serve, args=ends, name="line", daemon=True).start()
 
     def _serve(self, viewer: socket.socket, inner: InnerPort) -> None:
         line = ViewerLine(viewer)

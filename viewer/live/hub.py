@@ -37,7 +37,7 @@ READY_TIMEOUT_S = 30.0
 POLL_S = 0.01
 
 PATIENCE_S = 5.0
-"""So long after a viewer has stopped to read, others are relieved of it [s]."""
+"""Time after which a viewer that has stopped reading is cut off [s]."""
 
 
 def flows(stream: rr.RecordingStream) -> bool:

@@ -88,19 +88,19 @@ class InnerPort:
 
 
 def _listener(port: int) -> socket.socket:
-    found = _own(port, listening=True)
-    if not found:
+    listeners = _own(port, listening=True)
+    if not listeners:
         raise OSError(f"nobody listens on port {port}")
-    for one in found[1:]:
+    for one in listeners[1:]:
         one.close()
-    return found[0]
+    return listeners[0]
 
 
 def _own(port: int, *, listening: bool) -> list[socket.socket]:
     """Duplicates of this process's sockets at a loopback port."""
-    found = []
+    duplicates = []
     for name in os.listdir("/proc/self/fd"):
-        if any(one.fileno() == int(name) for one in found):
+        if any(one.fileno() == int(name) for one in duplicates):
             continue  # our duplicate, where the list's own descriptor was
         try:
             descriptor = os.dup(int(name))
@@ -114,9 +114,9 @@ def _own(port: int, *, listening: bool) -> list[socket.socket]:
         try:
             is_listener = bool(one.getsockopt(socket.SOL_SOCKET, socket.SO_ACCEPTCONN))
             if one.getsockname() == (_LOOPBACK, port) and is_listener is listening:
-                found.append(one)
+                duplicates.append(one)
                 continue
         except OSError:
             pass
         one.close()
-    return found
+    return duplicates

@@ -34,7 +34,7 @@ ASK_S = 2.0
 PERIOD_S = 1.0
 """Time between two questions to the conductor, and between two looks for one that is gone [s]."""
 SILENCE_S = 4.0
-"""After so long without a word a new session is tried [s]; Zenoh's own lease is as long."""
+"""Time without a word after which a new session is tried [s]; as long as Zenoh's own lease."""
 SCENE_S = 10.0
 """Longest time a simulator may take to hand out its world [s]."""
 EVENTS_MAX = 1000
@@ -81,7 +81,7 @@ Heard = Status | ConductorEvent | Said | SentWorld | LinkEnded
 
 
 class _SilenceError(Exception):
-    """Nobody has said a word for too long; its text says who."""
+    """A peer has not said a word for too long; the text says which."""
 
 
 class Link:
@@ -133,7 +133,7 @@ class Link:
         self._wake.set()
 
     def look_away(self, case: str) -> None:
-        """No more of this case than its thumbnail."""
+        """Ask for no more of a case than its thumbnail."""
         with self._lock:
             self._cases.discard(case)
         self._wake.set()
@@ -187,9 +187,9 @@ class Link:
             answered = False
             while not self._stop.is_set():
                 self._follow(bus)
-                found = self._ask(bus, StatusRequest(v=SCHEMA_VERSION))
-                if found is not None:
-                    self._answered(bus, target, found.status, first=not answered)
+                answer = self._ask(bus, StatusRequest(v=SCHEMA_VERSION))
+                if answer is not None:
+                    self._answered(bus, target, answer.status, first=not answered)
                     answered = True
                 else:
                     self._silent(target, answered)
@@ -199,14 +199,14 @@ class Link:
         finally:
             bus.close()
 
-    def _answered(self, bus: Bus, target: Target, found: ConductorStatus, *, first: bool) -> None:
+    def _answered(self, bus: Bus, target: Target, status: ConductorStatus, *, first: bool) -> None:
         self._word_s = time.monotonic()
         self._until_s = None
         if first and self._told:
             self._say(Said(f"connected to {target.endpoint}"))
             self._told = ""
-        self._say(Status(found))
-        self._check(bus, list(found.get("campaigns", {})))
+        self._say(Status(status))
+        self._check(bus, list(status.get("campaigns", {})))
 
     def _silent(self, target: Target, answered: bool) -> None:
         if time.monotonic() - self._word_s < SILENCE_S:
@@ -262,7 +262,7 @@ class Link:
             self._say(SentWorld(sha256, mesh))
 
     def _ask(self, bus: Bus, request: Request) -> Reply | None:
-        """The reply; None: there was none, ask again.
+        """The reply to a request; None: there was none, ask again.
 
         Raises:
             WireError: it is of another version.

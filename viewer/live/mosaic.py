@@ -42,7 +42,7 @@ class MosaicTile:
     """One place on the wall."""
 
     picture: np.ndarray | None
-    """BGR; None: not readable."""
+    """Camera picture, BGR; None: not readable."""
     name: str
     color: Color
     """RGB of the frame and of the strip that holds the name."""

@@ -39,7 +39,7 @@ class End:
     outcome: str
     verdict: str = ""
     final: bool = True
-    """False: the case waits for another attempt."""
+    """Whether the case has ended for good; False: it waits for another attempt."""
 
 
 COMMITTED = 2**63
@@ -89,10 +89,10 @@ class Overview:
 
     def event(self, fact: Mapping[str, Any]) -> bool:
         """A fact of the conductor; whether the wall has changed."""
-        found = self._end_of(fact)
-        if found is None:
+        keyed_end = self._end_of(fact)
+        if keyed_end is None:
             return False
-        key, end = found
+        key, end = keyed_end
         known = self._ends.get(key)
         if known is not None and known.token > end.token:
             return False
@@ -170,8 +170,8 @@ class Overview:
         counts: dict[str, int] = {}
         for verdict in self.verdicts.values():
             counts[verdict] = counts.get(verdict, 0) + 1
-        told = ", ".join(f"{n} {verdict}" for verdict, n in sorted(counts.items())) or "none ended"
-        lines = [f"**{len(running)} running**, {told}", ""]
+        ended = ", ".join(f"{n} {verdict}" for verdict, n in sorted(counts.items())) or "none ended"
+        lines = [f"**{len(running)} running**, {ended}", ""]
         lines += ["| case | | t [s] | v [m/s] | DTC [m] |", "|---|---|---|---|---|"]
         lines += [_row(t) for t in (running + latest)[:ROWS_MAX]]
         return "\n".join(lines) + "\n"

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LivePlace:
-    """Whose cases are meant; see :func:`twin.base.option_record.with_options`."""
+    """Options that say whose cases are meant; see :func:`twin.base.option_record.with_options`."""
 
     connect: ConnectOption = ""
     run: Annotated[
@@ -36,14 +36,14 @@ class LivePlace:
     insecure: InsecureOption = False
 
     def words(self) -> list[str]:
-        """The same for another command of ours."""
+        """Options that mean the same cases for another command of ours."""
         words = ["--connect", self.connect] if self.connect else []
         words += ["--run", str(self.run)] if self.run is not None else []
         words += ["--namespace", self.namespace, *(["--key", str(self.key)] if self.key else [])]
         return [*words, *(["--insecure"] if self.insecure else [])]
 
     def live(self, **more: Any) -> LiveOptions:
-        """As the commands take it; ``more``: further fields of :class:`LiveOptions`."""
+        """The options of `viewer live`; ``more``: further fields of :class:`LiveOptions`."""
         from viewer.live.command import LiveOptions
 
         place = {"connect": self.connect, "run": self.run}
@@ -52,7 +52,7 @@ class LivePlace:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FarPlace(LivePlace):
-    """Whose cases are meant, also behind a login node."""
+    """Options that say whose cases are meant, also behind a login node."""
 
     ssh: Annotated[
         str,
@@ -63,5 +63,5 @@ class FarPlace(LivePlace):
     ] = ""
 
     def live(self, **more: Any) -> LiveOptions:
-        """As the commands take it, with the tunnel."""
+        """The options of `viewer live`, with the tunnel."""
         return LivePlace.live(self, ssh=self.ssh, node=self.node, **more)

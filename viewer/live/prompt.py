@@ -27,21 +27,21 @@ def choose(text: str, names: Sequence[str]) -> tuple[str, str]:
     """
     if text in names:
         return text, ""
-    found = [name for name in names if text in name]
-    if len(found) == 1:
-        return found[0], ""
+    matches = [name for name in names if text in name]
+    if len(matches) == 1:
+        return matches[0], ""
     if not names:
         return "", "no case runs yet"
-    some = ", ".join((found or list(names))[:NAMES_MAX])
+    some = ", ".join((matches or list(names))[:NAMES_MAX])
     if not text:
         return "", f"{HINT}, e.g. {some}"
-    if found:
-        return "", f"'{text}' is in {len(found)} names: {some}"
+    if matches:
+        return "", f"'{text}' is in {len(matches)} names: {some}"
     return "", f"'{text}' is in no name on the wall; there are e.g. {some}"
 
 
 def has_terminal() -> bool:
-    """Somebody can type."""
+    """Whether standard input is a terminal, so that somebody can type."""
     return sys.stdin is not None and sys.stdin.isatty()
 
 

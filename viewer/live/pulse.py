@@ -96,7 +96,7 @@ class Pulse:
         ]
 
     def take(self) -> list[Logged]:
-        """What has not been logged yet."""
+        """Rows that have not been logged yet; they are forgotten here."""
         logged = [*self._fresh, *self._lines]
         self._fresh = []
         self._lines.clear()

@@ -13,7 +13,7 @@ KEYS_MAX = 4096
 
 @dataclass(slots=True)
 class SampleCounters:
-    """What became of the samples."""
+    """Counts of what became of the samples."""
 
     received: int = 0
     overwritten: int = 0

@@ -90,7 +90,7 @@ class Tunnel:
         """Endpoint over there that the child forwards to."""
         self._port = 0
         self._stood = False
-        """Whether it has been open once; what fails then may come back."""
+        """Whether the tunnel has been open once; what fails then may come back."""
         self._called_s = float("-inf")
         self._closed = False
 
@@ -103,14 +103,14 @@ class Tunnel:
             UsageError: the conductor cannot be reached this way.
         """
         self._pause()
-        found = self._look_up()
-        if is_tls(found.endpoint) and (self._key is None or self._fetched_from):
-            self._fetch_key(found)
-        if self._child is None or self._child.poll() is not None or self._to != found.endpoint:
+        conductor = self._look_up()
+        if is_tls(conductor.endpoint) and (self._key is None or self._fetched_from):
+            self._fetch_key(conductor)
+        if self._child is None or self._child.poll() is not None or self._to != conductor.endpoint:
             self._end()
-            self._open(found)
-        protocol = found.endpoint.partition("/")[0]
-        return Target(f"{protocol}/127.0.0.1:{self._port}", found.namespace, self._key)
+            self._open(conductor)
+        protocol = conductor.endpoint.partition("/")[0]
+        return Target(f"{protocol}/127.0.0.1:{self._port}", conductor.namespace, self._key)
 
     def close(self) -> None:
         """End the tunnel for good."""
@@ -149,15 +149,15 @@ class Tunnel:
         try:
             # Whatever start-up files over there print stands before it.
             text = data[max(0, data.find(b"{")) :]
-            found = decode_json(text, ConductorFile)
+            conductor = decode_json(text, ConductorFile)
         except JsonError as error:
             raise UnreachableError(f"{far.login}:{path}: damaged: {error}") from None
         try:
-            check_endpoint(found.endpoint)
-            _check_host(found.host)
+            check_endpoint(conductor.endpoint)
+            _check_host(conductor.host)
         except UsageError as error:
             raise UsageError(f"{far.login}:{path}: {error}") from None
-        return found
+        return conductor
 
     def _read(self, path: str) -> bytes | None:
         """A file over there; None: it cannot be read."""
@@ -175,15 +175,15 @@ class Tunnel:
             raise self._failed(done.stderr.decode("utf-8", "replace"))
         return None if done.returncode else done.stdout
 
-    def _fetch_key(self, found: ConductorFile) -> None:
+    def _fetch_key(self, conductor: ConductorFile) -> None:
         """Fetch the key: a login as the conductor's user may read it. No person copies it, and here
         it is in memory only."""
-        path = f"{found.key}/{self._role}.key" if found.key else ""
+        path = f"{conductor.key}/{self._role}.key" if conductor.key else ""
         if self._key is not None and path == self._fetched_from:
             return
         data = self._read(path) if path else None
         if data is None:
-            raise UsageError(f"{found.endpoint}: needs a key of the fabric; {self._key_hint()}")
+            raise UsageError(f"{conductor.endpoint}: needs a key of the fabric; {self._key_hint()}")
         descriptor = os.memfd_create("key", os.MFD_CLOEXEC)
         try:
             os.fchmod(descriptor, 0o600)
@@ -197,12 +197,12 @@ class Tunnel:
         self._key = dataclasses.replace(read, path=Path(f"{self._far.login}:{path}"))
         self._fetched_from = path
 
-    def _open(self, found: ConductorFile) -> None:
+    def _open(self, conductor: ConductorFile) -> None:
         far = self._far
-        host, port = host_and_port(found.endpoint)
+        host, port = host_and_port(conductor.endpoint)
         if host in ("0.0.0.0", "::"):
-            host = found.host or "127.0.0.1"
-        node = far.node or (found.host if is_loopback(found.endpoint) else "")
+            host = conductor.host or "127.0.0.1"
+        node = far.node or (conductor.host if is_loopback(conductor.endpoint) else "")
         user = far.login.rpartition("@")[0]
         behind = f"{user}@{node}" if user and "@" not in node else node
         way = ["-J", far.login, "--", behind] if node else ["--", far.login]
@@ -226,7 +226,7 @@ class Tunnel:
                     child.wait()
                     log.seek(0)
                     raise self._failed(log.read().decode("utf-8", "replace"))
-        self._to, self._stood = found.endpoint, True
+        self._to, self._stood = conductor.endpoint, True
 
     def _key_hint(self) -> str:
         far = self._far

@@ -38,12 +38,12 @@ class RecordingRow:
     moment: RecordedMoment
     """Moment at which it opens."""
     verdict: str
-    """Or the outcome, if there is no verdict; empty: the attempt did not end."""
+    """Verdict, or the outcome if there is none; empty: the attempt did not end."""
     passed: bool
     model: str
     weather: str
     hour: str
-    """HH:MM."""
+    """Time of day, HH:MM."""
 
     def as_json(self) -> dict[str, Any]:
         """Row for ``--output json``."""
@@ -63,7 +63,7 @@ class RecordingRow:
 
 @dataclass(frozen=True, slots=True)
 class Catalogue:
-    """What can be replayed of a campaign, and what cannot."""
+    """The recordings of a campaign that can be replayed, and the cases that have none."""
 
     folder: Path
     rows: list[RecordingRow]
@@ -112,14 +112,14 @@ def read_catalogue(folder: Path, at: str) -> Catalogue:
     names, committed = case_names(folder), committed_attempts(folder)
     for case in names:
         try:
-            found = recording_of(folder, case, names, committed.get(case, ""))
-            cover = read_cover(found.path)
+            recording = recording_of(folder, case, names, committed.get(case, ""))
+            cover = read_cover(recording.path)
         except NotKeptError:
             passed.append(case)
         except UsageError:
             missing.append(case)
         else:
-            rows.append(_row(found, _moment(found, at), cover))
+            rows.append(_row(recording, _moment(recording, at), cover))
     if not rows and passed:
         raise NotKeptError(
             f"{folder}: all recorded cases passed, and none was kept; the campaign says "
@@ -136,8 +136,8 @@ def read_row(folder: Path, case: str, at: str) -> RecordingRow:
     Raises:
         UsageError: no such case, or it was not recorded.
     """
-    found = find_recording(folder, case)
-    return _row(found, _moment(found, at), read_cover(found.path))
+    recording = find_recording(folder, case)
+    return _row(recording, _moment(recording, at), read_cover(recording.path))
 
 
 def table(catalogue: Catalogue) -> Table:
@@ -163,11 +163,11 @@ def table(catalogue: Catalogue) -> Table:
     return shown
 
 
-def _moment(found: FoundRecording, at: str) -> RecordedMoment:
+def _moment(recording: FoundRecording, at: str) -> RecordedMoment:
     """An attempt that was killed before its first row has no moment; it opens at its start. One
     that had ended by then opens at its end."""
     try:
-        return find_moment(found, at)
+        return find_moment(recording, at)
     except PastEndError as error:
         return RecordedMoment(error.end_ns, f"end at {error.end_ns / 1e9:.2f} s")
     except UsageError:
@@ -176,10 +176,10 @@ def _moment(found: FoundRecording, at: str) -> RecordedMoment:
         return RecordedMoment(0, "0 s")
 
 
-def _row(found: FoundRecording, moment: RecordedMoment, cover: RecordedCase) -> RecordingRow:
+def _row(recording: FoundRecording, moment: RecordedMoment, cover: RecordedCase) -> RecordingRow:
     case, end = cover.properties.get("case", {}), cover.properties.get("verdict", {})
     return RecordingRow(
-        found=found,
+        found=recording,
         recording_id=cover.recording_id,
         moment=moment,
         verdict=end.get("verdict") or end.get("outcome") or "",

@@ -31,7 +31,7 @@ class FoundRecording:
 
     @property
     def other(self) -> bool:
-        """Whether it is of another attempt than the one that was committed."""
+        """Whether the recording is of another attempt than the one that was committed."""
         return bool(self.committed) and self.path.parent.name != self.committed
 
     def remarks(self) -> list[str]:
@@ -174,12 +174,12 @@ Row = tuple[int, bool, float | None]
 """Sim time [ns], AEB, distance to collision [m]."""
 
 
-def _rows(found: FoundRecording) -> list[Row]:
+def _rows(recording: FoundRecording) -> list[Row]:
     names = ("sim_time_ns", "aeb", "dtc_m")
     try:
-        columns: dict[str, list[Any]] = read_kpi_columns(found.kpi, names).to_pydict()
+        columns: dict[str, list[Any]] = read_kpi_columns(recording.kpi, names).to_pydict()
     except InfrastructureError:
-        frames = read_case(found.path).frames
+        frames = read_case(recording.path).frames
         return [(frame.sim_time_ns, bool(frame.aeb), frame.dtc_m) for frame in frames]
     return list(zip(*(columns[name] for name in names), strict=True))
 
@@ -188,10 +188,10 @@ def _attempts(folder: Path, case: str, committed: str) -> list[Path]:
     """Attempt folders of a case: the committed one first, then the latest."""
     if not case or "/" in case or case.startswith("."):
         return []
-    found = [path for path in (folder / "cases" / case).glob("attempt-*") if path.is_dir()]
-    found.sort(key=_number, reverse=True)
-    found.sort(key=lambda path: path.name != committed)
-    return found
+    attempts = [path for path in (folder / "cases" / case).glob("attempt-*") if path.is_dir()]
+    attempts.sort(key=_number, reverse=True)
+    attempts.sort(key=lambda path: path.name != committed)
+    return attempts
 
 
 def _number(path: Path) -> int:
@@ -206,17 +206,17 @@ def committed_attempts(folder: Path) -> dict[str, str]:
         items = list(cases.items())
     except (OSError, JsonError, KeyError, TypeError, AttributeError):
         return {}
-    found = {}
+    attempt_of = {}
     for case, end in items:
         with contextlib.suppress(KeyError, TypeError):
-            found[case] = Path(end["attempt_dir"]).name
-    return found
+            attempt_of[case] = Path(end["attempt_dir"]).name
+    return attempt_of
 
 
 def _note(attempt: Path) -> dict[str, Any]:
     """What the recorder has left to say; empty: nothing that could be read."""
     try:
-        found = decode_json(read_regular(attempt / naming.RECORDING_NOTE, RUN_FILE_BYTES_MAX))
+        note = decode_json(read_regular(attempt / naming.RECORDING_NOTE, RUN_FILE_BYTES_MAX))
     except (OSError, ValueError):
         return {}
-    return found if isinstance(found, dict) else {}
+    return note if isinstance(note, dict) else {}

@@ -37,7 +37,7 @@ class Mark:
     width_px: float
     height_px: float
     label: str
-    """E.g. ``car 0.90`` (detected) or ``car 21 m`` (true)."""
+    """Text at the box, as ``car 0.90`` (detected) or ``car 21 m`` (true)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +72,7 @@ class PlayedTick:
     """The detection that emergency braking began for in this tick, if the stack says which."""
     truth: list[Mark] | None = None
     readings: dict[str, dict[str, float]] = field(default_factory=dict)
-    """Of sensors with a row of numbers that were due in this tick: name -> column -> value."""
+    """Readings of the sensors with a row of numbers that were due: name -> column -> value."""
 
 
 @dataclass(slots=True)
@@ -98,11 +98,11 @@ class RecordedCase:
         Raises:
             UsageError: the recording holds no picture.
         """
-        found = self.pictures
-        if not found:
+        pictures = self.pictures
+        if not pictures:
             raise UsageError(f"{self.path}: the recording holds no camera picture")
-        times = [frame.sim_time_ns for frame in found]
-        return found[max(0, bisect.bisect_right(times, sim_time_ns) - 1)]
+        times = [frame.sim_time_ns for frame in pictures]
+        return pictures[max(0, bisect.bisect_right(times, sim_time_ns) - 1)]
 
 
 _SCALARS = {
@@ -134,7 +134,7 @@ def read_cover(path: Path) -> RecordedCase:
 
 
 def _read(path: Path, content: str | None) -> RecordedCase:
-    """``content``: only these entities; None: all of them."""
+    """Read a recording; ``content``: only these entities; None: all of them."""
     if not path.is_file():
         raise UsageError(f"{path}: no such file")
     try:
@@ -280,20 +280,20 @@ def _marks(batch: pa.RecordBatch) -> list[list[Mark] | None]:
         _column(batch, "Boxes2D:labels"),
         strict=True,
     )
-    found: list[list[Mark] | None] = []
+    marks: list[list[Mark] | None] = []
     for centers, halves, labels in rows:
         if centers is None or halves is None:
-            found.append(None)
+            marks.append(None)
             continue
         names = list(labels or [])
         names += [""] * (len(centers) - len(names))
-        found.append(
+        marks.append(
             [
                 Mark(x - half_x, y - half_y, 2 * half_x, 2 * half_y, name)
                 for (x, y), (half_x, half_y), name in zip(centers, halves, names, strict=False)
             ]
         )
-    return found
+    return marks
 
 
 def _poses(batch: pa.RecordBatch) -> Iterator[dict[str, Any]]:

@@ -88,36 +88,36 @@ class _Converter:
 
     def messages(self, case: RecordedCase) -> list[tuple[int, str, Any]]:
         """(time [ns], topic, message) of all frames and events, in order of time."""
-        found: list[tuple[int, str, Any]] = []
+        messages: list[tuple[int, str, Any]] = []
         for frame in case.frames:
-            found += [(frame.sim_time_ns, *rest) for rest in self._of(frame)]
-        found += [(event.sim_time_ns, "/events", self._event(event)) for event in case.events]
-        found.sort(key=lambda message: message[0])
-        return found
+            messages += [(frame.sim_time_ns, *rest) for rest in self._of(frame)]
+        messages += [(event.sim_time_ns, "/events", self._event(event)) for event in case.events]
+        messages.sort(key=lambda message: message[0])
+        return messages
 
     def _of(self, frame: PlayedTick) -> list[tuple[str, Any]]:
-        found: list[tuple[str, Any]] = [("/state", self._plots(frame))]
+        messages: list[tuple[str, Any]] = [("/state", self._plots(frame))]
         for name, row in sorted(frame.readings.items()):
             if name not in self._readings:
                 self._readings[name] = _plotted_type(f"Sensor_{name}", sorted(row))
             reading = self._readings[name](**row)
-            found.append((f"/sensors/{name}", _stamped(reading, frame.sim_time_ns)))
+            messages.append((f"/sensors/{name}", _stamped(reading, frame.sim_time_ns)))
         if frame.x_m is not None and frame.yaw_rad is not None:
-            found.append(("/tf", self._pose(frame)))
+            messages.append(("/tf", self._pose(frame)))
         if frame.jpeg is not None:
             image = self._image(frame_id="camera", data=frame.jpeg, format="jpeg")
-            found.append(("/camera/image", _stamped(image, frame.sim_time_ns)))
+            messages.append(("/camera/image", _stamped(image, frame.sim_time_ns)))
         if frame.detections is not None:
             color = RED if frame.aeb else ORANGE
             boxes = self._boxes(frame, frame.detections, color, 2.0)
             self._label(boxes, frame.detections, color)
             if frame.trigger is not None:
                 self._outline(boxes, frame.trigger, YELLOW, 4.0)
-            found.append(("/camera/detections", boxes))
+            messages.append(("/camera/detections", boxes))
         if frame.truth is not None:
             boxes = self._boxes(frame, frame.truth, CYAN, 1.0)
-            found.append(("/camera/truth", boxes))
-        return found
+            messages.append(("/camera/truth", boxes))
+        return messages
 
     def _plots(self, frame: PlayedTick) -> Any:
         state = self._state()
@@ -138,10 +138,10 @@ class _Converter:
     def _boxes(
         self, frame: PlayedTick, marks: list[Mark], color: Color, thickness_px: float
     ) -> Any:
-        found = self._annotations()
+        outlines = self._annotations()
         for mark in marks:
-            self._outline(found, mark, color, thickness_px)
-        return _stamped(found, frame.sim_time_ns)
+            self._outline(outlines, mark, color, thickness_px)
+        return _stamped(outlines, frame.sim_time_ns)
 
     def _outline(self, target: Any, mark: Mark, color: Color, thickness_px: float) -> None:
         loop = target.points.add(type=self._line_loop, thickness=thickness_px)

@@ -22,7 +22,7 @@ _QUALITY = 80
 _CAPTION_PX = 22
 _GAP_PX = 4
 _INK, _MARK, _PAPER = (230, 230, 230), (90, 190, 255), (24, 24, 24)
-"""BGR."""
+"""Colours of the strip, BGR."""
 
 Picture = NDArray[np.uint8]
 
@@ -70,9 +70,9 @@ def answer_strips(
         request = json.loads(line)
         error = ""
         try:
-            found = find_recording(folder, request["case"])
-            moment = find_moment(found, request["at"])
-            write_strip(read_case(found.path), moment, around_s, frames, Path(request["out"]))
+            recording = find_recording(folder, request["case"])
+            moment = find_moment(recording, request["at"])
+            write_strip(read_case(recording.path), moment, around_s, frames, Path(request["out"]))
         except UsageError as refused:
             error = str(refused)
         yield json.dumps({"case": request["case"], "error": error})

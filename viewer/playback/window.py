@@ -61,7 +61,7 @@ class ViewerWindow:
         until_s = time.monotonic() + READY_TIMEOUT_S + count * LOAD_TIMEOUT_S
         while True:
             state = asked(self.client.get_state)
-            there = sum(bool(found.timelines) for found in state.recordings)
+            there = sum(bool(recording.timelines) for recording in state.recordings)
             if there >= count and not state.loading:
                 return state
             if time.monotonic() > until_s:

@@ -66,8 +66,8 @@ def case_blueprint(
     )
     events = rrb.TextLogView(origin=naming.EVENTS, name="Events", columns=_event_columns())
     street = _chase(lidars) if live else _street(stage)
-    seen = [rrb.Grid(*views)] if len(views) > 1 else views
-    left = rrb.Vertical(*seen, street, events, row_shares=[3, 2.1, 1])
+    pictures = [rrb.Grid(*views)] if len(views) > 1 else views
+    left = rrb.Vertical(*pictures, street, events, row_shares=[3, 2.1, 1])
     play_state: Literal["following", "paused"] = "following" if live else "paused"
     return rrb.Blueprint(
         _named(rrb.Horizontal(left, right, column_shares=[1.4, 1])),
@@ -122,14 +122,14 @@ def _named(part: rrb.Container) -> rrb.Container:
     Rerun keeps every name of an entity that it has met: 6 kB for a layout with names of its own.
     """
     parts: list[rrb.Container | rrb.View] = [part]
-    for number, found in enumerate(parts):
-        if isinstance(found, rrb.Container):
-            parts += found.contents
+    for number, member in enumerate(parts):
+        if isinstance(member, rrb.Container):
+            parts += member.contents
             words = f"container {number}"
         else:
             # A viewer may remember what belongs to an id: never another kind of view.
-            words = f"{found.class_identifier} {found.name} {number}"
-        found.id = uuid.uuid5(NAMES, words)
+            words = f"{member.class_identifier} {member.name} {number}"
+        member.id = uuid.uuid5(NAMES, words)
     return part
 
 

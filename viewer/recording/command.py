@@ -38,7 +38,7 @@ CLOSED_MAX = 4
 """Recordings that are closed before Rerun is asked to let go of them: asking takes 1 ms."""
 
 END: Literal["end"] = "end"
-"""Nothing comes any more."""
+"""Mark in a recorder's queue: no further sample comes."""
 
 
 class OpenRecordings:
@@ -65,7 +65,7 @@ class OpenRecordings:
             self._sample(sample, now_s)
 
     def _sample(self, sample: RecorderSample, now_s: float) -> None:
-        """What belongs to no open recording is left out."""
+        """Write a sample to its recording; one of no open recording is left out."""
         picture, state = sample.camera, sample.state
         if sample.start is not None:
             self._begin(sample.start)

@@ -55,7 +55,7 @@ class CaseConverter:
         self.hand = ""
         """What somebody has done to the case, as of the latest state."""
         self._tick = 0
-        """The latest."""
+        """Tick of the latest state."""
         self._moving = False
         """Objects that move are drawn."""
 
@@ -97,7 +97,7 @@ class CaseConverter:
         for sample in samples:
             rows += self._changes(sample)
         self._tick = samples[-1].tick
-        return [found for found in rows if found.ticks]
+        return [entity for entity in rows if entity.ticks]
 
     def pictures(
         self, pictures: Sequence[tuple[CameraSample, bytes]], name: str = "camera"
@@ -138,14 +138,14 @@ class CaseConverter:
 
     def _readings(self, samples: Sequence[StateSample]) -> list[EntityRows]:
         """Plots of the sensors with a row of numbers, one per column."""
-        found = []
+        plots = []
         for name, columns in self._start.sensors.items():
             read = [(s, s.sensors.get(name, [])) for s in samples]
             read = [(s, row) for s, row in read if len(row) == len(columns)]
             for place, column in enumerate(columns):
                 values = [row[place] for _, row in read]
-                found.append(_plotted(naming.reading(name, column), [s for s, _ in read], values))
-        return found
+                plots.append(_plotted(naming.reading(name, column), [s for s, _ in read], values))
+        return plots
 
     def _changes(self, sample: StateSample) -> list[EntityRows]:
         """Events, and a coloured bar of the planner's state where it changes."""
@@ -157,8 +157,8 @@ class CaseConverter:
             if controls.detections and not self._seen:
                 self._seen = True
                 first = controls.detections[0]
-                seen = f"{first.label} {first.confidence:.2f}{_at(sample)}"
-                rows.append(_event(*at, f"first detection: {seen}", "INFO", ORANGE))
+                detection = f"{first.label} {first.confidence:.2f}{_at(sample)}"
+                rows.append(_event(*at, f"first detection: {detection}", "INFO", ORANGE))
             if braking and not self._aeb:
                 text = f"AEB triggered{_at(sample)}, {sample.speed_mps:.1f} m/s"
                 if (cause := triggering(controls)) is not None:
@@ -184,9 +184,9 @@ class CaseConverter:
         near = [[d for d in c.detections if d.width_px >= width_px] for _, c in asked]
         far = [[d for d in c.detections if d.width_px < width_px] for _, c in asked]
         rows = []
-        for path, found in ((naming.DETECTIONS, near), (naming.DETECTIONS_FAR, far)):
-            labels = [f"{d.label} {d.confidence:.2f}" for row in found for d in row]
-            columns = [*rr.Boxes2D.columns(colors=colors), *_marks(found, labels)]
+        for path, boxes in ((naming.DETECTIONS, near), (naming.DETECTIONS_FAR, far)):
+            labels = [f"{d.label} {d.confidence:.2f}" for row in boxes for d in row]
+            columns = [*rr.Boxes2D.columns(colors=colors), *_marks(boxes, labels)]
             rows.append(rows_at(path, samples, columns))
         return rows
 
@@ -256,7 +256,7 @@ def _bare(start: CaseStart) -> bytes:
 
 @lru_cache(maxsize=16)
 def _standing(bare: bytes) -> list[Logged]:
-    """What is static and the same in all cases that begin alike; 2 ms to make."""
+    """Rows that are static and the same in all cases that begin alike; 2 ms to make."""
     start = decode(bare, CaseStart)
     stage = start.stage
     return [
@@ -319,10 +319,10 @@ def _commanded(asked: list[tuple[StateSample, Controls]]) -> list[EntityRows]:
 
 
 def _marks(
-    found: Sequence[Sequence[Detection | ImageBox]], labels: list[str]
+    boxes: Sequence[Sequence[Detection | ImageBox]], labels: list[str]
 ) -> list[rr.ComponentColumn]:
     """Boxes of several rows; one label per box."""
-    flat = [mark for row in found for mark in row]
+    flat = [mark for row in boxes for mark in row]
     corners = np.array([[m.x_px, m.y_px] for m in flat], np.float32).reshape(-1, 2)
     halves = np.array([[m.width_px, m.height_px] for m in flat], np.float32).reshape(-1, 2) / 2
     columns = rr.Boxes2D.columns(
@@ -331,13 +331,13 @@ def _marks(
         labels=labels,
         class_ids=np.array([class_id(mark.label) for mark in flat], np.uint16),
     )
-    return list(columns.partition([len(row) for row in found]))
+    return list(columns.partition([len(row) for row in boxes]))
 
 
 def _truth(samples: Sequence[StateSample]) -> EntityRows:
-    found = [sample.boxes or [] for sample in samples]
-    labels = [f"{box.label} {box.distance_m:.0f} m" for row in found for box in row]
-    return rows_at(naming.TRUTH, samples, _marks(found, labels))
+    boxes = [sample.boxes or [] for sample in samples]
+    labels = [f"{box.label} {box.distance_m:.0f} m" for row in boxes for box in row]
+    return rows_at(naming.TRUTH, samples, _marks(boxes, labels))
 
 
 def _moving(samples: Sequence[StateSample]) -> EntityRows:

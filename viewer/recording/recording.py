@@ -42,18 +42,18 @@ class Sequence:
 
     @property
     def complete(self) -> bool:
-        """Nothing is missing so far."""
+        """Whether no message is missing so far."""
         return self.lost == 0
 
 
 FLUSH_PERIOD_S = 5.0
 """Messages are written in batches of this age; what a killed recorder loses [s]."""
 FLUSH_BYTES = 2 << 20
-"""Or of this size [bytes]."""
+"""Messages are written in batches of this size, if that is reached earlier [bytes]."""
 STATE_BYTES = 1024
-"""What a state counts for [bytes]."""
+"""Size that a state counts for in a batch [bytes]."""
 MOVER_BYTES = 64
-"""What an object that moves adds to it [bytes]."""
+"""Size that an object that moves adds to a state [bytes]."""
 
 
 class RecordingFile:
@@ -79,7 +79,7 @@ class RecordingFile:
         self._pictures: list[tuple[CameraSample, bytes]] = []
         self._bytes = 0
         self._since_s: float | None = None
-        """When the oldest message that is not written yet came."""
+        """Time at which the oldest message that is not written yet came [s]."""
         self._stream = rr.RecordingStream(
             naming.CASE_APP,
             recording_id=naming.recording_id(start.campaign, start.case, start.attempt),
@@ -182,8 +182,8 @@ class RecordingFile:
         self._states, self._pictures = [], []
         self._bytes, self._since_s = 0, None
 
-    def _send(self, found: list[EntityRows]) -> None:
-        for rows in found:
+    def _send(self, entities: list[EntityRows]) -> None:
+        for rows in entities:
             send(self._stream, rows)
 
     def _log(self, logged: list[Logged], *, static: bool = False) -> None:

@@ -20,7 +20,7 @@ class EntityRows:
     sim_time_ns: list[int]
     ticks: list[int]
     columns: list[rr.ComponentColumn]
-    """Each as long as the times."""
+    """Columns of the entity, each as long as the times."""
 
 
 def rows_at(

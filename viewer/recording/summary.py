@@ -37,11 +37,11 @@ def _figures(end: CaseEnd) -> str:
     """All scalars as running text: a row for each would not fit into the panel. Those that a
     scenario gives stand first, and are left out where it gives none."""
     shown = [kind for kind in scalars_by_name().values() if kind.panel]
-    given = [kind for kind in shown if kind.by_scenario and kind.name in end.scalars]
-    if all(end.scalars[kind.name] is None for kind in given):
-        given = []
-    said = []
-    for kind in (*given, *(kind for kind in shown if not kind.by_scenario)):
+    by_scenario = [kind for kind in shown if kind.by_scenario and kind.name in end.scalars]
+    if all(end.scalars[kind.name] is None for kind in by_scenario):
+        by_scenario = []
+    figures = []
+    for kind in (*by_scenario, *(kind for kind in shown if not kind.by_scenario)):
         value, unit = end.scalars.get(kind.name), kind.unit.replace("^2", "²")
-        said.append(f"{kind.panel} -" if value is None else f"{kind.panel} {value:.2f} {unit}")
-    return " · ".join(said)
+        figures.append(f"{kind.panel} -" if value is None else f"{kind.panel} {value:.2f} {unit}")
+    return " · ".join(figures)

@@ -52,11 +52,11 @@ class BridgeParameters(Struct, frozen=True, forbid_unknown_fields=True):
     """Parameters of the bridge, under ``autonomy.parameters``."""
 
     host: str = "127.0.0.1"
-    """Where the script listens."""
+    """Address at which the script listens."""
     port: Annotated[int, Meta(ge=1, le=65_535)] = AUTODRIVE.port
-    """Its port; one rig of a host uses it at a time."""
+    """Port of the script; one rig of a host uses it at a time."""
     start_s: Annotated[float, Meta(gt=0, le=600)] = 30.0
-    """Longest time until it listens [s]."""
+    """Longest time until the script listens [s]."""
     answer_s: Annotated[float, Meta(gt=0, le=3600)] = 30.0
     """Longest time until it answers an event [s]."""
     steering_max_rad: Annotated[float, Meta(gt=0, le=1.5)] = 0.62
@@ -77,11 +77,11 @@ class AutodriveBridge(ScriptBridge):
             raise ValueError(f"given {slots} slots: the bridge drives one car; set slots: 1")
         if lack := lacking_bridges().get(AUTODRIVE.name):
             raise InfrastructureError(lack)
-        found, mistakes = convert_all(parameters, BridgeParameters)
-        if found is None:
+        checked, mistakes = convert_all(parameters, BridgeParameters)
+        if checked is None:
             raise ValueError(mistakes[0].line("autonomy.parameters"))
-        self._given = found
-        self._where = f"{found.host}:{found.port}"
+        self._given = checked
+        self._where = f"{checked.host}:{checked.port}"
         self._turn: socket.socket | None = None
         self._script: ForeignProcess | None = None
         self._client: SocketClient | None = None
@@ -224,9 +224,9 @@ class AutodriveBridge(ScriptBridge):
 
 def _points(rows: np.ndarray, columns: int) -> bytes:
     """The returns of a lidar, :data:`POINT` each."""
-    found = np.flatnonzero(~np.isnan(rows[:, POINT_COLUMNS.index("x_m")]))
-    points = np.zeros(len(found), POINT)
+    hits = np.flatnonzero(~np.isnan(rows[:, POINT_COLUMNS.index("x_m")]))
+    points = np.zeros(len(hits), POINT)
     for name in ("x_m", "y_m", "z_m", "intensity"):
-        points[name] = rows[found, POINT_COLUMNS.index(name)]
-    points["ring"] = found // columns
+        points[name] = rows[hits, POINT_COLUMNS.index(name)]
+    points["ring"] = hits // columns
     return points.tobytes()

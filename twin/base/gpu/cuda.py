@@ -87,7 +87,7 @@ class DeviceMemory:
         self._copying = threading.Lock()
 
     def frame(self) -> DeviceFrame:
-        """What lies in it now."""
+        """The frame that lies in the buffer now."""
         return DeviceFrame(self)
 
     def copied(self) -> NDArray[Any]:

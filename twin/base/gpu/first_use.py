@@ -62,10 +62,10 @@ def _use(device: str) -> None:
     with contextlib.suppress(OSError, ValueError):
         driver = ctypes.CDLL("libcuda.so.1")
         number = int(device.removeprefix("cuda:"))
-        found, context = ctypes.c_int(), ctypes.c_void_p()
+        handle, context = ctypes.c_int(), ctypes.c_void_p()
         with _turn():
-            if not driver.cuInit(0) and not driver.cuDeviceGet(ctypes.byref(found), number):
-                driver.cuDevicePrimaryCtxRetain(ctypes.byref(context), found)
+            if not driver.cuInit(0) and not driver.cuDeviceGet(ctypes.byref(handle), number):
+                driver.cuDevicePrimaryCtxRetain(ctypes.byref(context), handle)
 
 
 @contextlib.contextmanager

@@ -65,7 +65,7 @@ def visible_gpus() -> list[VisibleGpu]:
     import pynvml
 
     allowed = os.sched_getaffinity(0)
-    found = []
+    gpus = []
     # What it does not find, CUDA does not see either.
     with contextlib.suppress(pynvml.NVMLError):
         nvml = library()
@@ -77,8 +77,8 @@ def visible_gpus() -> list[VisibleGpu]:
             handle = gpu_handle(nvml, f"cuda:{index}")
             near = allowed & _near(nvml, handle)
             free = int(nvml.nvmlDeviceGetMemoryInfo(handle).free)
-            found.append(VisibleGpu(f"cuda:{index}", frozenset(near or allowed), free))
-    return found
+            gpus.append(VisibleGpu(f"cuda:{index}", frozenset(near or allowed), free))
+    return gpus
 
 
 def takes_several(device: str) -> bool:

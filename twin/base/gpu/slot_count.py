@@ -22,18 +22,18 @@ class MemoryCount:
     def __init__(self, of: bytes, options: Sequence[str]) -> None:
         command = [sys.executable, "-m", "twin", "memory", *options, "--output", "json"]
         self._process: subprocess.Popen[bytes] | None = None
-        with contextlib.suppress(OSError), tempfile.TemporaryFile() as given:
-            given.write(of)
-            given.seek(0)
-            self._process = spawn(command, given=given, pipe_output=True)
+        with contextlib.suppress(OSError), tempfile.TemporaryFile() as stdin:
+            stdin.write(of)
+            stdin.seek(0)
+            self._process = spawn(command, given=stdin, pipe_output=True)
 
     def slots(self) -> int | None:
-        """What it says; None if it does not: a rig that does not fit says it itself then."""
+        """Number of slots that fit; None: unknown, and a rig that does not fit says so itself."""
         if self._process is None:
             return None
         try:
-            said, _ = self._process.communicate(timeout=TIMEOUT_S)
-            fits = json.loads(said)["slots_max"]
+            answer, _ = self._process.communicate(timeout=TIMEOUT_S)
+            fits = json.loads(answer)["slots_max"]
         except (subprocess.TimeoutExpired, ValueError, KeyError):
             return None
         finally:
@@ -41,7 +41,7 @@ class MemoryCount:
         return fits if isinstance(fits, int) else None
 
     def discard(self) -> None:
-        """Nobody asks any more."""
+        """End the count: nobody asks any more."""
         if self._process is not None:
             with self._process:
                 self._process.kill()

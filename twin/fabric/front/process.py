@@ -41,7 +41,7 @@ from twin.fabric.keys.roles import Role, split_name
 LOOK_S = 0.25
 """How often the list of withdrawn keys and the ends of keys are looked at [s]."""
 _CHUNK = memoryview(bytearray(1 << 18))
-"""What was read last, of whichever connection: it is copied before anything else is read."""
+"""Bytes read last, of whichever connection: they are copied before anything else is read."""
 HELD_BYTES_MAX = 1 << 20
 """Most that waits for one side; meanwhile nothing is read from the other [bytes]."""
 TOLD_MAX = 1_000
@@ -64,7 +64,7 @@ class Settings(msgspec.Struct, frozen=True):
 
 
 class FrontEvent(msgspec.Struct, frozen=True, omit_defaults=True):
-    """What a front tells."""
+    """An event that a front reports."""
 
     what: str
     """``refused``, ``opened``, ``closed``, ``slowed`` or ``cut``."""
@@ -74,7 +74,7 @@ class FrontEvent(msgspec.Struct, frozen=True, omit_defaults=True):
     """The certificate's serial number, hexadecimal."""
     reason: str = ""
     count: int = 1
-    """Of ``cut``: sessions."""
+    """Number of sessions that were cut."""
 
 
 class _UnwelcomeError(Exception):
@@ -98,7 +98,7 @@ class Front:
         self._lost = 0
 
     async def serve(self) -> None:
-        """Until the lifeline is cut."""
+        """Serve members until the lifeline is cut."""
         self._look()
         loop = asyncio.get_running_loop()
         over = asyncio.Event()
@@ -181,7 +181,7 @@ class Front:
         return f"/proc/self/fd/{self._settings.sockets[role]}"
 
     def closed(self, session: Session) -> None:
-        """It is over."""
+        """Forget a session that is over."""
         if session not in self._sessions:
             return
         self._sessions.discard(session)
@@ -202,16 +202,16 @@ class Front:
             self._revoked = read_revoked(Path(self._settings.keys))
         now_s = time.time()
         for serial in self._revoked - known:
-            found = [each for each in self._sessions if each.serial == serial]
-            for session in found:
+            withdrawn = [session for session in self._sessions if session.serial == serial]
+            for session in withdrawn:
                 session.cut("its key was withdrawn")
-            role = found[0].role if found else ""
-            self.say(FrontEvent("cut", "", role, f"{serial:x}", "withdrawn", len(found)))
-        for session in [each for each in self._sessions if each.end_s <= now_s]:
+            role = withdrawn[0].role if withdrawn else ""
+            self.say(FrontEvent("cut", "", role, f"{serial:x}", "withdrawn", len(withdrawn)))
+        for session in [session for session in self._sessions if session.end_s <= now_s]:
             session.cut("its key has expired")
 
     def say(self, event: FrontEvent) -> None:
-        """Tell it: at once if whoever listens keeps up."""
+        """Report an event: at once if whoever listens keeps up."""
         if len(self._told) >= TOLD_MAX:
             self._lost += 1
             return
@@ -247,22 +247,24 @@ class Session(asyncio.BufferedProtocol):
         self._full = False
 
     def event(self, what: str, reason: str = "") -> FrontEvent:
-        """What happened to it."""
+        """The event ``what`` of this session."""
         key = f"{self.serial:x}" if self.serial else ""
         return FrontEvent(what, self.peer, self.role, key, reason)
 
     def take_certificate(self) -> None:
         """Read what the handshake has proved."""
         assert self._outer is not None
-        found: dict[str, Any] = self._outer.get_extra_info("peercert") or {}
-        name = dict(pair for part in found.get("subject", ()) for pair in part)
+        certificate: dict[str, Any] = self._outer.get_extra_info("peercert") or {}
+        name = dict(pair for part in certificate.get("subject", ()) for pair in part)
         with contextlib.suppress(ValueError):
             self.fabric, self.role = split_name(name.get("commonName", ""))
-        self.serial = int(found.get("serialNumber", "0"), 16)
-        self.end_s = ssl.cert_time_to_seconds(found["notAfter"]) if "notAfter" in found else 0.0
+        self.serial = int(certificate.get("serialNumber", "0"), 16)
+        self.end_s = (
+            ssl.cert_time_to_seconds(certificate["notAfter"]) if "notAfter" in certificate else 0.0
+        )
 
     def begin(self) -> None:
-        """It is let in; Zenoh hears of it at its first word."""
+        """Let the member in; Zenoh hears of it at its first word."""
         assert self._outer is not None
         asyncio.get_running_loop().call_later(FIRST_WORD_S, self._be_heard)
         self._outer.resume_reading()
@@ -333,12 +335,12 @@ class Session(asyncio.BufferedProtocol):
     # --- Zenoh's side ---------------------------------------------------------------------------
 
     def fill(self, *, full: bool) -> None:
-        """So much waits for Zenoh that nothing more is read; or no longer."""
+        """Stop reading because too much waits for Zenoh, or go on."""
         self._full = full
         self.flow()
 
     def flow(self) -> None:
-        """Read, or do not."""
+        """Read from the member, or do not, as the state asks."""
         if self._outer is None or self._outer.is_closing():
             return
         if self._full or self._slowed:
@@ -347,7 +349,7 @@ class Session(asyncio.BufferedProtocol):
             self._outer.resume_reading()
 
     def send(self, data: bytes) -> None:
-        """What Zenoh says to the member."""
+        """Pass on to the member what Zenoh says."""
         if self._outer is not None:
             self._outer.write(data)
 
@@ -379,25 +381,25 @@ class Inner(asyncio.BufferedProtocol):
             self._session.end()
 
     def write(self, data: bytes) -> None:
-        """To Zenoh."""
+        """Pass bytes on to Zenoh."""
         if self._transport is None:
             self._early.append(data)
         else:
             self._transport.write(data)
 
     def close(self) -> None:
-        """The member is gone."""
+        """Close the way to Zenoh: the member is gone."""
         self._closed = True
         if self._transport is not None:
             self._transport.close()
 
     def pause(self) -> None:
-        """The member does not keep up."""
+        """Stop reading from Zenoh: the member does not keep up."""
         if self._transport is not None:
             self._transport.pause_reading()
 
     def resume(self) -> None:
-        """It does again."""
+        """Read from Zenoh again: the member keeps up."""
         if self._transport is not None:
             self._transport.resume_reading()
 

@@ -118,9 +118,9 @@ class Fronted:
             folder = tempfile.mkdtemp(prefix="drivetwin-")  # mode 0700
         except OSError as error:
             raise storage_error(error, tempfile.gettempdir()) from None
-        own = self._key if connect else inner_key()
+        key = self._key if connect else inner_key()
         listen = [] if connect else [to_listen(LOOPBACK, keyed=True)]
-        said = "ZENOH_RUNTIME" in os.environ
+        was_set = "ZENOH_RUNTIME" in os.environ
         os.environ.setdefault("ZENOH_RUNTIME", RUNTIME)  # read by a process's first session
         try:
             for role in MEMBERS:
@@ -130,7 +130,7 @@ class Fronted:
                     listen=listen,
                     connect=[connect] if connect else [],
                     namespace=namespace,
-                    key=own,
+                    key=key,
                     connect_required=connect_required,
                     role_socket=(path, role),
                 )
@@ -140,7 +140,7 @@ class Fronted:
                 self._sockets[role] = os.open(path, os.O_PATH | os.O_CLOEXEC)
         finally:
             shutil.rmtree(folder, ignore_errors=True)
-            if not said:  # children need no more threads than usual
+            if not was_set:  # children need no more threads than usual
                 del os.environ["ZENOH_RUNTIME"]
         return self._buses[0]
 

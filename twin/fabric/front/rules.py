@@ -54,7 +54,7 @@ class Bucket:
 
     per_s: float
     burst_s: float = BURST_S
-    """It may be ahead by what comes in this time [s]."""
+    """Time whose allowance may be taken at once [s]."""
     level: float = field(init=False)
     then_s: float = 0.0
 
@@ -91,7 +91,7 @@ class Account:
         self.bytes = Bucket(self.quota.bytes_per_s)
 
     def take(self, messages: int, size: int, now_s: float) -> float:
-        """So much came in; how long to wait before more is read [s]."""
+        """Count what came in; returns how long to wait before more is read [s]."""
         return max(self.messages.take(messages, now_s), self.bytes.take(size, now_s))
 
 
@@ -103,7 +103,7 @@ class Batches:
         self._first = b""
 
     def count(self, data: bytes) -> int:
-        """How many begin in the next ``data`` of the stream."""
+        """Number of batches that begin in the next ``data`` of the stream."""
         begun, at, size = 0, 0, len(data)
         while True:
             at += self._left

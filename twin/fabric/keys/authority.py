@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from cryptography.hazmat.primitives.asymmetric import ec
 
 FILE_NAME = "authority.key"
-"""Its name in a folder of keys."""
+"""Name of the authority's file in a folder of keys."""
 
 DAYS = 365
 """How long a new fabric's keys are valid [days]."""
@@ -58,7 +58,7 @@ MARGIN_DAYS = 2
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Authority:
-    """Who signs; never shown."""
+    """The authority that signs certificates; never shown."""
 
     fabric: str
     certificate: x509.Certificate
@@ -71,13 +71,13 @@ class Authority:
 
         private = ec.generate_private_key(ec.SECP256R1())
         certificate = _certificate(self, common_name(self.fabric, role), private, days)
-        said = f"{ROLE_MARK}{role}, {IN_WORDS[role]}\n"
-        said += f"{ENDPOINT_MARK}{endpoint}\n" if endpoint else ""
-        said += f"{NAMESPACE_MARK}{namespace}\n" if namespace else ""
+        head = f"{ROLE_MARK}{role}, {IN_WORDS[role]}\n"
+        head += f"{ENDPOINT_MARK}{endpoint}\n" if endpoint else ""
+        head += f"{NAMESPACE_MARK}{namespace}\n" if namespace else ""
         pem = serialization.Encoding.PEM
         return b"".join(
             (
-                said.encode(),
+                head.encode(),
                 certificate.public_bytes(pem),
                 _pem(private),
                 self.certificate.public_bytes(pem),
@@ -183,12 +183,12 @@ def _complete(folder: Path) -> None:
 
 def refuse_keys_in(state: Path) -> None:
     """Raise UsageError if keys lie in a state folder, as those of earlier versions did."""
-    found = state / FOLDER_NAME
-    if (found / FILE_OF_CONDUCTOR).exists():
+    old = state / FOLDER_NAME
+    if (old / FILE_OF_CONDUCTOR).exists():
         kept = own_folder() / KEYS_NAME / fabric_name(state)
-        parent, source, target = (shlex.quote(str(each)) for each in (kept.parent, found, kept))
+        parent, source, target = (shlex.quote(str(path)) for path in (kept.parent, old, kept))
         raise UsageError(
-            f"{found}: keys no longer belong in a state folder, which stacks may see; to keep them "
+            f"{old}: keys no longer belong in a state folder, which stacks may see; to keep them "
             f"run `(umask 077 && mkdir -p {parent} && mv {source} {target})`, to get new ones "
             "remove them"
         )

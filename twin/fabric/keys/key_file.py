@@ -54,20 +54,20 @@ class MemberKey:
     """The content of a key file; never shown, not even in a traceback."""
 
     path: Path
-    """Absolute; what other processes are told."""
+    """Absolute path, which other processes are told."""
     authority: bytes
     """Certificate of the fabric's authority, PEM."""
     certificate: bytes
-    """What its holder shows, PEM."""
+    """Certificate that the key's holder shows, PEM."""
     private: bytes
     """The private key of that certificate, PEM."""
     fabric: str
     """Begins the names of all certificates of this fabric, and of no other."""
     role: Role
     endpoint: str = ""
-    """Where the conductor was when the key was made; empty: unknown."""
+    """Endpoint of the conductor when the key was made; empty: unknown."""
     namespace: str = ""
-    """Its namespace then; empty: unknown."""
+    """Namespace of the conductor when the key was made; empty: unknown."""
 
     def __repr__(self) -> str:
         return f"Key({self.path})"
@@ -109,8 +109,8 @@ def as_key(path: Path, data: bytes) -> MemberKey:
         if private.public_key() != certificate.public_key():
             raise ValueError
         name = str(certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)[0].value)
-        fabric, found = split_name(name)
-        said = data[: data.index(b"-----BEGIN")].decode().splitlines()
+        fabric, role = split_name(name)
+        head = data[: data.index(b"-----BEGIN")].decode().splitlines()
     except Exception:  # the library's errors could quote the file
         raise UnfitKeyError(
             f"{path}: damaged, or no key file of `conductor invite`; copy it again, "
@@ -126,9 +126,9 @@ def as_key(path: Path, data: bytes) -> MemberKey:
             pem, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
         ),
         fabric=fabric,
-        role=found,
-        endpoint=_said(said, ENDPOINT_MARK),
-        namespace=_said(said, NAMESPACE_MARK),
+        role=role,
+        endpoint=_said(head, ENDPOINT_MARK),
+        namespace=_said(head, NAMESPACE_MARK),
     )
 
 
@@ -216,16 +216,16 @@ def _said(lines: list[str], mark: str) -> str:
     return next((line.removeprefix(mark) for line in lines if line.startswith(mark)), "")
 
 
-def _check_private(path: Path, found: os.stat_result) -> None:
-    if not stat.S_ISREG(found.st_mode):
+def _check_private(path: Path, status: os.stat_result) -> None:
+    if not stat.S_ISREG(status.st_mode):
         raise UnfitKeyError(f"{path}: not a file; give the path of a key file, or of its folder")
-    if found.st_uid != os.geteuid():
+    if status.st_uid != os.geteuid():
         raise UnfitKeyError(
-            f"{path}: this key belongs to user id {found.st_uid}, you are {os.geteuid()}; "
+            f"{path}: this key belongs to user id {status.st_uid}, you are {os.geteuid()}; "
             "make a copy of your own and `chmod 600` it"
         )
-    if found.st_mode & 0o077:
+    if status.st_mode & 0o077:
         raise UnfitKeyError(
-            f"{path}: others may read this key (mode {stat.S_IMODE(found.st_mode):04o}); "
+            f"{path}: others may read this key (mode {stat.S_IMODE(status.st_mode):04o}); "
             f"run `chmod 600 {path}`, or make a new one if somebody did"
         )

@@ -31,7 +31,7 @@ MADE_FOR = "made-for.json"
 """Beside a fabric's keys: for which state folder they were made."""
 
 SWEPT_MAX = 16
-"""So many of the other fabrics are looked at when one is made: keys of runs that were removed go
+"""Number of other fabrics that are looked at when one is made: keys of runs that were removed go
 in time, and nobody waits for it."""
 
 _NAME = re.compile(r"[0-9a-f]{16}")
@@ -58,11 +58,11 @@ def fabric_folder(name: str) -> Path:
     """
     if not _NAME.fullmatch(name):
         raise UnfitKeyError(f"fabric '{name}': expected 16 hexadecimal digits")
-    own = own_folder()
-    _check(own, 0o022, f"others may write to it; run `chmod go-w {own}`")
-    for folder in (own / KEYS_NAME, own / KEYS_NAME / name):
+    home = own_folder()
+    _check(home, 0o022, f"others may write to it; run `chmod go-w {home}`")
+    for folder in (home / KEYS_NAME, home / KEYS_NAME / name):
         _check(folder, 0o077, f"others may look into it; run `chmod 700 {folder}`")
-    return own / KEYS_NAME / name
+    return home / KEYS_NAME / name
 
 
 def make_way(name: str) -> Path:
@@ -105,14 +105,14 @@ def note(folder: Path, state: Path) -> None:
 def _sweep(made: Path) -> None:
     """Remove keys whose state folder is gone from this host, of the next few names."""
     names = sorted(os.listdir(made.parent))
-    own = names.index(made.name)
-    for name in (names[own + 1 :] + names[:own])[:SWEPT_MAX]:
+    place = names.index(made.name)
+    for name in (names[place + 1 :] + names[:place])[:SWEPT_MAX]:
         folder = made.parent / name
         try:
-            found: MadeFor = decode_json((folder / MADE_FOR).read_bytes(), MadeFor)
+            made_for: MadeFor = decode_json((folder / MADE_FOR).read_bytes(), MadeFor)
         except (OSError, JsonError):
             continue  # somebody makes it just now
-        if found.host == socket.gethostname() and not os.path.lexists(found.state):
+        if made_for.host == socket.gethostname() and not os.path.lexists(made_for.state):
             shutil.rmtree(folder, ignore_errors=True)
 
 
@@ -120,18 +120,18 @@ def _check(folder: Path, forbidden: int, remedy: str) -> None:
     """Raise UnfitKeyError unless ``folder``, if it is there, is a folder of this user's own."""
     elsewhere = f"set {VARIABLE} to a folder of your own, where keys can lie"
     try:
-        found = folder.lstat()
+        status = folder.lstat()
     except FileNotFoundError:
         return
     except OSError as error:
         raise UnfitKeyError(f"{folder}: {error.strerror}; {elsewhere}") from None
-    if not stat.S_ISDIR(found.st_mode):
-        kind = "a symbolic link" if stat.S_ISLNK(found.st_mode) else "no folder"
+    if not stat.S_ISDIR(status.st_mode):
+        kind = "a symbolic link" if stat.S_ISLNK(status.st_mode) else "no folder"
         raise UnfitKeyError(f"{folder}: {kind}; {elsewhere}")
-    if found.st_uid != os.geteuid():
+    if status.st_uid != os.geteuid():
         raise UnfitKeyError(
-            f"{folder}: belongs to user id {found.st_uid}, you are {os.geteuid()}; {elsewhere}"
+            f"{folder}: belongs to user id {status.st_uid}, you are {os.geteuid()}; {elsewhere}"
         )
-    if found.st_mode & forbidden:
-        mode = f"{stat.S_IMODE(found.st_mode):04o}"
+    if status.st_mode & forbidden:
+        mode = f"{stat.S_IMODE(status.st_mode):04o}"
         raise UnfitKeyError(f"{folder}: mode {mode}: {remedy}, or {elsewhere}")

@@ -10,7 +10,7 @@ from twin.fabric.keys.key_file import read_certificate
 from twin.fabric.keys.roles import Role
 
 FILE_NAME = "revoked"
-"""Its name in a folder of keys."""
+"""Name of the list of withdrawn keys in a folder of keys."""
 
 FILE_BYTES_MAX = 4 << 20
 """Most that is read of it [bytes]."""
@@ -38,8 +38,8 @@ def check_of_fabric(said: str, folder: Path) -> None:
     """Raise UsageError for the file of a key that the authority of ``folder`` has not signed."""
     path, ours = Path(said), folder / f"{Role.conductor}.key"
     if path.is_file() and ours.is_file():
-        found, own = read_certificate(path), read_certificate(ours)
-        if found.issuer != own.issuer:
+        certificate, our_certificate = read_certificate(path), read_certificate(ours)
+        if certificate.issuer != our_certificate.issuer:
             raise UsageError(
                 f"{said}: of another fabric than {folder}; give the folder of the keys that its "
                 "conductor serves with, --state or --key"
@@ -70,7 +70,7 @@ def revoke(folder: Path, serial: int) -> None:
     """
     try:
         known = read_revoked(folder) | {serial}
-        lines = "".join(f"{each:x}\n" for each in sorted(known))
+        lines = "".join(f"{number:x}\n" for number in sorted(known))
         write_atomic(folder / FILE_NAME, lines.encode(), mode=0o600)
     except OSError as error:
         raise storage_error(error, str(folder / FILE_NAME)) from None

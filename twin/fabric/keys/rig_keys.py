@@ -21,19 +21,19 @@ class RigKeys:
     """Both keys, in memory: files without a name, gone with this process however it ends."""
 
     def __init__(self, rig: str) -> None:
-        """Make them; this takes less than a millisecond.
+        """Make both keys; this takes less than a millisecond.
 
         Raises:
             OSError: no file can be opened.
         """
         self.simulator_key, self._stack = rig_keys(rig)
-        """What a simulator is told that may not look at our files."""
+        """Key of a simulator that may not look at our files."""
         self._files: list[IO[bytes]] = []
         try:
             self.simulator = self._unnamed(self.simulator_key)
-            """The same, a path that works while this process lives and lets others look."""
+            """Path of that key; it works while this process lives and lets others look."""
             self.stack = self._unnamed(self._stack)
-            """What a stack on this host is told, likewise."""
+            """Path of the key of a stack on this host, likewise."""
         except OSError:
             self.close()
             raise
@@ -47,7 +47,7 @@ class RigKeys:
         write_atomic(path, self._stack, mode=0o600)
 
     def close(self) -> None:
-        """Forget them."""
+        """Forget both keys."""
         while self._files:
             self._files.pop().close()
 

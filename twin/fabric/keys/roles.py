@@ -1,4 +1,4 @@
-"""Who may do what on the fabric: one table, from which every session's access list is made.
+"""Rights on the fabric by role: one table, from which every session's access list is made.
 
 A role stands in the certificate. Whoever receives a message decides by it, so a program that minds
 no rule of ours gets no further than its certificate allows.
@@ -20,13 +20,13 @@ class Role(StrEnum):
     """What a certificate stands for."""
 
     conductor = "conductor"
-    """Everything; relays are conductors, too."""
+    """Does everything; relays are conductors, too."""
     worker = "worker"
     """Leases and commits, drives and shows its rigs: worker, simulator and recorder."""
     stack = "stack"
     """Drives in its rig, which has a fabric of its own; there are no others of this role."""
     viewer = "viewer"
-    """Looks."""
+    """Watches, and changes nothing."""
     admin = "admin"
     """Looks, cancels, stops and steers."""
     submitter = "submitter"
@@ -51,8 +51,8 @@ def pattern(topic: Topic) -> str:
     return re.sub(r"\{\w+\}", "*", topic.key)
 
 
-def _keys(*found: Topic) -> tuple[str, ...]:
-    return tuple(dict.fromkeys(map(pattern, found)))
+def _keys(*key_topics: Topic) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(map(pattern, key_topics)))
 
 
 def _ready(side: str) -> str:

@@ -46,21 +46,21 @@ class AttemptInterventions:
     lease: Lease
     paused: bool = False
     until_tick: int = 0
-    """While paused: ticks before this one still run."""
+    """Ticks before this one still run while the case is paused."""
     pace: float | None = None
     drive: Takeover | None = None
     lights: Lights | None = None
     errors: SensorErrors | None = None
-    """For the next command only."""
+    """Errors for the next command only."""
     changes: int = 0
     note: Touch | None = None
     answers: dict[str, bytes] = field(default_factory=dict)
     replay: list[RecordedAction] = field(default_factory=list)
-    """Of a journal, still to come; nothing else is taken then."""
+    """Actions of a journal that are still to come; nothing else is taken then."""
     replayed: bool = False
-    """It runs from a journal."""
+    """Whether the case runs from a journal."""
     clocked: bool = False
-    """Its rig goes with the wall clock, whatever is asked."""
+    """Whether its rig goes with the wall clock, whatever is asked."""
     heard_s: float = 0.0
     drive_s: float = 0.0
     paced_tick: int = -1
@@ -101,7 +101,7 @@ class AttemptInterventions:
             self.changes += 1
 
     def overdue(self, now_s: float) -> Action | None:
-        """What happens because nobody has said a word for too long."""
+        """Action that follows because nobody has said a word for too long; None: none yet."""
         if self.replayed:
             return None
         if self.drive is not None and now_s - self.drive_s >= DRIVE_SILENCE_S and not self.paused:
@@ -111,7 +111,7 @@ class AttemptInterventions:
         return None
 
     def wait_s(self, tick: int, period_s: float, now_s: float) -> float:
-        """How long ``tick`` is to wait: for its pace, or without an end while paused [s]."""
+        """Time that ``tick`` is to wait: for its pace, or without an end while paused [s]."""
         if self.paused and tick >= self.until_tick:
             self.paced_tick = -1
             return math.inf

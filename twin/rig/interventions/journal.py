@@ -62,7 +62,7 @@ class InterventionJournal:
             raise
 
     def add(self, tick: int, sim_time_ns: int, actions: Sequence[Action]) -> None:
-        """What is done together, before it is applied.
+        """Add actions that are done together, before they are applied.
 
         Raises:
             TwinError: it cannot be written; the journal is as it was.
@@ -70,7 +70,7 @@ class InterventionJournal:
         self._write(*(RecordedAction(tick, sim_time_ns, action) for action in actions))
 
     def take_back(self) -> None:
-        """What was added last could not be applied."""
+        """Remove the actions added last, which could not be applied."""
         self._cut(self._before)
 
     def end(self, result: Result, ticks: int) -> None:
@@ -81,11 +81,11 @@ class InterventionJournal:
             self.close()
 
     def close(self) -> None:
-        """Nothing more is written."""
+        """Close the journal: nothing more is written."""
         os.close(self._descriptor)
 
     def discard(self) -> None:
-        """Nothing was done after all."""
+        """Remove the journal: nothing was done after all."""
         self.close()
         self._path.unlink(missing_ok=True)
 

@@ -55,7 +55,7 @@ NAP_S = 0.02
 class _Asked:
     request: ControlRequest
     slot: int | None
-    """As the key says; None: as the request says."""
+    """Slot that the key names; None: the request names the case."""
     respond: Respond
 
 
@@ -178,7 +178,7 @@ class RigInterventions(SlotListener):
         self._move_on()
 
     def nap(self) -> None:
-        """Nothing may run: wait for a request, or for the first slot whose pace allows it."""
+        """Wait, because nothing may run, for a request or the first slot whose pace allows it."""
         engine, now_s = self._engine, time.monotonic()
         period_s = engine.control_period_ns / 1e9
         waits = [
@@ -253,8 +253,8 @@ class RigInterventions(SlotListener):
 
     def _nobody(self, request: ControlRequest) -> str:
         running = sorted(opened.slot.lease.case.id for opened in self._open.values())
-        given = f"case '{request.case}'" if request.case else f"slot {request.slot}"
-        return f"{given} does not run in this rig; running: {', '.join(running) or 'nothing'}"
+        target = f"case '{request.case}'" if request.case else f"slot {request.slot}"
+        return f"{target} does not run in this rig; running: {', '.join(running) or 'nothing'}"
 
     def _act(self, opened: _Open, action: Action) -> int:
         """Check, journal and apply an action; the object that it was done to, or -1.

@@ -75,7 +75,7 @@ class SlotChanges:
         return self.engine.environment(slot).shown
 
     def state(self, slot: int, attempt: AttemptInterventions, *, whole: bool) -> InterventionState:
-        """How the case in a slot stands; ``whole``: with its objects."""
+        """State of the case in a slot; ``whole``: with its objects."""
         engine, lease = self.engine, attempt.lease
         row = engine.state[slot]
 

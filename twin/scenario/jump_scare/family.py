@@ -23,11 +23,11 @@ class JumpScare:
 
     @classmethod
     def start(cls, config: JumpScareConfig, ground: Surroundings) -> tuple[float, float, float]:
-        """On the lane, ``ego_start_m`` from bumper to bumper."""
+        """Start pose on the lane, ``ego_start_m`` before the target, from bumper to bumper."""
         return ground.before_target(config.ego_start_m + ground.front_offset_m)
 
     def observe(self, _x_m: np.ndarray, _y_m: np.ndarray) -> None:
-        """Nothing: all that counts stands in the rows."""
+        """Observe nothing: all that counts stands in the rows."""
 
     def columns(self) -> Mapping[str, float]:
         """None of its own."""

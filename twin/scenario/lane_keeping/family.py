@@ -24,7 +24,7 @@ class LaneKeeping:
 
     @classmethod
     def start(cls, config: LaneKeepingConfig, ground: Surroundings) -> tuple[float, float, float]:
-        """Where the lane begins; it must be long enough and free."""
+        """Start pose where the lane begins; the lane must be long enough and free."""
         _check_lane(config, ground)
         pose = ground.lane.at(0.0)
         return float(pose.x_m), float(pose.y_m), float(pose.yaw_rad)

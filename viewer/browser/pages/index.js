@@ -48,18 +48,18 @@ function before(a, b) {
 
 function draw() {
   const words = document.getElementById("find").value.toLowerCase().split(/\s+/);
-  const found = rows.filter((row) => {
+  const matching = rows.filter((row) => {
     const text = COLUMNS.map(([key]) => shown(row, key)).join(" ").toLowerCase();
     return words.every((word) => text.includes(word));
   });
-  found.sort(before);
-  const lines = found.map((row) => {
+  matching.sort(before);
+  const lines = matching.map((row) => {
     const tr = document.createElement("tr");
     tr.append(...COLUMNS.map(([key]) => cell(row, key)));
     return tr;
   });
   document.querySelector("#cases tbody").replaceChildren(...lines);
-  document.getElementById("found").textContent = `${found.length} of ${rows.length} recordings`;
+  document.getElementById("found").textContent = `${matching.length} of ${rows.length} recordings`;
   document.querySelectorAll("#cases th").forEach((th, index) => {
     const sort = order.descending ? "descending" : "ascending";
     th.setAttribute("aria-sort", COLUMNS[index][0] === order.key ? sort : "none");

@@ -53,10 +53,10 @@ async function ask(state, body) {
     body: JSON.stringify({ campaign, case: name, token, ...body }),
   });
   if (!(answer.headers.get("Content-Type") || "").includes("json")) throw new Error(answer.statusText);
-  const found = await answer.json();
-  if (found.error) throw new Error(found.error);
-  tell(described(found.state));
-  return found;
+  const reply = await answer.json();
+  if (reply.error) throw new Error(reply.error);
+  tell(described(reply.state));
+  return reply;
 }
 
 async function act(body) {
@@ -163,10 +163,10 @@ function onKey(event) {
 }
 
 function startPanel() {
-  const found = /#steer=([\w-]+)/.exec(location.hash);
-  if (found) {
+  const match = /#steer=([\w-]+)/.exec(location.hash);
+  if (match) {
     // Neither in the history nor in a copied address; a reload still has it.
-    sessionStorage.setItem("steer", found[1]);
+    sessionStorage.setItem("steer", match[1]);
     history.replaceState(null, "", location.pathname + location.search);
   }
   panelToken = sessionStorage.getItem("steer") || "";
