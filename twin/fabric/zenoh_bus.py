@@ -74,10 +74,8 @@ def open_bus(
             # Nobody there yet: Zenoh keeps trying until its time-out.
             with contextlib.suppress(UnreachableError):
                 greet(endpoint, key)
-    sockets = [] if role_socket is None else [f"{SOCKET}/{role_socket[0]}"]
-    config = _config(
-        mode, [*listen, *sockets], connect, namespace, shared_memory, connect_timeout_s
-    )
+    listening = [*listen, *([] if role_socket is None else [f"{SOCKET}/{role_socket[0]}"])]
+    config = _config(mode, listening, connect, namespace, shared_memory, connect_timeout_s)
     config.insert_json5("transport/link/rx/max_message_size", json.dumps(message_bytes_max))
     if key is not None:
         config.insert_json5("transport/link/tls", json.dumps(_tls(key)))
