@@ -47,11 +47,11 @@ def asset_files(path: Path) -> list[Path]:
     Raises:
         YamlError: not readable, or not YAML.
     """
-    found = [path]
+    paths = [path]
     named = _named(load_yaml(path))
     for name in named:
-        found += mesh_files(path.parent / name)
-    unique = dict.fromkeys(file for file in found if file.is_file())
+        paths += mesh_files(path.parent / name)
+    unique = dict.fromkeys(file for file in paths if file.is_file())
     return list(unique)
 
 
@@ -87,10 +87,10 @@ def file_digest(path: Path, most: int | None = FILE_BYTES_MAX) -> str:
 def _named(value: Any) -> list[str]:
     """Values of the keys that name files, anywhere in the document, in order."""
     if isinstance(value, dict):
-        own = [value[key] for key in _FILE_KEYS if isinstance(value.get(key), str)]
+        files = [value[key] for key in _FILE_KEYS if isinstance(value.get(key), str)]
         names = [value[key] for key in _NAME_KEYS if isinstance(value.get(key), str)]
-        own += [name for name in names if is_path(name)]
-        return own + [name for inner in value.values() for name in _named(inner)]
+        files += [name for name in names if is_path(name)]
+        return files + [name for inner in value.values() for name in _named(inner)]
     if isinstance(value, list):
         return [name for inner in value for name in _named(inner)]
     return []
@@ -118,12 +118,12 @@ def _resources(mesh: Path) -> list[str]:
 
 
 def _obj_resources(mesh: Path) -> list[str]:
-    found = []
+    names = []
     with open_regular(mesh, FILE_BYTES_MAX) as lines:
         while line := lines.readline(_LINE_BYTES_MAX):
             if line.startswith(b"mtllib "):
-                found.append(line[7:].strip().decode(errors="replace"))
-    for library in list(found):
+                names.append(line[7:].strip().decode(errors="replace"))
+    for library in list(names):
         path = mesh.parent / library
         try:
             materials = read_regular(path, _TEXT_BYTES_MAX)
@@ -132,8 +132,8 @@ def _obj_resources(mesh: Path) -> list[str]:
         for image in _MAP.findall(materials):
             # Options may stand before the name; what is no file is left out.
             text = image.decode(errors="replace")
-            found += [text, text.split()[-1]]
-    return found
+            names += [text, text.split()[-1]]
+    return names
 
 
 def _gltf_resources(mesh: Path) -> list[str]:

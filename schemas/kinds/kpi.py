@@ -108,5 +108,5 @@ def columns_by_name() -> dict[str, KpiKind]:
 def drawn_columns() -> tuple[KpiKind, ...]:
     """The columns that reports draw, from top to bottom."""
     every = columns_by_name().values()
-    found = [(kind.curve.place, kind) for kind in every if kind.curve is not None]
-    return tuple(kind for _, kind in sorted(found, key=lambda pair: pair[0]))
+    placed = [(kind.curve.place, kind) for kind in every if kind.curve is not None]
+    return tuple(kind for _, kind in sorted(placed, key=lambda pair: pair[0]))

@@ -130,15 +130,15 @@ class ScenarioKind:
     @property
     def scalars(self) -> tuple[KpiKind, ...]:
         """Scalars of its cases, in the order of files."""
-        own = (scalars_by_name()[name] for name in self.kpis if name in scalars_by_name())
-        return (*shipped("scalar"), *own)
+        kinds = (scalars_by_name()[name] for name in self.kpis if name in scalars_by_name())
+        return (*shipped("scalar"), *kinds)
 
     @property
     def columns(self) -> tuple[KpiKind, ...]:
         """Columns that its cases have behind those of all, in the order of files: first those that
         the family gives, then those that are computed."""
-        own = [columns_by_name()[name] for name in self.kpis if name in columns_by_name()]
-        return tuple(sorted(own, key=lambda kind: bool(kind.implementation)))
+        kinds = [columns_by_name()[name] for name in self.kpis if name in columns_by_name()]
+        return tuple(sorted(kinds, key=lambda kind: bool(kind.implementation)))
 
     def config_of(self, scenario: NamesFamily) -> Any:
         """The keys of this family in a scenario, as ``config``.
@@ -147,8 +147,8 @@ class ScenarioKind:
             ValueError: one is missing or not allowed.
         """
         names = self.config.__struct_fields__
-        given = {name: getattr(scenario, name) for name in names}
-        known = {name: value for name, value in given.items() if value is not UNSET}
+        values = {name: getattr(scenario, name) for name in names}
+        known = {name: value for name, value in values.items() if value is not UNSET}
         value: Any = msgspec.convert(known, self.config)
         return value
 
@@ -156,16 +156,16 @@ class ScenarioKind:
 @cache
 def scenario_kinds() -> Kinds[ScenarioKind]:
     """All scenario families, the shipped ones first."""
-    found = read_kinds(GROUP, ScenarioKind, OURS)
+    kinds = read_kinds(GROUP, ScenarioKind, OURS)
     taken = {"type", "scene", "vehicle", "ego_speed_mps", "duration_s", "standstill_s"}
-    broken, good = dict(found.broken), []
-    for kind in found.declared:
+    broken, good = dict(kinds.broken), []
+    for kind in kinds.declared:
         if mistake := _mistake(kind, taken):
             broken[kind.name] = f"scenario '{kind.name}': {mistake}"
         else:
             good.append(kind)
             taken |= set(kind.config.__struct_fields__)
-    return Kinds(tuple(good), broken, found.brought)
+    return Kinds(tuple(good), broken, kinds.brought)
 
 
 def _mistake(kind: ScenarioKind, taken: set[str]) -> str:

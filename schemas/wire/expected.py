@@ -28,7 +28,7 @@ class Expected(Struct, frozen=True):
 
 def expected_of(cases: Iterable[Case], device: str) -> list[Expected]:
     """Each different one of ``cases`` once, in their order, at most :data:`EXPECTED_MAX`."""
-    found: dict[bytes, Expected] = {}
+    expected: dict[bytes, Expected] = {}
     for case in cases:
         one = Expected(
             case.variation.perception,
@@ -37,5 +37,5 @@ def expected_of(cases: Iterable[Case], device: str) -> list[Expected]:
             device,
             case.variation.files,
         )
-        found.setdefault(json.encode(one, order="deterministic"), one)
-    return list(found.values())[:EXPECTED_MAX]
+        expected.setdefault(json.encode(one, order="deterministic"), one)
+    return list(expected.values())[:EXPECTED_MAX]

@@ -59,9 +59,9 @@ def is_model_path(model: str) -> bool:
 
 
 def _files(variant: NetworkPerception) -> dict[str, str]:
-    found = {"model": variant.model} if is_model_path(variant.model) else {}
-    found.update((name, getattr(variant, name)) for name in _PATHS if getattr(variant, name))
-    return found
+    files = {"model": variant.model} if is_model_path(variant.model) else {}
+    files.update((name, getattr(variant, name)) for name in _PATHS if getattr(variant, name))
+    return files
 
 
 def _shipped(variant: NetworkPerception) -> dict[str, str]:
