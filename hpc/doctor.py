@@ -143,8 +143,8 @@ def _partitions(facts: Facts) -> list[DoctorLine]:
     for part in facts.partitions:
         words = [part.name, f"up to {part.limit}" if part.limit else "", part.nodes, part.gpus]
         up = part.state.lower() in ("", "up")
-        found = ", ".join(word for word in words if word) + ("" if up else f", {part.state}")
-        lines.append(DoctorLine("partition", "ok" if up else "note", found))
+        offer = ", ".join(word for word in words if word) + ("" if up else f", {part.state}")
+        lines.append(DoctorLine("partition", "ok" if up else "note", offer))
     if not any(part.gpus for part in facts.partitions):
         lines.append(
             DoctorLine("partition", "note", "no GPUs that the scheduler knows", "use --workers N")
@@ -218,6 +218,6 @@ def _software(facts: Facts) -> DoctorLine:
     if facts.python[:2] < PYTHON_MIN:
         return DoctorLine("software", "bad", f"Python {version}", "at least 3.11 is needed")
     if facts.missing:
-        found = f"Python {version} without {', '.join(facts.missing)}"
-        return DoctorLine("software", "bad", found, "install drivetwin there, or give --bin")
+        python = f"Python {version} without {', '.join(facts.missing)}"
+        return DoctorLine("software", "bad", python, "install drivetwin there, or give --bin")
     return DoctorLine("software", "ok", f"Python {version} with conductor, twin and devkit")

@@ -132,10 +132,10 @@ def _here(request: JobRequest, scheduler_address: str) -> str:
         return "  echo 127.0.0.1 # everything is on one node, nobody else can connect"
     if not request.interface:
         return scheduler_address
-    found = "to" if request.interface[0].isdigit() else "dev"
+    selector = "to" if request.interface[0].isdigit() else "dev"
     return f"""\
   local found # as given to `hpc --interface`
-  found=$(PATH=$PATH:/usr/sbin:/sbin ip -4 -oneline address show {found} {request.interface} \\
+  found=$(PATH=$PATH:/usr/sbin:/sbin ip -4 -oneline address show {selector} {request.interface} \\
     | awk '{{ sub("/.*", "", $4); print $4; exit }}')
   [ -n "$found" ] || echo "$(hostname) has no address at {request.interface}, see 'ip address'" >&2
   echo "$found\""""

@@ -79,8 +79,8 @@ class Pbs:
 
     def interactive(self, request: JobRequest, command: list[str]) -> list[str]:
         """``qsub -I``."""
-        given = [word for option in options(request) for word in shlex.split(option)]
-        return ["qsub", "-I", *given, *(["--", *command] if command else [])]
+        words = [word for option in options(request) for word in shlex.split(option)]
+        return ["qsub", "-I", *words, *(["--", *command] if command else [])]
 
     def log(self, job: str, request: JobRequest, /) -> str:
         """PBS's default name; it appears there when the job ends."""
@@ -113,16 +113,16 @@ def parse_queues(text: str) -> tuple[Partition, ...]:
 
 def parse_job(text: str) -> JobStatus:
     """The attributes that ``qstat -f`` prints; long lines go on after a tab."""
-    found = attributes(text)
-    native = found.get("job_state", "")
+    values = attributes(text)
+    native = values.get("job_state", "")
     state = _STATES.get(native[:1], "unknown")
-    code = found.get("Exit_status", found.get("exit_status", ""))
-    count = found.get("run_count", "1")
+    code = values.get("Exit_status", values.get("exit_status", ""))
+    count = values.get("run_count", "1")
     return JobStatus(
         state=state,
         native=native,
-        reason=found.get("comment", "") if state == "pending" else "",
-        nodes=found.get("exec_host", ""),
+        reason=values.get("comment", "") if state == "pending" else "",
+        nodes=values.get("exec_host", ""),
         exit_code=int(code) if state == "ended" and code.lstrip("-").isdecimal() else None,
         restarts=max(0, int(count) - 1) if count.isdecimal() else 0,
     )
@@ -130,15 +130,15 @@ def parse_job(text: str) -> JobStatus:
 
 def attributes(text: str) -> dict[str, str]:
     """``name = value`` lines; a line that is none goes on with the one before."""
-    found: dict[str, str] = {}
+    values: dict[str, str] = {}
     name = ""
     for line in text.splitlines():
         match = re.fullmatch(r"\s+([A-Za-z_][\w.]*) = (.*)", line)
         if match:
-            name, found[match[1]] = match[1], match[2].strip()
+            name, values[match[1]] = match[1], match[2].strip()
         elif name and line.startswith("\t"):
-            found[name] += line.strip()
-    return found
+            values[name] += line.strip()
+    return values
 
 
 def _refusal(what: str, done: ProgramEnd) -> TwinError:
