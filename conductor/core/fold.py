@@ -236,8 +236,8 @@ def _latest(
 ) -> tuple[Issued, ...]:
     """With ``latest``; beyond the limit the oldest that is not live is forgotten."""
     if len(issued) >= ISSUED_MAX:
-        oldest = next(each for each in issued if each.token not in live)
-        issued = tuple(each for each in issued if each != oldest)
+        oldest = next(record for record in issued if record.token not in live)
+        issued = tuple(record for record in issued if record != oldest)
     return (*issued, latest)
 
 
@@ -245,7 +245,7 @@ def _evidence(late: tuple[LateAttempt, ...], fact: LateAttempt) -> tuple[LateAtt
     """With ``fact``; beyond the limit only if it says something new, in the place of the latest."""
     if len(late) < LATE_MAX:
         return (*late, fact)
-    if any(agrees(each.result, fact.result) is not False for each in late):
+    if any(agrees(attempt.result, fact.result) is not False for attempt in late):
         return late
     return (*late[:-1], fact)
 
@@ -346,7 +346,7 @@ def _case_ended(state: State, fact: CaseEnded) -> None:
     # It was the case that was bad, not the hosts it died on.
     key = (fact.campaign, fact.case)
     for host, deaths in list(state.deaths.items()):
-        state.deaths[host] = tuple(each for each in deaths if each != key)
+        state.deaths[host] = tuple(death for death in deaths if death != key)
 
 
 def _paused(state: State, fact: Paused) -> None:
@@ -382,7 +382,7 @@ def _retried(state: State, fact: Retried) -> None:
 def _late(state: State, fact: LateAttempt) -> None:
     campaign, case = _find(state, fact.result.campaign, fact.result.case)
     _expect(fact.result.token not in case.live, fact)
-    case.issued = tuple(each for each in case.issued if each.token != fact.result.token)
+    case.issued = tuple(record for record in case.issued if record.token != fact.result.token)
     case.late = _evidence(case.late, fact)
     if isinstance(case.end, Committed):
         campaign.disagreements += agrees(case.end.result, fact.result) is False

@@ -170,10 +170,10 @@ class Asker:
 
     def first(self, campaign: CampaignState, rig: str | None) -> CaseState | None:
         """The first waiting case that it may have; ``rig`` None: of any rig key."""
-        found = campaign.backlog.first(
+        position = campaign.backlog.first(
             rig, lambda order: self.usable(campaign, campaign.ordered[order])
         )
-        return campaign.ordered[found[0]] if found is not None else None
+        return campaign.ordered[position[0]] if position is not None else None
 
     def usable(self, campaign: CampaignState, case: CaseState) -> bool:
         """The case's batch is open, and no other worker should try it instead."""
@@ -273,12 +273,12 @@ def _must_yield(
     best = next((c for c in ranked if rig in c.backlog.lanes), None)
     if best is None:
         return False
-    own = sum(lease.key[0] == best.campaign.campaign for lease in held)
+    held_of_best = sum(lease.key[0] == best.campaign.campaign for lease in held)
     slots = asker.worker.joined.slots
     for other in ranked:
         if other is best or rig in other.backlog.lanes or other.priority < best.priority:
             continue
-        due = other.priority > best.priority or other.leased + slots <= best.leased - own
+        due = other.priority > best.priority or other.leased + slots <= best.leased - held_of_best
         if due and asker.first(other, None) is not None:
             return True
     return False
@@ -327,8 +327,10 @@ def _preferred(campaign: CampaignState, share: Share, rig: str, count: int) -> I
         return (stretch - share.stretch) % stretches, dealt_to != share.device
 
     begin = -(-share.stretch * cases // stretches)
-    seen = islice(campaign.backlog.take(rig, SHARED, begin), min(4 * count * devices, SPREAD_MAX))
-    return iter(heapq.nsmallest(count, seen, key=strangeness))
+    candidates = islice(
+        campaign.backlog.take(rig, SHARED, begin), min(4 * count * devices, SPREAD_MAX)
+    )
+    return iter(heapq.nsmallest(count, candidates, key=strangeness))
 
 
 def _spread(lane: Iterator[int], count: int) -> Iterator[int]:
@@ -337,5 +339,5 @@ def _spread(lane: Iterator[int], count: int) -> Iterator[int]:
     Neighbours in a matrix are alike, and take equally long: workers that took blocks of them would
     not end together. Slow axes of a matrix are met evenly.
     """
-    seen = islice(lane, SPREAD_MAX)
-    return iter(sorted(heapq.nsmallest(count, seen, key=lambda order: order * _GOLDEN % 1.0)))
+    candidates = islice(lane, SPREAD_MAX)
+    return iter(sorted(heapq.nsmallest(count, candidates, key=lambda order: order * _GOLDEN % 1.0)))

@@ -221,7 +221,7 @@ def _case(case: CaseState) -> CaseOutcome:
         outcome="",
         attempts=case.attempts,
         charges=[str(charge) for charge in case.charges],
-        steered=[str(each) for each in case.steered],
+        steered=[str(touch) for touch in case.steered],
     )
     if end is None:
         return common
