@@ -53,14 +53,14 @@ class Effect:
 
 def main_effects(dossier: Dossier) -> list[Effect]:
     """The main effect of every axis that is varied, in the order of the page."""
-    found = []
+    effects = []
     for axis in varied_axes(dossier):
         groups: dict[Any, list[CaseRow]] = {value: [] for value in axis_values(dossier, axis)}
         for row in dossier.rows:
             groups[axis_value(row.case, axis)].append(row)
         levels = [_level(str(value), rows) for value, rows in groups.items()]
-        found.append(Effect(axis, axis_label(axis), levels))
-    return found
+        effects.append(Effect(axis, axis_label(axis), levels))
+    return effects
 
 
 def _level(value: str, rows: list[CaseRow]) -> Level:

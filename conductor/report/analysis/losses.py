@@ -60,7 +60,7 @@ def lost_lines(dossier: Dossier, rows: list[CaseRow]) -> list[LostLine]:
     """What ``rows`` lose by the axes of the heat map, in its order; lines without a loss are left
     out."""
     x_axis, y_axis = page_axes(dossier)
-    found = []
+    lines = []
     for y in axis_values(dossier, y_axis):
         line = [row for row in rows if axis_value(row.case, y_axis) == y]
         cells: dict[str, list[str]] = {}
@@ -71,8 +71,8 @@ def lost_lines(dossier: Dossier, rows: list[CaseRow]) -> list[LostLine]:
                 many = f" ({count} of {len(cell)})" if len(cell) > 1 else ""
                 cells.setdefault(status, []).append(f"{x}{many}")
         if cells:
-            found.append(LostLine(y, cells))
-    return found
+            lines.append(LostLine(y, cells))
+    return lines
 
 
 def examples(dossier: Dossier, rows: list[CaseRow]) -> list[CaseRow]:
@@ -83,7 +83,7 @@ def examples(dossier: Dossier, rows: list[CaseRow]) -> list[CaseRow]:
     for row in rows:
         if lost(row):
             kinds.setdefault(kind_of(row), []).append(row)
-    queues = [_varied(found, y_axis) for _, found in sorted(kinds.items())]
+    queues = [_varied(group, y_axis) for _, group in sorted(kinds.items())]
     chosen: list[CaseRow] = []
     for turn in range(max(map(len, queues), default=0)):
         chosen += [queue[turn] for queue in queues if turn < len(queue)]
@@ -92,12 +92,12 @@ def examples(dossier: Dossier, rows: list[CaseRow]) -> list[CaseRow]:
 
 def _varied(rows: list[CaseRow], axis: str) -> list[CaseRow]:
     """One of every value of the axis, then the second ones, and so on."""
-    seen: dict[Any, int] = {}
+    counts: dict[Any, int] = {}
     turns = []
     for row in rows:
         value = axis_value(row.case, axis)
-        turns.append(seen.get(value, 0))
-        seen[value] = turns[-1] + 1
+        turns.append(counts.get(value, 0))
+        counts[value] = turns[-1] + 1
     order = sorted(range(len(rows)), key=lambda i: (turns[i], i))
     return [rows[i] for i in order]
 
@@ -116,9 +116,9 @@ def page_axes(dossier: Dossier) -> tuple[str, str]:
 def extremes(rows: list[CaseRow], scalar: str, *, largest: bool) -> list[CaseRow]:
     """The cases with the largest or smallest values of a scalar KPI; ties in campaign order."""
     known = [(row.scalar(scalar), row) for row in rows]
-    found = [(value, row) for value, row in known if value is not None and math.isfinite(value)]
-    found.sort(key=lambda pair: -pair[0] if largest else pair[0])
-    return [row for _, row in found[:EXTREMES_MAX]]
+    finite = [(value, row) for value, row in known if value is not None and math.isfinite(value)]
+    finite.sort(key=lambda pair: -pair[0] if largest else pair[0])
+    return [row for _, row in finite[:EXTREMES_MAX]]
 
 
 def counts_by(dossier: Dossier, axis: str, status: str) -> list[tuple[Any, dict[str, str]]]:

@@ -214,9 +214,9 @@ def _foreign(row: dict[str, str], instance: Instance, line: int) -> str:
     """Why a row belongs to another case; empty: it does not."""
     expected = (instance.model, str(instance.time_of_day), str(instance.weather_id))
     for column, value in zip(_IDENTITY, expected, strict=True):
-        given = row.get(column, "")
-        if given and given != value:
-            named = [escape(text, SHOWN_CHARS_MAX) for text in (given, value)]
+        logged = row.get(column, "")
+        if logged and logged != value:
+            named = [escape(text, SHOWN_CHARS_MAX) for text in (logged, value)]
             return f"line {line} is of another case: {column} '{named[0]}', not '{named[1]}'"
     return ""
 

@@ -217,7 +217,7 @@ def _pairs(before: Dossier, after: Dossier) -> list[tuple[CaseRow, CaseRow]]:
     return pairs
 
 
-def _side(dossier: Dossier, found: Fingerprint) -> Side:
+def _side(dossier: Dossier, fingerprint: Fingerprint) -> Side:
     outcomes = dossier.outcomes
     return Side(
         folder=dossier.folder.absolute().name,
@@ -225,7 +225,7 @@ def _side(dossier: Dossier, found: Fingerprint) -> Side:
         cases=len(dossier.rows),
         passed=dossier.passed,
         no_collision=dossier.no_collision,
-        fingerprint=found.sha256,
+        fingerprint=fingerprint.sha256,
         software=outcomes.software or None,
         stack=None if dossier.imported else dossier.campaign.stack_identity.digest,
         device_classes=None if dossier.imported else outcomes.device_classes,
@@ -255,7 +255,7 @@ def _same_bytes(a: CaseRow, b: CaseRow) -> bool:
 
 def _axes(dossier: Dossier, pairs: list[tuple[CaseRow, CaseRow]]) -> list[AxisLine]:
     """One line per value of every axis of the first run."""
-    found: list[tuple[str, Any, tuple[int, int, int, int]]] = []
+    rows: list[tuple[str, Any, tuple[int, int, int, int]]] = []
     for axis in varied_axes(dossier):
         values = axis_values(dossier, axis)
         if len(values) > AXIS_VALUES_MAX:
@@ -263,8 +263,8 @@ def _axes(dossier: Dossier, pairs: list[tuple[CaseRow, CaseRow]]) -> list[AxisLi
         groups: dict[Any, list[tuple[bool, bool]]] = {value: [] for value in values}
         for a, b in pairs:
             groups[axis_value(a.case, axis)].append((a.passed is True, b.passed is True))
-        found += [(axis, value, _counts(group)) for value, group in groups.items() if group]
-    corrected = holm([mcnemar(won, lost) for _, _, (_, won, lost, _) in found])
+        rows += [(axis, value, _counts(group)) for value, group in groups.items() if group]
+    corrected = holm([mcnemar(won, lost) for _, _, (_, won, lost, _) in rows])
     return [
         AxisLine(
             axis=axis,
@@ -276,15 +276,15 @@ def _axes(dossier: Dossier, pairs: list[tuple[CaseRow, CaseRow]]) -> list[AxisLi
             difference=newcombe_paired(*counts),
             p_value=p_value,
         )
-        for (axis, value, counts), p_value in zip(found, corrected, strict=True)
+        for (axis, value, counts), p_value in zip(rows, corrected, strict=True)
     ]
 
 
 def _compared(dossier: Dossier) -> list[KpiKind]:
     """Scalars that are compared: those of the scenario's case table first, in its order."""
     table = dossier.scenario.report.table
-    found = [kind for kind in scalars_by_name().values() if kind.compared]
-    return sorted(found, key=lambda k: table.index(k.name) if k.name in table else len(table))
+    compared = [kind for kind in scalars_by_name().values() if kind.compared]
+    return sorted(compared, key=lambda k: table.index(k.name) if k.name in table else len(table))
 
 
 def _shift(kind: KpiKind, pairs: list[tuple[CaseRow, CaseRow]]) -> Shift | None:
@@ -351,7 +351,7 @@ def _notes(
             f"{stacks[1].digest[:12] or 'none'} after)"
         )
     if one.device_classes != two.device_classes:
-        shown = [", ".join(each.device_classes) or "none" for each in (one, two)]
+        shown = [", ".join(run.device_classes) or "none" for run in (one, two)]
         notes.append(f"device classes differ ({shown[0]}; {shown[1]}): so may the last bits")
     elif one.software and (one.software, one.digest) == (two.software, two.digest):
         if not identical and len(one.device_classes) == 1 and one.clock == "lockstep":

@@ -112,7 +112,7 @@ def first_screen(dossier: Dossier) -> list[str]:
         tell = ", ".join(dossier.outcomes.tell)
         return [f"The stack was told more than it needs: {tell} (autonomy.tell)."] if tell else []
     limit_m = dossier.campaign.scenario.false_braking_m
-    told = {
+    remarks = {
         "false_braking": f" (stopped further than {limit_m:g} m from the obstacle)",
         "unresolved": " (the log does not decide the case)",
     }
@@ -120,7 +120,7 @@ def first_screen(dossier: Dossier) -> list[str]:
     for status in statuses(dossier):
         number = sum(row.status == status for row in rows)
         if number and status != "pass":
-            parts.append(f"{number} {status.replace('_', ' ')}{told.get(status, '')}")
+            parts.append(f"{number} {status.replace('_', ' ')}{remarks.get(status, '')}")
     unknown = sum(row.no_collision is None for row in rows)
     more = f", not known of {unknown}" if unknown else ""
     return [

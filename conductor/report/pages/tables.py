@@ -65,10 +65,10 @@ class SystemRow:
 
 def statuses(dossier: Dossier) -> list[str]:
     """Statuses that occur, in the order of the report; ``pass`` and ``collision`` always."""
-    found = {row.status for row in dossier.rows} | {"pass", "collision"}
-    new = sorted(found - set(KNOWN_STATUSES))
+    occurring = {row.status for row in dossier.rows} | {"pass", "collision"}
+    new = sorted(occurring - set(KNOWN_STATUSES))
     order = [*KNOWN_STATUSES[:_VERDICTS], *new, *KNOWN_STATUSES[_VERDICTS:]]
-    return [status for status in order if status in found]
+    return [status for status in order if status in occurring]
 
 
 def verdict_table(dossier: Dossier) -> list[SystemRow]:

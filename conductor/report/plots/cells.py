@@ -31,11 +31,11 @@ class Cells:
 def cells_of(dossier: Dossier, rows: list[CaseRow], x_axis: str, y_axis: str) -> Cells:
     """``rows`` by two axes, with all values that the campaign has."""
     xs, ys = axis_values(dossier, x_axis), axis_values(dossier, y_axis)
-    found: dict[tuple[Any, Any], list[CaseRow]] = {}
+    groups: dict[tuple[Any, Any], list[CaseRow]] = {}
     for row in rows:
         key = (axis_value(row.case, x_axis), axis_value(row.case, y_axis))
-        found.setdefault(key, []).append(row)
-    return Cells(xs, ys, [[found.get((x, y), []) for x in xs] for y in ys])
+        groups.setdefault(key, []).append(row)
+    return Cells(xs, ys, [[groups.get((x, y), []) for x in xs] for y in ys])
 
 
 def severity(row: CaseRow) -> int:

@@ -143,11 +143,11 @@ def _kept(values: dict[str, _Column], points_max: int) -> NDArray[np.intp]:
             changed |= (np.diff(column) != 0) & ~missing[1:] & ~missing[:-1]
         edges[:-1] |= changed
         edges[1:] |= changed
-    found = np.flatnonzero(edges)
-    if len(found) > points_max // 2:
+    changes = np.flatnonzero(edges)
+    if len(changes) > points_max // 2:
         # A column that flickers at every tick: an even choice is all that fits.
-        found = found[np.linspace(0, len(found) - 1, points_max // 2).astype(np.intp)]
-    must = np.union1d(found, [0, rows - 1])
+        changes = changes[np.linspace(0, len(changes) - 1, points_max // 2).astype(np.intp)]
+    must = np.union1d(changes, [0, rows - 1])
     if not np.isnan(values["dtc_m"]).all():
         must = np.union1d(must, [np.nanargmin(values["dtc_m"])])
     free = max(points_max - len(must), 2)

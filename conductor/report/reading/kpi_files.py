@@ -69,8 +69,8 @@ def read_cases(
     old = Cache() if anew else caching.load(dossier.folder)
     new = Cache()
     wanted = _outcomes_digest(dossier) if dossier.outcomes.complete else ""
-    told = old.fingerprint if wanted and old.fingerprint_of == wanted else None
-    total = Fingerprinter() if wanted and told is None else None
+    kept_fingerprint = old.fingerprint if wanted and old.fingerprint_of == wanted else None
+    total = Fingerprinter() if wanted and kept_fingerprint is None else None
     curves: dict[str, KpiCurve] = {}
     rests_m: dict[str, list[float]] = {}
     broken: dict[str, str] = {}
@@ -90,7 +90,7 @@ def read_cases(
                 read += bool(rows)
         except InfrastructureError as error:
             broken[name] = str(error)
-            total = told = None
+            total = kept_fingerprint = None
             continue
         rests_m[name] = entry.rests_m
         if entry.curve and name in drawn:
@@ -99,7 +99,7 @@ def read_cases(
             new.entries[name] = entry
         if total is not None:
             total.add(name, row.end, rows)
-    new.fingerprint = told or (total.result(dossier.outcomes) if total else None)
+    new.fingerprint = kept_fingerprint or (total.result(dossier.outcomes) if total else None)
     new.fingerprint_of = wanted
     if read or len(new.entries) != len(old.entries):
         caching.store(dossier.folder, new)

@@ -170,7 +170,7 @@ def series_of(table: pa.Table) -> UseSeries:
         ["gpu_percent", "gpu_memory_bytes", "gpu_power_w"],
     )
     moment = np.unique(table.column("moment").to_numpy())
-    found = {
+    columns = {
         "cpu_cores": _net(workers, "cpu_cores", moment),
         "ram_gb": _net(workers, "ram_bytes", moment) / GB,
         "node_cpu_cores": _net(nodes, "node_cpu_cores", moment),
@@ -179,13 +179,13 @@ def series_of(table: pa.Table) -> UseSeries:
         "gpu_memory_gb": _net(gpus, "gpu_memory_bytes", moment) / GB,
         "gpu_power_w": _net(gpus, "gpu_power_w", moment),
     }
-    return UseSeries(moment, found)
+    return UseSeries(moment, columns)
 
 
 def _most(table: pa.Table, keys: list[str], columns: list[str]) -> pa.Table:
     """The largest value of each group, under its old name."""
-    found = table.group_by(keys).aggregate([(name, "max") for name in columns])
-    return found.rename_columns([name.removesuffix("_max") for name in found.column_names])
+    largest = table.group_by(keys).aggregate([(name, "max") for name in columns])
+    return largest.rename_columns([name.removesuffix("_max") for name in largest.column_names])
 
 
 def _net(table: pa.Table, name: str, moment: NDArray[np.int64], how: str = "sum") -> Floats:

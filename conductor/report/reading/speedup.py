@@ -148,5 +148,5 @@ def _sum(rows: list[CaseRow], scalar: str) -> float | None:
 
 def _median(rows: list[CaseRow], value: Callable[[CaseRow], float | int | None]) -> float | None:
     """Of a value per second of a case's wall time."""
-    known = [found / row.end.wall_s for row in rows if (found := value(row)) is not None]
+    known = [amount / row.end.wall_s for row in rows if (amount := value(row)) is not None]
     return statistics.median(known) if known else None
