@@ -89,10 +89,10 @@ def _campaigns(rows: Mapping[str, CampaignStatus], paces: Mapping[str, Pace] | N
     return table
 
 
-def _workers(found: ConductorStatus) -> Table:
+def _workers(status: ConductorStatus) -> Table:
     table = Table("worker", "host", "device", "slots", "held", "progress", "last seen")
-    for row in found["workers"]:
-        seen = f"{row['age_s']:.1f} s ago"
+    for row in status["workers"]:
+        age = f"{row['age_s']:.1f} s ago"
         table.add_row(
             row["id"],
             row["host"],
@@ -100,6 +100,6 @@ def _workers(found: ConductorStatus) -> Table:
             str(row["slots"]),
             str(row["held"]),
             str(row["progress"]),
-            seen if row["present"] else f"{seen}, silent",
+            age if row["present"] else f"{age}, silent",
         )
     return table

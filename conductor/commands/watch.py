@@ -142,6 +142,6 @@ def _wait(changed: threading.Event) -> None:
     time.sleep(HASTE_S)
 
 
-def _counts(found: ConductorStatus) -> object:
+def _counts(status: ConductorStatus) -> object:
     """What a line per change is about: not the ages of workers."""
-    return json.dumps([found["campaigns"], found["notes"], found.get("storage_error")])
+    return json.dumps([status["campaigns"], status["notes"], status.get("storage_error")])
