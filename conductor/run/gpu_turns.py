@@ -112,12 +112,12 @@ class Queue:
     def _turn(self, place: int) -> Iterator[None]:
         with self._changed:
             self._arrivals += 1
-            own = (place, self._arrivals)
-            self.waiting.add(own)
+            turn = (place, self._arrivals)
+            self.waiting.add(turn)
             self._changed.wait_for(
-                lambda: not self._open or (self._free and own == min(self.waiting))
+                lambda: not self._open or (self._free and turn == min(self.waiting))
             )
-            self.waiting.remove(own)
+            self.waiting.remove(turn)
             self._free -= 1
             self._changed.notify_all()
         try:

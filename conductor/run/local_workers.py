@@ -94,10 +94,10 @@ class LocalWorkers:
         child.log.close()
         child.log = path.open("w+b")
         share = self.places[child.place].share
-        told = msgspec.structs.replace(self.told, log=str(path), share=share)
+        start = msgspec.structs.replace(self.told, log=str(path), share=share)
         assert child.process.stdin is not None
         with contextlib.suppress(BrokenPipeError):  # it dies just now, and is replaced
-            child.process.stdin.write(msgspec.json.encode(told) + b"\n")
+            child.process.stdin.write(msgspec.json.encode(start) + b"\n")
 
     def look(self) -> list[str]:
         """Reap the dead and read the logs: one line per death of a worker or of its rig."""

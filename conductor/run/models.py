@@ -121,7 +121,7 @@ class Tried(msgspec.Struct, frozen=True):
 def _answer(child: subprocess.Popen[bytes], names: Collection[str]) -> dict[str, Tried]:
     shown = ", ".join(names)
     try:
-        said, errors = child.communicate(timeout=TIMEOUT_S)
+        output, errors = child.communicate(timeout=TIMEOUT_S)
     except subprocess.TimeoutExpired:
         raise InfrastructureError(
             f"networks {shown}: not loaded within {TIMEOUT_S:g} s; is the file system busy?"
@@ -129,9 +129,9 @@ def _answer(child: subprocess.Popen[bytes], names: Collection[str]) -> dict[str,
     try:
         if child.returncode == 0:
             # What libraries may print stands before the answer.
-            found = msgspec.json.decode(said.splitlines()[-1], type=dict[str, Tried])
-            if found.keys() >= set(names):
-                return found
+            tried = msgspec.json.decode(output.splitlines()[-1], type=dict[str, Tried])
+            if tried.keys() >= set(names):
+                return tried
     except (msgspec.DecodeError, IndexError):
         pass
     words = errors.decode(errors="replace").strip().splitlines() or ["it said nothing"]

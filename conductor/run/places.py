@@ -61,12 +61,12 @@ def parse_workers(text: str | None) -> WorkersOption:
         )
     if re.fullmatch(r"[0-9]{1,4}", text):
         return WorkersOption(count=int(text))
-    found = re.fullmatch(r"(?:([1-9])x)?cuda", text)
-    if found is None:
+    match = re.fullmatch(r"(?:([1-9])x)?cuda", text)
+    if match is None:
         raise UsageError(
             f"--workers {text[:40]}: expected a number, cuda (one per GPU) or 4xcuda (four per GPU)"
         )
-    return WorkersOption(per_gpu=int(found[1] or 1))
+    return WorkersOption(per_gpu=int(match[1] or 1))
 
 
 def where(asked: WorkersOption, device: str) -> tuple[WorkersOption, str]:

@@ -76,7 +76,7 @@ def _ask(campaign: Campaign, kinds: Sequence[ForeignKind]) -> list[Mistake]:
         if done.returncode == 0:
             # What implementations may print stands before the answer.
             answer: dict[str, list[Any]] = json.loads(done.stdout.splitlines()[-1])
-            return [Mistake(each["path"], each["message"]) for each in answer["mistakes"]]
+            return [Mistake(mistake["path"], mistake["message"]) for mistake in answer["mistakes"]]
     except (ValueError, IndexError, TypeError, KeyError):
         pass
     words = done.stderr.decode(errors="replace").strip().splitlines() or ["it said nothing"]

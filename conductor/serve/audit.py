@@ -176,9 +176,9 @@ class Audit:
     def _say_more(self) -> None:
         for group in self._groups.values():
             if group.more:
-                said = f"and {group.more:,} more: {group.like.what}"
+                summary = f"and {group.more:,} more: {group.like.what}"
                 peer, count = group.like.peer, group.more
-                self._append(AuditLine(self._now(), "more", peer, said=said, count=count))
+                self._append(AuditLine(self._now(), "more", peer, said=summary, count=count))
         self._groups.clear()
 
     def _append(self, line: AuditLine) -> None:
@@ -204,8 +204,8 @@ class Audit:
 def log_event(event: FrontEvent, refusals: Refusals) -> None:
     """What whoever watches the terminal should know of it."""
     if event.what == "refused":
-        if said := refusals.count(event.reason, time.monotonic()):
-            _log.warning("%s", said)
+        if warning := refusals.count(event.reason, time.monotonic()):
+            _log.warning("%s", warning)
     elif event.what == "cut":
         role = f" ({event.role})" if event.role else ""
         cut = counted(event.count, "session")

@@ -87,12 +87,12 @@ def _answer(child: subprocess.Popen[bytes], claim: Claim) -> Judgement:
     line = child.stdout.readline()
     if not line:
         raise EOFError
-    found = msgspec.json.decode(line, type=Judgement)
-    if found.found == "no record":  # the simulator of today writes one
+    judgement = msgspec.json.decode(line, type=Judgement)
+    if judgement.found == "no record":  # the simulator of today writes one
         return msgspec.structs.replace(
-            found, found="differs", differences=["there is no judge.json beside its KPI rows"]
+            judgement, found="differs", differences=["there is no judge.json beside its KPI rows"]
         )
-    return found
+    return judgement
 
 
 @dataclass(slots=True)
@@ -164,20 +164,20 @@ class JudgeFeed:
 
     def is_done(self, campaign: CampaignState) -> bool:
         """Whether all that was committed of it so far is judged; then it is written down."""
-        found = self._judged.get(campaign.out)
-        if found is not None and found.attempts < found.asked:
+        tally = self._judged.get(campaign.out)
+        if tally is not None and tally.attempts < tally.asked:
             return False
         self._write(campaign)
         return True
 
     def _write(self, campaign: CampaignState) -> None:
-        found = self._judged.get(campaign.out)
-        if not found:
+        tally = self._judged.get(campaign.out)
+        if not tally:
             return
         judged = JudgementFile(
-            attempts=found.attempts,
-            agree=found.attempts - len(found.differences),
-            differences=found.differences,
+            attempts=tally.attempts,
+            agree=tally.attempts - len(tally.differences),
+            differences=tally.differences,
         )
         path = Path(campaign.out) / FILE_NAME
         try:
