@@ -315,7 +315,7 @@ def _meaning(code: int) -> str:
 
 
 def _short(path: str) -> str:
-    """Relative to here if it is below."""
+    """Path relative to the working folder if it lies below it."""
     return (
         str(Path(path).relative_to(Path.cwd())) if Path(path).is_relative_to(Path.cwd()) else path
     )

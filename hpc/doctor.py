@@ -40,7 +40,7 @@ class Address:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Facts:
-    """What was found; empty where there is nothing."""
+    """Facts of a host; empty where there is nothing."""
 
     scheduler: str
     """Name of the batch system, e.g. ``slurm``, or empty."""
@@ -50,7 +50,7 @@ class Facts:
     """Batch systems of other distributions that are broken, a line each."""
     version: str
     answers: str
-    """Empty, or why the scheduler's controller cannot be used."""
+    """Why the scheduler's controller cannot be used; empty: it can."""
     partitions: tuple[Partition, ...]
     gpus: tuple[str, ...]
     containers: tuple[str, ...]
@@ -58,12 +58,13 @@ class Facts:
     filesystem: str
     """Type of the run folder's file system, e.g. ``nfs4``."""
     writable: str
-    """Empty, or why the run folder does not take a file that is written, synced and renamed."""
+    """Why the run folder does not take a file that is written, synced and renamed; empty: it
+    does."""
     free_bytes: int | None
     quota: str
     addresses: tuple[Address, ...]
     port: str
-    """Empty, or why no port can be listened at."""
+    """Why no port can be listened at; empty: one can."""
     python: tuple[int, int, int]
     missing: tuple[str, ...]
     """Commands of ours that are not beside this Python."""

@@ -317,7 +317,7 @@ def _set_up(
 
 
 def _tail(file: IO[bytes]) -> str:
-    """The last of what was said."""
+    """Last bytes of a program's output."""
     file.seek(max(0, file.seek(0, os.SEEK_END) - OUTPUT_BYTES_MAX))
     return file.read().decode("utf-8", "replace")
 

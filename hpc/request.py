@@ -84,7 +84,7 @@ class JobRequest:
     constraint: str = ""
     """Kind of node. Slurm: features; PBS: resources added to every chunk, ``model=milan``."""
     modules: tuple[str, ...] = ()
-    """Loaded by ``module load`` on every node before anything is started."""
+    """Modules that ``module load`` loads on every node before anything is started."""
     scratch: str = ""
     """Folder for temporary files on each node, absolute or beginning with a variable."""
     directives: tuple[str, ...] = ()

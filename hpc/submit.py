@@ -22,7 +22,7 @@ SCRIPT = "job.sh"
 JOB_FILE = "job.id"
 """Name of the file in the run folder that says which job runs it: ``slurm 12``."""
 PROBE_BYTES = 1 << 20
-"""So much must fit into the run folder [bytes]."""
+"""Size of a file that must fit into the run folder [bytes]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,7 +151,7 @@ def _write(path: Path, text: str) -> None:
 
 
 class _Undo:
-    """What stood where before."""
+    """Contents of files as they were before."""
 
     def __init__(self) -> None:
         self.before: dict[Path, bytes | None] = {}

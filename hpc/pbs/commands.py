@@ -34,7 +34,7 @@ class Pbs:
         return render(request)
 
     def render_array(self, _request: JobRequest, _cases: Sequence[str], /) -> str:
-        """Not written: the array way is measured on Slurm alone."""
+        """Job arrays are not written for PBS: that way is measured on Slurm alone."""
         raise UsageError("--array: for Slurm only; the comparison needs one of the two")
 
     def check(self, text: str, _request: JobRequest, /) -> None:
@@ -68,7 +68,8 @@ class Pbs:
             raise _refusal(f"job {job} was not deleted", done)
 
     def requeue(self, job: str) -> None:
-        """As the script's own timer does it; ``qrerun`` would need operator privilege."""
+        """The job is queued again as the script's own timer does it; ``qrerun`` would need operator
+        privilege."""
         self.signal(job, "SIGUSR2")
 
     def signal(self, job: str, name: str) -> None:

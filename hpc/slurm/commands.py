@@ -85,11 +85,12 @@ class Slurm:
             raise self._refusal(f"job {job} was not cancelled", done)
 
     def requeue(self, job: str) -> None:
-        """As before the end of the wall time: drained, then queued again by the script."""
+        """The job ends as before the end of the wall time: drained, then queued again by the
+        script."""
         self.signal(job, "TERM")
 
     def signal(self, job: str, name: str) -> None:
-        """To the batch script alone, as ``--signal=B:`` does."""
+        """The signal goes to the batch script alone, as ``--signal=B:`` does."""
         done = call("scancel", "--batch", f"--signal={name}", job)
         if done.code:
             raise self._refusal(f"job {job} was not signalled", done)
