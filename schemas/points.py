@@ -32,7 +32,7 @@ class Point(NamedTuple):
     """
 
     id: str
-    """Of its case."""
+    """Id of its case."""
     values: dict[str, Any]
     """Axis -> value, as the file has them."""
     model: str
@@ -48,7 +48,7 @@ class Point(NamedTuple):
     autonomy: Autonomy
     """Only what an axis may name of it is read: :data:`schemas.sections.autonomy.DELAYS`."""
     parameters: dict[str, Any]
-    """Of the stack; those that axes name."""
+    """Parameters of the stack that axes name."""
     objects: dict[str, ObjectVariation]
 
 

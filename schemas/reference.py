@@ -23,7 +23,7 @@ class FieldKey:
     allowed: str
     """Type and range, or the values."""
     default: str
-    """Empty: it must be given."""
+    """Default value; empty: the key must be given."""
     meaning: str
 
 

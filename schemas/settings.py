@@ -126,7 +126,7 @@ def _lights(text: str) -> Lights | None:
 
 
 _AS_IS = SensorErrors()
-"""Whose values say which settings are switches."""
+"""Sensor errors whose values say which settings are switches."""
 
 
 def _errors(settings: Mapping[str, Value]) -> SensorErrors:

@@ -21,7 +21,7 @@ T = TypeVar("T")
 
 
 MISTAKES_MAX = 100
-"""A file is looked through until so many were found."""
+"""Number of mistakes at which a file is looked through no further."""
 
 _SHOWN_MAX = 60
 

@@ -31,7 +31,7 @@ class _Loader(yaml.SafeLoader):
     """PyYAML follows YAML 1.1, where ``11:00`` is 660 and ``no`` is false; YAML 1.2 has neither."""
 
     nodes = 0
-    """Composed so far; each takes a kilobyte."""
+    """Number of nodes composed so far; each takes a kilobyte."""
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
         self.nodes += 1
@@ -83,7 +83,7 @@ _PREFIX = "tag:yaml.org,2002:"
 _TAGS = ("str", "int", "float", "bool", "null", "map", "seq")
 """Tags that a file may write; the others are types that no file of ours holds."""
 _LIKE = {"int": ("int",), "float": ("float", "int"), "bool": ("bool",), "null": ("null",)}
-"""Whose pattern a scalar of a tag has to match."""
+"""Tags whose pattern a scalar of a tag has to match."""
 
 
 def _check_tag(node: yaml.Node) -> None:

@@ -15,7 +15,7 @@ GROUP = "drivetwin.perception"
 """Entry points that bring perception variants."""
 
 OURS = {"shipped": "schemas.kinds.perceptions:KINDS"}
-"""Those that are shipped; the same as in pyproject.toml."""
+"""Perception variants that are shipped; the same as in pyproject.toml."""
 
 TAG = "type"
 """Key of a variant that names its kind."""
@@ -30,7 +30,7 @@ class PerceptionKind:
     """Declaration of a perception variant."""
 
     name: str
-    """Its ``type``."""
+    """Name of the kind: ``type`` of a variant."""
     config: type[Struct]
     """Keys of a variant, with types, ranges, defaults and meanings; tagged with the name."""
     implementation: str

@@ -14,12 +14,12 @@ EXPECTED_MAX = 16
 
 
 class Expected(Struct, frozen=True):
-    """With what some of the cases look at their pictures; fields as in an episode."""
+    """Perception with which some of the cases look at their pictures; fields as in an episode."""
 
     perception: Perception
     width: int
     height: int
-    """Of the main camera's pictures [px]."""
+    """Height of the main camera's pictures [px]."""
     device: str
     """Where the worker computes, ``cpu`` or ``cuda:N``."""
     files: dict[str, str] = {}
