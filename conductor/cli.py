@@ -70,7 +70,8 @@ app = make_app(
 
 
 def strangers_named() -> AbstractContextManager[None]:
-    """While it lasts, whoever does not get in at our listener is said on standard error."""
+    """Clients that do not get in at our listener are said on standard error while the block
+    lasts."""
     from twin.fabric.refusals import refusals_logged
 
     return refusals_logged(logging.getLogger("conductor").warning)

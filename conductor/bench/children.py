@@ -53,7 +53,7 @@ class BenchChild:
         self.process.stdin.write(line.encode() + b"\n")
 
     def finish(self, patience_s: float) -> None:
-        """Ask it to end in good order, and wait.
+        """Ask the process to end in good order, and wait.
 
         Raises:
             InfrastructureError: it did not.
@@ -68,7 +68,7 @@ class BenchChild:
             raise InfrastructureError(f"{self._name}: {how_it_ended(code)}: {words}")
 
     def stop(self) -> None:
-        """End it and its log."""
+        """End the process and its log."""
         end(self.process, grace_s=10.0)
         self._log.close()
 

@@ -40,7 +40,7 @@ class FrontRow:
 
     @property
     def ratio(self) -> float:
-        """With the front to without."""
+        """Rate with the front to the rate without."""
         return self.front / self.direct
 
 

@@ -40,7 +40,7 @@ class SchedulerRun:
     wall_s: float
     submit_s: float = 0.0
     judged_s: float = 0.0
-    """From the start until all is judged and the conductor has ended; 0: no files."""
+    """Time from the start until all is judged and the conductor has ended; 0: no files."""
 
     @property
     def rate(self) -> float:

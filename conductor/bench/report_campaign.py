@@ -27,7 +27,7 @@ TICKS = 400
 """Rows of a case: 20 s at 20 Hz."""
 SLOTS = 16
 WALL_S = 30.0
-"""Of a case, in the timeline [s]."""
+"""Wall time of a case, in the timeline [s]."""
 _MODELS = {"yolov2": 0.04, "yolov2-tiny": 0.16, "yolov3": 0.03, "yolov3-tiny": 0.11}
 _TICK_S = 0.05
 

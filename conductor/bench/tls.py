@@ -91,7 +91,7 @@ class BenchRow:
 
     @property
     def ratio(self) -> float:
-        """TLS to plain."""
+        """Rate of TLS to the rate of plain TCP."""
         return self.tls_per_s / self.plain_per_s
 
 

@@ -44,7 +44,8 @@ def status_view(found: ConductorStatus, paces: Mapping[str, Pace] | None = None)
 
 
 def alarms(found: ConductorStatus) -> list[str]:
-    """What must not happen: broken hosts, attempts that disagree, storage that refuses."""
+    """Lines about what must not happen: broken hosts, attempts that disagree, storage that
+    refuses."""
     lines = [f"alarm: {line}" for line in found.get("broken_hosts", [])]
     for name, row in found["campaigns"].items():
         count = row.get("disagreements", 0)

@@ -115,7 +115,7 @@ def _forget(turn: RequestTurn) -> None:
 
 
 def _forget_silent(turn: RequestTurn, silent_ns: int, reason: str) -> None:
-    """Those without leases; should one come back, it joins again."""
+    """Forget silent workers without leases; should one come back, it joins again."""
     for name, worker in list(turn.state.workers.items()):
         if not worker.tokens and turn.now_ns - worker.seen_ns >= silent_ns:
             turn.emit(WorkerLeft(worker=name, reason=reason, forgotten=True))
@@ -287,7 +287,7 @@ def _next(turn: RequestTurn, request: Next) -> Reply:
 
 
 def _replied(request: Next, reply: Reply) -> Replied:
-    """Cases are large and in the journal already."""
+    """Fact of a reply without its cases, which are large and in the journal already."""
     granted = [
         Granted(
             lease.case.variation.campaign, lease.case.id, lease.token, lease.attempt, lease.alone

@@ -57,11 +57,11 @@ from schemas.identity import rig_key
 from schemas.wire.control import Result, Touch
 
 DEPARTED_MAX = 10_000
-"""So many ids of workers that left are known; of an older one a word that was under way for so long
-would count as a new worker's, which is forgotten when it is silent."""
+"""Number of ids of workers that left and are known; of an older one a word that was under way for
+so long would count as a new worker's, which is forgotten when it is silent."""
 ISSUED_MAX = 64
-"""So many tokens of a case are known; a late result of an older one is fenced as any other, but no
-evidence."""
+"""Number of tokens of a case that are known; a late result of an older one is fenced as any other,
+but no evidence."""
 LATE_MAX = 16
 """Most late results of a case that are kept; all are compared with what is committed."""
 LOST_WORKERS_MAX = 64
@@ -234,7 +234,8 @@ def _leased(state: State, fact: Leased) -> None:
 def _latest(
     issued: tuple[Issued, ...], latest: Issued, live: tuple[int, ...]
 ) -> tuple[Issued, ...]:
-    """With ``latest``; beyond the limit the oldest that is not live is forgotten."""
+    """Tokens of a case with ``latest``; beyond the limit the oldest that is not live is
+    forgotten."""
     if len(issued) >= ISSUED_MAX:
         oldest = next(record for record in issued if record.token not in live)
         issued = tuple(record for record in issued if record != oldest)
@@ -242,7 +243,8 @@ def _latest(
 
 
 def _evidence(late: tuple[LateAttempt, ...], fact: LateAttempt) -> tuple[LateAttempt, ...]:
-    """With ``fact``; beyond the limit only if it says something new, in the place of the latest."""
+    """Late attempts of a case with ``fact``; beyond the limit only if it says something new, in the
+    place of the latest."""
     if len(late) < LATE_MAX:
         return (*late, fact)
     if any(agrees(attempt.result, fact.result) is not False for attempt in late):
@@ -251,7 +253,7 @@ def _evidence(late: tuple[LateAttempt, ...], fact: LateAttempt) -> tuple[LateAtt
 
 
 def _host(state: State, token: int) -> str:
-    """Where a live token is."""
+    """Host of a live token."""
     return state.workers[state.leases[token].worker].joined.host
 
 

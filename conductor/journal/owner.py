@@ -1,4 +1,4 @@
-"""Who owns a state folder, beyond the lock: hosts die with their locks, and some locks do not work.
+"""Owner of a state folder, beyond the lock: hosts die with their locks, and some locks do not work.
 
 A small file beside the journal says who serves the folder, and its time of change is the owner's
 heartbeat. A conductor of another host may take the folder over once the heartbeat is old, or at
@@ -45,7 +45,7 @@ class FolderOwner(msgspec.Struct, frozen=True):
     """Content of the file."""
 
     id: str
-    """Of one process, never reused."""
+    """Id of one process, never reused."""
     host: str
     pid: int
     job: str = ""

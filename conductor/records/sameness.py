@@ -31,7 +31,7 @@ class Sameness(msgspec.Struct, frozen=True):
 
     fingerprints: tuple[Fingerprint, Fingerprint]
     differences: list[Difference]
-    """In id order; empty: every case is the same."""
+    """Differences in id order; empty: every case is the same."""
     notes: list[str]
     """What may be the reason."""
 

@@ -38,7 +38,7 @@ class TimelineEvent(Struct, frozen=True, kw_only=True, omit_defaults=True):
     result with a dead token), ``started`` (the conductor, again), or why a lease was given back."""
     case: str = ""
     token: int = 0
-    """0: no single lease is meant."""
+    """Token of the lease; 0: no single lease is meant."""
     worker: str = ""
     attempt: int = 0
 

@@ -76,20 +76,20 @@ DISMISS_S = 10.0
 AFTER_DEMO = (
     "; next, try `conductor run aeb-demo --seed 9 --out runs/seed-9` or `conductor campaigns`"
 )
-"""For whoever runs something for the first time."""
+"""Words for people who run something for the first time."""
 RESTARTS_MAX = 5
 """Workers that died without a case ending in between, before the run gives up."""
 
 
 @dataclass(frozen=True, slots=True)
 class RunOptions:
-    """What the command line says."""
+    """Options of the command line."""
 
     out: Path
     workers: WorkersOption = field(default_factory=WorkersOption)
-    """Local ones; none: workers that join from elsewhere do it all."""
+    """Local workers; none: workers that join from elsewhere do it all."""
     slots: int | None = None
-    """Per worker; None: 1 on the CPU, as many as are useful and fit on a GPU."""
+    """Slots per worker; None: 1 on the CPU, as many as are useful and fit on a GPU."""
     device: str = "cpu"
     by_batch: bool = False
     listen: str = LOOPBACK
@@ -98,7 +98,7 @@ class RunOptions:
     ttl_s: float | None = None
     """How long a lease outlives its worker's last word [s]; None: as usual."""
     view: ViewMode | None = None
-    """None: what the campaign says."""
+    """View of the simulators; None: what the campaign says."""
     memory_gb: float | None = None
     metrics: str = ""
     """``HOST:PORT`` of a Prometheus endpoint, or empty."""
@@ -586,7 +586,7 @@ class _Serving(threading.Thread):
 
 @contextlib.contextmanager
 def _signals() -> Iterator[Signals]:
-    """For the block, SIGINT and SIGTERM are the run's."""
+    """SIGINT and SIGTERM go to the run while the block lasts."""
     signals = Signals()
     previous = {n: signal.signal(n, signals.receive) for n in (signal.SIGINT, signal.SIGTERM)}
     try:

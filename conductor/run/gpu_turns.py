@@ -23,11 +23,11 @@ GUESTS_MAX = 256
 """Most processes that wait or begin at a time: stacks come here, too, and each has a thread."""
 
 SOCKET_NAME = "turns"
-"""In a private folder of the run."""
+"""Name of the socket in a private folder of the run."""
 
 _PLACE_BYTES_MAX = 16
 _PEER = struct.Struct("3i")
-"""What Linux says of the other end of a Unix socket: process, user, group."""
+"""Layout of what Linux says of the other end of a Unix socket: process, user, group."""
 
 
 @contextlib.contextmanager
@@ -59,21 +59,22 @@ def turns(device: str) -> Iterator[None]:
 
 
 class Queue:
-    """Who has a turn, and who waits for one; a thread for each of them, while they do."""
+    """Queue of processes that have a turn or wait for one; a thread for each of them, while they
+    do."""
 
     def __init__(self, listener: socket.socket) -> None:
         self._listener = listener
         self._changed = threading.Condition()
         self._guests: set[socket.socket] = set()
         self.waiting: set[tuple[int, int]] = set()
-        """Place and arrival of each."""
+        """Place and arrival of each process that waits."""
         self._arrivals = 0
         self._free = TURNS
         self._open = True
         threading.Thread(target=self._welcome, name="turns", daemon=True).start()
 
     def close(self) -> None:
-        """Nobody waits any more."""
+        """End the queue: nobody waits any more."""
         with self._changed:
             self._open = False
             for end in (self._listener, *self._guests):

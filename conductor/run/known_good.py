@@ -49,7 +49,7 @@ def remember(name: str, good: Collection[str]) -> None:
 
 
 def _path(name: str) -> Path:
-    """Beside compiled kernels, by the same variables.
+    """Path of the file ``name``, beside compiled kernels, by the same variables.
 
     Raises:
         RuntimeError: the user has no home.

@@ -30,7 +30,7 @@ TIMEOUT_S = 100.0
 """Longest time to load all networks [s]; less than `hpc` waits for the check of a campaign."""
 
 FILE = "good-networks.json"
-"""Where digests of good ones are kept, see :mod:`conductor.run.known_good`."""
+"""File of the digests of good networks, see :mod:`conductor.run.known_good`."""
 
 
 def check_models(plan: Plan, shown: str, device: str = "cpu") -> None:
@@ -112,10 +112,10 @@ def _ask(
 
 
 class Tried(msgspec.Struct, frozen=True):
-    """What `devkit check-models` says of one variant."""
+    """Answer of `devkit check-models` about one variant."""
 
     error: str
-    """One line; empty: it can be loaded."""
+    """Mistake in one line; empty: it can be loaded."""
 
 
 def _answer(child: subprocess.Popen[bytes], names: Collection[str]) -> dict[str, Tried]:

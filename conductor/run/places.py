@@ -20,14 +20,14 @@ GPU_SLOTS_MAX = 256
 
 @dataclass(frozen=True, slots=True)
 class WorkersOption:
-    """What ``--workers`` says."""
+    """Value of ``--workers``."""
 
     count: int | None = None
-    """So many; None: by the cores."""
+    """Number of workers; None: by the cores."""
     per_gpu: int = 0
-    """So many on every GPU; 0: not on GPUs."""
+    """Number of workers on every GPU; 0: not on GPUs."""
     gpus: tuple[VisibleGpu, ...] = ()
-    """What is here; without any, GPUs are not asked for."""
+    """GPUs that are here; without any, GPUs are not asked for."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,9 +36,9 @@ class WorkerPlace:
 
     device: str
     cores: tuple[int, ...] = ()
-    """Empty: wherever the system likes."""
+    """Processor cores; empty: wherever the system likes."""
     share: Share | None = None
-    """Which cases it prefers."""
+    """Share of the cases that it prefers."""
 
     def options(self) -> tuple[str, ...]:
         """Options of ``twin worker``."""

@@ -53,7 +53,7 @@ class AuditLine(msgspec.Struct, frozen=True, omit_defaults=True):
     """One line. Empty fields are left away."""
 
     time: str
-    """UTC."""
+    """Time, UTC."""
     what: str
     """``refused``, ``opened``, ``closed``, ``slowed``, ``cut``, ``command``; or ``more``: so many
     lines like those before were left out."""
@@ -63,9 +63,9 @@ class AuditLine(msgspec.Struct, frozen=True, omit_defaults=True):
     key: str = ""
     """Serial number of the certificate, hexadecimal."""
     keys: tuple[str, ...] = ()
-    """Of a message: the keys that were connected and may send it. Zenoh does not say which did."""
+    """Keys that were connected and may send the message. Zenoh does not say which did."""
     said: str = ""
-    """Why, or which command."""
+    """Reason, or the command."""
     count: int = 0
 
 
@@ -202,7 +202,7 @@ class Audit:
 
 
 def log_event(event: FrontEvent, refusals: Refusals) -> None:
-    """What whoever watches the terminal should know of it."""
+    """Log what whoever watches the terminal should know of an event."""
     if event.what == "refused":
         if warning := refusals.count(event.reason, time.monotonic()):
             _log.warning("%s", warning)

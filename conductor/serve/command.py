@@ -118,7 +118,8 @@ _FINGERPRINT = (
 
 
 def _fingerprint(folder: Path) -> str:
-    """Computed by a process of its own: a thousand cases keep a core busy for seconds."""
+    """Fingerprint, computed by a process of its own: a thousand cases keep a core busy for
+    seconds."""
     with tempfile.TemporaryFile() as log:
         words = [sys.executable, "-c", _FINGERPRINT, str(folder)]
         child = spawn(words, log=log, pipe_output=True)
@@ -135,7 +136,7 @@ def _fingerprint(folder: Path) -> str:
 
 @contextlib.contextmanager
 def metrics_of(conductor: Conductor, address: str) -> Iterator[None]:
-    """For the block, Prometheus metrics of ``conductor`` at ``HOST:PORT``; empty: none."""
+    """Serve, for the block, Prometheus metrics of ``conductor`` at ``HOST:PORT``; empty: none."""
     if not address:
         yield
         return

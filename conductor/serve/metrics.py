@@ -42,7 +42,7 @@ COUNTERS = {
 }
 
 Application = Callable[[dict[str, Any], Any], Iterable[bytes]]
-"""Of WSGI."""
+"""Application of WSGI."""
 
 Snapshot = Callable[[], ConductorStatus]
 """Status and counters; empty before the conductor has started."""
@@ -126,7 +126,7 @@ def serving_metrics(address: str, snapshot: Snapshot) -> Iterator[str]:
 
 
 def checked_address(address: str) -> tuple[str, int]:
-    """As :func:`parse_address`, of an address where metrics may be served.
+    """Parse, as :func:`parse_address` does, an address where metrics may be served.
 
     Raises:
         UsageError: it is none, or beyond loopback and nobody typed ``--insecure``.

@@ -68,7 +68,7 @@ def relay(target: Target, listen: str, state: Path | None) -> int:
 
 @dataclass(frozen=True, slots=True)
 class _Way:
-    """What is open to those who cannot reach the conductor."""
+    """Way that is open to those who cannot reach the conductor."""
 
     endpoint: str
     close: Callable[[], None]

@@ -56,7 +56,7 @@ class Judge:
         self._child: subprocess.Popen[bytes] | None = None
 
     def ask(self, claim: Claim) -> Judgement:
-        """What it finds about one attempt; that it cannot be judged is a difference, too."""
+        """Judgement about one attempt; that it cannot be judged is a difference, too."""
         died = ""
         for _ in range(TRIES):
             try:
@@ -97,11 +97,11 @@ def _answer(child: subprocess.Popen[bytes], claim: Claim) -> Judgement:
 
 @dataclass(slots=True)
 class _Tally:
-    """Of one campaign."""
+    """Tally of one campaign."""
 
     asked: int = 0
     attempts: int = 0
-    """That are judged."""
+    """Number of attempts that are judged."""
     differences: dict[str, list[str]] = field(default_factory=dict)
 
 
@@ -113,7 +113,7 @@ class JudgeFeed:
         self._thread: threading.Thread | None = None
         self._judge = Judge()
         self._judged: dict[str, _Tally] = {}
-        """By campaign folder."""
+        """Tallies by campaign folder."""
         self._over = False
 
     def put(self, campaign: CampaignState, fact: Committed) -> None:
@@ -135,7 +135,7 @@ class JudgeFeed:
             self._thread.start()
 
     def put_all(self, campaign: CampaignState) -> None:
-        """What an earlier conductor has committed."""
+        """Hand over what an earlier conductor has committed."""
         for case in campaign.ordered:
             if case.ended and isinstance(case_end := case.end, Committed):
                 self.put(campaign, case_end)

@@ -60,7 +60,7 @@ class JournalSum(Struct, frozen=True, forbid_unknown_fields=True):
     """Where the journal stood when the run was signed."""
 
     file: Literal["conductor.db", "../conductor.db"]
-    """Relative to the run folder."""
+    """Path relative to the run folder."""
     head: str
     """Head of its chain, hexadecimal."""
     count: int
@@ -73,10 +73,10 @@ class Manifest(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     schema: Literal[1] = 1
     kind: Literal["run", "derived"]
     of: str = ""
-    """Of a derived one: the signature of the run's manifest."""
+    """Signature of the run's manifest, in a derived one."""
     campaign: str = ""
     digest: str = ""
-    """Of the campaign."""
+    """Digest of the campaign."""
     fingerprint: str = ""
     journal: JournalSum | None = None
     key: str
@@ -87,7 +87,7 @@ class Manifest(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 def signed(manifest: Manifest, signer: Signer) -> Manifest:
-    """With its key and signature."""
+    """Manifest with its key and signature."""
     bare = msgspec.structs.replace(manifest, key=signer.public, signature="")
     return msgspec.structs.replace(bare, signature=signer.sign(_bytes_to_sign(bare)))
 
@@ -252,7 +252,7 @@ def odd_entry(entry: os.DirEntry[str]) -> bool:
 
 
 def changed(folder: Path, manifest: Manifest, names: Iterable[str]) -> list[str]:
-    """Those of ``names`` that the manifest lists and that are not as they were signed."""
+    """Names of ``names`` that the manifest lists and that are not as they were signed."""
     wrong = []
     for name in names:
         if name not in manifest.files:

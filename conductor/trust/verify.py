@@ -38,23 +38,23 @@ from twin.base.own_folder import own_folder
 from twin.records.campaign_file import read_plan
 
 Told = Callable[[str, int, int], None]
-"""What is being done, how much of it is done, and how much there is."""
+"""Listener to progress: what is being done, how much of it is done, and how much there is."""
 
 
 @dataclass(slots=True)
 class Verified:
-    """What was found about a run."""
+    """Findings about a run."""
 
     differences: list[str] = field(default_factory=list)
-    """In what it is not as it was signed, one line each."""
+    """Differences from what was signed, one line each."""
     notes: list[str] = field(default_factory=list)
     """What could not be checked, or need not fit."""
     manifest: Manifest | None = None
     files: int = 0
-    """Whose sums were computed."""
+    """Number of files whose sums were computed."""
     wall_s: float = 0.0
     attempts: int = 0
-    """Whose KPI digests and verdicts were computed again."""
+    """Number of attempts whose KPI digests and verdicts were computed again."""
     deep_s: float = 0.0
 
     @property

@@ -29,7 +29,7 @@ class Level:
     total: int
     """Cases with a verdict."""
     missing: int
-    """Cases without one."""
+    """Cases without a verdict."""
     low: float | None
     """Bounds of the share at 95 % (Wilson), 0 to 1; None: no case has a verdict."""
     high: float | None
@@ -38,7 +38,7 @@ class Level:
 
     @property
     def share(self) -> float | None:
-        """Passed of those with a verdict, 0 to 1."""
+        """Share of passed cases in those with a verdict, 0 to 1."""
         return self.passed / self.total if self.total else None
 
 

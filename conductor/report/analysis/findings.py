@@ -45,7 +45,7 @@ class Finding:
     kind: Kind
     text: str
     p_value: float | None = None
-    """Of the test behind it, corrected for the number of such tests; None: no test."""
+    """P-value of the test behind it, corrected for the number of such tests; None: no test."""
     cases: tuple[str, ...] = ()
     """Ids of the cases it speaks of, in campaign order."""
 

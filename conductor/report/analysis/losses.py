@@ -51,9 +51,9 @@ class LostLine:
     """The cells of one row of the heat map that a model loses."""
 
     value: Any
-    """Of the map's y axis, such as a weather."""
+    """Value of the map's y axis, such as a weather."""
     cells: dict[str, list[str]]
-    """By status: values of the x axis; with several cases in a cell how many of them."""
+    """Values of the x axis by status; with several cases in a cell how many of them."""
 
 
 def lost_lines(dossier: Dossier, rows: list[CaseRow]) -> list[LostLine]:
@@ -76,7 +76,7 @@ def lost_lines(dossier: Dossier, rows: list[CaseRow]) -> list[LostLine]:
 
 
 def examples(dossier: Dossier, rows: list[CaseRow]) -> list[CaseRow]:
-    """At most :data:`EXAMPLES_MAX` lost cases: kinds in turn, and of each kind other weathers (the
+    """Lost cases, at most :data:`EXAMPLES_MAX`: kinds in turn, and of each kind other weathers (the
     map's y axis) first."""
     _, y_axis = page_axes(dossier)
     kinds: dict[str, list[CaseRow]] = {}
@@ -91,7 +91,7 @@ def examples(dossier: Dossier, rows: list[CaseRow]) -> list[CaseRow]:
 
 
 def _varied(rows: list[CaseRow], axis: str) -> list[CaseRow]:
-    """One of every value of the axis, then the second ones, and so on."""
+    """Rows in turns: one of every value of the axis, then the second ones, and so on."""
     counts: dict[Any, int] = {}
     turns = []
     for row in rows:
@@ -122,8 +122,8 @@ def extremes(rows: list[CaseRow], scalar: str, *, largest: bool) -> list[CaseRow
 
 
 def counts_by(dossier: Dossier, axis: str, status: str) -> list[tuple[Any, dict[str, str]]]:
-    """Per value of ``axis`` and model: cases with ``status`` of all, as in ``2 of 8``; values of
-    which no model has any are left out. Empty for an axis of too many values to be one of
+    """Counts per value of ``axis`` and model: cases with ``status`` of all, as in ``2 of 8``;
+    values of which no model has any are left out. Empty for an axis of too many values to be one of
     conditions."""
     values, models = axis_values(dossier, axis), axis_values(dossier, "model")
     if len(values) > AXIS_VALUES_MAX:

@@ -15,21 +15,21 @@ class CostRow:
 
     model: str
     name: str
-    """What the page calls it."""
+    """Name of the system under test on the page."""
     perception: str
-    """What it really is."""
+    """What the perception really is."""
     runtime: str
-    """What ran it."""
+    """Runtime that ran it."""
     cases: int
     frames: int
     frame_ms: float | None
     """Mean time per frame; frames that went together share theirs [ms]."""
     rig_share: float | None
-    """Of the wall time of all rigs of the campaign, 0 to 1: the lines add up."""
+    """Share of the wall time of all rigs of the campaign, 0 to 1: the lines add up."""
 
 
 def perception_costs(dossier: Dossier) -> list[CostRow]:
-    """Lines in the order of the campaign; empty: no stack measured it."""
+    """Lines of the table in the order of the campaign; empty: no stack measured it."""
     groups: dict[tuple[str, str], list[tuple[CaseRow, PerceptionCost]]] = {}
     for row in dossier.rows:
         cost = row.end.perception

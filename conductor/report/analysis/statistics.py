@@ -17,7 +17,7 @@ from statistics import NormalDist, median
 LEVEL = 0.95
 """Confidence of every interval."""
 ALPHA = 0.05
-"""Below this a corrected p-value counts as found."""
+"""Level below which a corrected p-value counts as an effect."""
 EXPECTED_MIN = 5.0
 """Smallest expected count with which the chi-square distribution is trusted (Cochran 1954)."""
 EXACT_STEPS_MAX = 500_000
@@ -45,7 +45,8 @@ class Homogeneity:
     """Pearson's statistic."""
     freedom: int
     exact: bool
-    """From the exact distribution given the sums; else from the chi-square distribution."""
+    """Whether it is from the exact distribution given the sums, else from the chi-square
+    distribution."""
 
 
 def wilson(hits: int, total: int) -> tuple[float, float]:

@@ -29,10 +29,10 @@ from twin.base.files import write_atomic
 from twin.records.kpi_file import kpi_sha256, kpi_table, write_kpi
 
 SIMULATOR = "autodrive"
-"""Stands in the outcomes of an imported campaign; no case can be run with it."""
+"""Simulator in the outcomes of an imported campaign; no case can be run with it."""
 
 BEGUN_FILE = ".importing"
-"""In the folder while it is made: what a kill leaves behind may be replaced."""
+"""File in the folder while that is made: what a kill leaves behind may be replaced."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,12 +48,12 @@ class _Imported:
 
     @property
     def read(self) -> bool:
-        """Its log was read, and is that of the case."""
+        """Whether its log was read, and is that of the case."""
         return bool(self.log.rows) and not self.log.foreign
 
     @property
     def unexplained(self) -> bool:
-        """It has no log that can be read, and no export says that it has none."""
+        """Whether it has no log that can be read, and no export says that it has none."""
         exported = self.place.described.exported
         return bool(self.log.foreign) and (exported is None or bool(exported.log_sha256))
 

@@ -61,10 +61,10 @@ class LogRow:
     """Wall time since the log's first row [us]."""
     label: str
     numbers: dict[str, float]
-    """By column; NaN where missing."""
+    """Numbers by column; NaN where missing."""
     aeb: bool | None
     collisions: int
-    """Collisions so far."""
+    """Number of collisions so far."""
 
 
 @dataclass(slots=True)
@@ -73,7 +73,7 @@ class Log:
 
     name: str
     sha256: str = ""
-    """Of its bytes; empty: it was not read."""
+    """SHA-256 of its bytes; empty: it was not read."""
     rows: list[LogRow] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     """What was left out, a line each."""

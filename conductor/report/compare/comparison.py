@@ -68,7 +68,7 @@ class Side:
     stack: str | None
     """Digest of the stack; empty: a shipped one, or not known; None: nothing was run here."""
     device_classes: list[str] | None
-    """None: nothing was run here."""
+    """Device classes; None: nothing was run here."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +80,7 @@ class Flip:
     after: str
     change: Change
     reasons: list[str]
-    """Of the second run."""
+    """Reasons of the second run."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,11 +92,11 @@ class Shift:
     pairs: int
     changed: int
     median: Interval | None
-    """Of the differences; the bounds are infinite for fewer than six pairs."""
+    """Median of the differences; the bounds are infinite for fewer than six pairs."""
     mean: Interval | None
-    """Of the differences: moved by a few large ones, which the median is not."""
+    """Mean of the differences: moved by a few large ones, which the median is not."""
     largest_case: str
-    """Where the difference is largest; empty: nothing changed."""
+    """Case where the difference is largest; empty: nothing changed."""
     largest: float | None
     lost: int
     """Pairs that have it in the first run only."""
@@ -115,14 +115,14 @@ class AxisLine:
     passed_before: int
     passed_after: int
     difference: Interval
-    """Of the shares that passed."""
+    """Difference of the shares that passed."""
     p_value: float
     """McNemar's exact test, corrected for all lines."""
 
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """What changed."""
+    """Changes between two runs."""
 
     before: Side
     after: Side
@@ -140,7 +140,7 @@ class Comparison:
     won: int
     """Pairs that passed in the second run only."""
     passed_before: int
-    """Of the pairs."""
+    """Pairs that passed in the first run."""
     passed_after: int
     p_value: float
     difference: Interval
@@ -191,8 +191,8 @@ def compare(
 
 
 def rank(row: CaseRow) -> int:
-    """2: verdict ``pass``; 1: another one without a collision, such as false braking; 0: a
-    collision, or no verdict."""
+    """Rank of a verdict: 2 for ``pass``, 1 for another one without a collision, such as false
+    braking, 0 for a collision or no verdict."""
     return (row.passed is True) + (row.no_collision is True)
 
 
@@ -233,7 +233,7 @@ def _side(dossier: Dossier, fingerprint: Fingerprint) -> Side:
 
 
 def _counts(passed: Sequence[tuple[bool, bool]]) -> tuple[int, int, int, int]:
-    """Both, second only, first only, neither: the second run is what is looked at."""
+    """Counts of both, second only, first only, neither: the second run is what is looked at."""
     return (
         sum(a and b for a, b in passed),
         sum(b and not a for a, b in passed),
@@ -288,7 +288,7 @@ def _compared(dossier: Dossier) -> list[KpiKind]:
 
 
 def _shift(kind: KpiKind, pairs: list[tuple[CaseRow, CaseRow]]) -> Shift | None:
-    """None: neither run has it anywhere."""
+    """Shift of a KPI; None: neither run has it anywhere."""
     lost = gained = 0
     name, known = kind.name, list[tuple[float, str]]()
     for a, b in pairs:

@@ -214,7 +214,7 @@ def _words(text: str) -> str:
 
 
 def as_markdown(found: Comparison) -> str:
-    """For a pull request."""
+    """Comparison as Markdown, for a pull request."""
     jinja = environment(autoescape=False)
     jinja.filters["md"] = escaped
     text: str = jinja.get_template("compare.md.j2").render(told=told(found))
@@ -222,7 +222,7 @@ def as_markdown(found: Comparison) -> str:
 
 
 def as_html(found: Comparison) -> str:
-    """A page of its own; needs neither scripts nor a network."""
+    """Comparison as a page of its own; needs neither scripts nor a network."""
     style = Markup((ASSETS / "page.css").read_text(encoding="utf-8"))
     template = environment(autoescape=True).get_template("compare.html.j2")
     page: str = template.render(told=told(found), style=style)
@@ -230,7 +230,7 @@ def as_html(found: Comparison) -> str:
 
 
 def as_json(found: Comparison) -> dict[str, Any]:
-    """For programs; an interval that has no bounds has none."""
+    """Comparison as plain data, for programs; an interval that has no bounds has none."""
 
     def plain(value: Any) -> Any:
         if isinstance(value, dict):

@@ -34,7 +34,7 @@ class Content:
     """Cases with a table row and curves, in campaign order."""
     curves: dict[str, KpiCurve]
     rests_m: dict[str, list[float]]
-    """By case, where the ego came to rest: distances to the obstacle in order [m]."""
+    """Distances to the obstacle where the ego came to rest, in order, by case [m]."""
     damaged: int
     """KPI files that could not be read."""
     read: int
@@ -48,7 +48,7 @@ class Content:
     as_of: str
     """When the outcomes were written, for people."""
     signature: str
-    """Who has signed the run, or that nobody has."""
+    """Words about who has signed the run, or that nobody has."""
 
     @property
     def unchanged(self) -> int:
@@ -104,9 +104,9 @@ def read_content(
 
 
 def first_screen(dossier: Dossier) -> list[str]:
-    """What is told before anything else. Of a campaign: what its stack knew beyond its needs. Of
-    imported logs: why they are doubtful, how their cases ended, and how many pass by the study's
-    rule alone."""
+    """Lines that are told before anything else. Of a campaign: what its stack knew beyond its
+    needs. Of imported logs: why they are doubtful, how their cases ended, and how many pass by the
+    study's rule alone."""
     imported, rows = dossier.imported, dossier.rows
     if imported is None:
         tell = ", ".join(dossier.outcomes.tell)

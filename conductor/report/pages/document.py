@@ -28,7 +28,7 @@ PAGE_FILE = "report.html"
 
 @dataclass(frozen=True, slots=True)
 class WrittenReport:
-    """What :func:`make_report` has made."""
+    """Report that :func:`make_report` has made."""
 
     page: Path
     plots: list[Path]

@@ -108,8 +108,8 @@ def _columns(content: Content) -> list[tuple[str, str]]:
 
 
 def prepare() -> None:
-    """Do before the first page what it would do: the template is compiled, and Plotly loads its
-    parts when they are first used."""
+    """Preparation of the first page: the template is compiled, and Plotly loads its parts when they
+    are first used."""
     _template()
     curve_frame(("dtc_m", "aeb"), "")
     for trace in (go.Scatter(x=[0], y=[0], marker={"size": 1}), go.Bar(x=[0], y=[0])):

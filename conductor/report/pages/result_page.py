@@ -50,7 +50,7 @@ from twin.base.errors import UsageError, storage_error
 from twin.base.files import write_atomic
 
 _QUALITY = 88
-"""Of the pictures: a page is kept with the sources, and noise makes PNG files large."""
+"""Quality of the pictures: a page is kept with the sources, and noise makes PNG files large."""
 _MARKDOWN = re.compile(r"([\\`*_{}\[\]<>|~#$&])")
 
 
@@ -64,7 +64,7 @@ class Shown:
     picture: str
     """File in the folder of pictures; empty: there is none."""
     missing: str
-    """Why there is none."""
+    """Reason why there is no picture."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -40,7 +40,7 @@ def write_summary(folder: Path) -> pa.Table:
 
 
 def write_summary_of(dossier: Dossier) -> pa.Table:
-    """As :func:`write_summary`, for a folder that has been read already."""
+    """Write the summary as :func:`write_summary` does, for a folder that has been read already."""
     table = summary_table(dossier)
     parquet = io.BytesIO()
     pq.write_table(table, parquet, compression="zstd")

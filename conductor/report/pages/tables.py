@@ -32,9 +32,9 @@ class SystemRow:
 
     model: str
     name: str
-    """What the page calls it, see :func:`conductor.report.reading.systems.system_name`."""
+    """Name on the page, see :func:`conductor.report.reading.systems.system_name`."""
     perception: str
-    """What it really is: its perception, or whose stack it is."""
+    """What the system really is: its perception, or whose stack it is."""
     batches: list[int]
     passed: int
     """Cases with the verdict ``pass``."""

@@ -33,7 +33,7 @@ def words(value: object) -> str:
 
 
 def short(text: object, most: int) -> str:
-    """At most ``most`` characters, with what was left out told; on one line."""
+    """Text of at most ``most`` characters, with what was left out told; on one line."""
     whole = str(text)
     line = " ".join(whole[: 4 * most].split())
     if len(line) <= most and len(whole) <= 4 * most:

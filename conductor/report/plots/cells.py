@@ -39,7 +39,7 @@ def cells_of(dossier: Dossier, rows: list[CaseRow], x_axis: str, y_axis: str) ->
 
 
 def severity(row: CaseRow) -> int:
-    """Smaller is worse."""
+    """Severity of a row's status; smaller is worse."""
     status = row.status if row.status in _WORST_FIRST else _OTHER
     return _WORST_FIRST.index(status)
 
@@ -50,7 +50,7 @@ def worst(cell: list[CaseRow]) -> CaseRow:
 
 
 def cell_number(cell: list[CaseRow]) -> str:
-    """What stands beside the symbol: see :func:`case_number`; of several cases how many passed."""
+    """Text beside the symbol: see :func:`case_number`; of several cases how many passed."""
     if len(cell) > 1:
         return f"{sum(r.passed is True for r in cell)}/{len(cell)}"
     return case_number(cell[0])

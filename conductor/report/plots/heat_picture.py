@@ -29,7 +29,7 @@ _MARKS = {
     "failed": "F",
     "unresolved": "?",
 }
-"""Before the number, for those who do not tell the colours apart; in the fonts of Pillow."""
+"""Marks before the number, for those who do not tell the colours apart; in the fonts of Pillow."""
 
 Font = ImageFont.FreeTypeFont | ImageFont.ImageFont
 

@@ -18,7 +18,7 @@ LEVELS = (0.05, 0.25, 0.5, 0.75, 0.95)
 SHARES = tuple(name for name, look in LOOKS.items() if look.share)
 """Columns of which the share of cases is drawn instead of quantiles."""
 _LEAST = 0.25
-"""Where fewer of the cases still run, nothing is drawn of them [-]."""
+"""Least share of cases that still run; where fewer do, nothing is drawn of them [-]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,10 +29,10 @@ class Spread:
     time_s: Floats
     """Middles of the stretches of time."""
     values: dict[str, Floats]
-    """By column of :data:`~conductor.report.reading.curves.SHARED`. ``aeb``: share of the running
-    cases [1, BINS]; ``collisions``: share of all cases that have collided by then [1, BINS];
-    ``throttle`` and ``brake``: the quantiles :data:`LEVELS` over the running cases [5, BINS].
-    All 0 to 1; NaN: too few cases run."""
+    """Values by column of :data:`~conductor.report.reading.curves.SHARED`. ``aeb``: share of the
+    running cases [1, BINS]; ``collisions``: share of all cases that have collided by then [1,
+    BINS]; ``throttle`` and ``brake``: the quantiles :data:`LEVELS` over the running cases [5,
+    BINS]. All 0 to 1; NaN: too few cases run."""
 
 
 def spread_of(curves: Sequence[KpiCurve]) -> Spread | None:

@@ -22,8 +22,8 @@ from twin.base.files import write_atomic
 FOLDER = ".report"
 _FILE = "read.msgpack"
 _VERSION = 3
-"""Of the entries' meaning, together with the columns that are drawn and the package's version: the
-byte stream of a fingerprint and the thinning of curves are code too."""
+"""Version of the entries' meaning, together with the columns that are drawn and the package's
+version: the byte stream of a fingerprint and the thinning of curves are code too."""
 
 
 def _package() -> str:

@@ -25,14 +25,14 @@ from twin.base.files import write_atomic
 STRIPS_MAX = 24
 """Most cases with a strip of pictures, of all models together."""
 TOGETHER = 6
-"""So many strips are made by one viewer before another is started beside it."""
+"""Number of strips that are made by one viewer before another is started beside it."""
 LOG_LINES = 6
 """Last lines of a log that are shown of a case without a verdict."""
 LOG_BYTES = 4000
-"""So much of a log's end is looked at, however long it is."""
+"""Size of a log's end that is looked at, however long the log is [bytes]."""
 
 VIEWER_MAX_S = 120.0
-"""So long a picture, or some strips, may take, on a slow disk and a busy machine [s]."""
+"""Longest time that a picture, or some strips, may take, on a slow disk and a busy machine [s]."""
 
 _NOT_RECORDED = "the case was not recorded; run it again as below to see it"
 _NO_PICTURES = "logs hold none"
@@ -122,8 +122,8 @@ def _failure(dossier: Dossier, row: CaseRow, data: bytes, missing: str) -> Failu
 
 
 def _strips(dossier: Dossier, rows: list[CaseRow]) -> dict[str, tuple[bytes, str]]:
-    """By case: JPEG of the strip, from an earlier report if the recording is the same; or why
-    there is none."""
+    """Strips by case: the JPEG, from an earlier report if the recording is the same; or why there
+    is none."""
     strips: dict[str, tuple[bytes, str]] = {}
     asked = []
     for row in rows:

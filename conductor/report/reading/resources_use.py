@@ -51,10 +51,10 @@ class UseSeries:
     moment: NDArray[np.int64]
     """Wall clock since 1970 [periods]."""
     values: dict[str, Floats]
-    """By name of :data:`QUANTITIES`."""
+    """Values by name of :data:`QUANTITIES`."""
 
     def span(self, name: str) -> UseSpan | None:
-        """Over the moments at which it was measured; None: never."""
+        """Span over the moments at which it was measured; None: never."""
         known = self.values[name][~np.isnan(self.values[name])]
         if not len(known):
             return None
@@ -74,7 +74,7 @@ class Use:
     gpu_memory_gb: float | None
     """Memory that the GPUs have [GB]."""
     spans: dict[str, UseSpan | None]
-    """By name of :data:`QUANTITIES`."""
+    """Spans by name of :data:`QUANTITIES`."""
     models: tuple[str, ...] = ()
     """Systems under test of a batch."""
     gpu_names: tuple[str, ...] = ()
@@ -101,7 +101,7 @@ class Resources:
 
     @property
     def workers_shown(self) -> list[Use]:
-        """Those with a line on the page."""
+        """Workers with a line on the page."""
         return self.workers[:WORKERS_MAX]
 
     def mean_of_batches(self, name: str) -> float | None:
