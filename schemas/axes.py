@@ -110,7 +110,7 @@ def section_of(
 
 @functools.lru_cache(maxsize=_POINTS_MAX)
 def _below(prefix: str, axes: tuple[str, ...]) -> list[tuple[str, str]]:
-    """Those of a point's axes that begin so, each with the rest of its name."""
+    """Axes of a point that begin so, each with the rest of its name."""
     return [(axis, axis.removeprefix(prefix)) for axis in axes if axis.startswith(prefix)]
 
 

@@ -83,8 +83,8 @@ class Campaign(_Spec, frozen=True, kw_only=True):
     """What is shown of its cases, and recorded; no result depends on it."""
     recording: Recording = Recording()
     render: bool = True
-    """Whether the cameras see; off: there are no boxes either; for stacks that drive by lidars or
-    the car's own sensors."""
+    """Whether cameras see; without them there are no boxes either, for stacks that drive by lidars
+    or the car's own sensors."""
     clock: Clock = "lockstep"
     """``lockstep``: sim time waits for the stack. ``realtime``: it goes with the wall clock and
     waits for nobody; such results do not repeat."""

@@ -62,7 +62,7 @@ class JudgeRecord(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True)
     target: tuple[float, float, float, float, float] | None
     """Hull of the obstacle in the lane: x, y [m], yaw [rad], half length and width [m]."""
     centre_offset_m: float
-    """From the ego's reference point to the middle of its hull, forward."""
+    """Distance from the ego's reference point to the middle of its hull, forward."""
     half_length_m: float
     half_width_m: float
     lane: LaneRecord

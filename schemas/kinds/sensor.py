@@ -15,7 +15,7 @@ GROUP = "drivetwin.sensors"
 """Entry points that bring sensors."""
 
 OURS = {"shipped": "schemas.kinds.sensors:KINDS"}
-"""Those that are shipped; the same as in pyproject.toml."""
+"""Sensors that are shipped; the same as in pyproject.toml."""
 
 ControlRate = Annotated[int, Meta(ge=0, le=500)]
 Share = Annotated[float, Meta(ge=0, le=0.5)]

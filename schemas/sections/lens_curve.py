@@ -30,7 +30,8 @@ class Intrinsics:
 
 @dataclass(frozen=True, slots=True)
 class Reach:
-    """Up to where the radial curve rises: beyond it the lens sees nothing, or sees it twice."""
+    """Point up to which the radial curve rises: beyond it the lens sees nothing, or sees it
+    twice."""
 
     argument: float
     """Largest tan(theta) (perspective models) or theta [rad] (fisheye)."""
