@@ -70,7 +70,8 @@ app = make_app(
 
 
 def strangers_named() -> AbstractContextManager[None]:
-    """While it lasts, whoever does not get in at our listener is said on standard error."""
+    """Clients that do not get in at our listener are said on standard error while the block
+    lasts."""
     from twin.fabric.refusals import refusals_logged
 
     return refusals_logged(logging.getLogger("conductor").warning)
@@ -172,7 +173,7 @@ def serve(
             "`conductor submit`"
         )
     keep_to_itself()
-    found = own_key(key, insecure=insecure)
+    fabric_key = own_key(key, insecure=insecure)
     if metrics:
         from conductor.serve.metrics import checked_address
 
@@ -188,7 +189,7 @@ def serve(
                 by_batch=by_batch,
                 listen=listen,
                 namespace=namespace,
-                key=found,
+                key=fabric_key,
                 ttl_s=ttl_s,
                 view=view,
                 metrics=metrics,
@@ -200,7 +201,7 @@ def serve(
             state or Path("runs"),
             listen,
             namespace,
-            key=found,
+            key=fabric_key,
             by_batch=by_batch,
             ttl_s=ttl_s,
             view=view,
@@ -276,13 +277,13 @@ def status(
         if watch:
             as_json = output is Output.json
             raise typer.Exit(watch_status(client, Console(), as_json=as_json))
-        found = client.status(running=cases)
+        answer = client.status(running=cases)
     if output is Output.json:
-        print(json.dumps(found))
+        print(json.dumps(answer))
     elif cases:
-        running_table(found["running"])
+        running_table(answer["running"])
     else:
-        status_tables(found)
+        status_tables(answer)
 
 
 @app.command()
@@ -342,7 +343,7 @@ def validate(
         raise
     loaded, cases = plan.campaign, plan.cases
     if output is Output.json:
-        found = {
+        facts = {
             "valid": True,
             "mistakes": [],
             "cases": [case.id for case in cases],
@@ -350,7 +351,7 @@ def validate(
             "placement": loaded.autonomy.placement,
             "commands": bool(loaded.autonomy.command),
         }
-        print(json.dumps(found))
+        print(json.dumps(facts))
         return
     print(
         f"{campaign}: valid, {counted(len(cases), 'case')}, "

@@ -29,7 +29,7 @@ def backend(name: str) -> Scheduler:
 
 def present() -> BatchSystemKind | None:
     """The first batch system whose commands are on this host, or None."""
-    return next((each for each in batch_systems().declared if exists(each.submits)), None)
+    return next((kind for kind in batch_systems().declared if exists(kind.submits)), None)
 
 
 def scheduler(name: str) -> Scheduler:
@@ -40,16 +40,16 @@ def scheduler(name: str) -> Scheduler:
         InfrastructureError: its commands are not there.
     """
     if name == AUTO:
-        found, submits = present(), [each.submits for each in batch_systems().declared]
+        system, submits = present(), [kind.submits for kind in batch_systems().declared]
     else:
         declared = _declared(name)
-        found, submits = declared if exists(declared.submits) else None, [declared.submits]
-    if found is None:
+        system, submits = declared if exists(declared.submits) else None, [declared.submits]
+    if system is None:
         raise InfrastructureError(
             f"{none_of(submits)} on this host, so nothing can be submitted from here; log in to a "
             "login node of the cluster, or write the script with `hpc render` and submit it there"
         )
-    return backend(found.name)
+    return backend(system.name)
 
 
 def _declared(name: str) -> BatchSystemKind:

@@ -42,14 +42,14 @@ def checked(campaign: str) -> CampaignFacts:
         raise UsageError("\n".join(json.loads(done.out)["mistakes"]))
     if done.code != EXIT_PASS:
         raise InfrastructureError(f"{campaign}: `conductor validate` failed: {done.last_words}")
-    found: dict[str, Any] = json.loads(done.out)
+    answer: dict[str, Any] = json.loads(done.out)
     path = Path(campaign)
     # A shipped name stays one, also when a file in this folder happens to be called like it.
     is_file = path.is_file() and ("/" in campaign or path.suffix != "")
     return CampaignFacts(
         name=str(path.absolute()) if is_file else campaign,
-        cases=tuple(found["cases"]),
-        deadline_s=found["deadline_s"],
-        remote_stacks=found["placement"] == "node",
-        commands=found["commands"],
+        cases=tuple(answer["cases"]),
+        deadline_s=answer["deadline_s"],
+        remote_stacks=answer["placement"] == "node",
+        commands=answer["commands"],
     )

@@ -45,7 +45,7 @@ Which = Annotated[SchedulerName, typer.Option("--scheduler", help="Batch system 
 
 
 _AUTO = SchedulerName(AUTO)
-_OPENS = ", ".join(f"`{each.opens}`" for each in batch_systems().declared)
+_OPENS = ", ".join(f"`{kind.opens}`" for kind in batch_systems().declared)
 
 
 @app.command()
@@ -107,18 +107,20 @@ def submit(campaign: Campaign, output: OutputOption = Output.human, *, options: 
 def status(job: Job, which: Which = _AUTO, output: OutputOption = Output.human) -> None:
     """Say how a job stands in the queue; what its cases do, `conductor status` tells."""
     system, number = _job(job, which)
-    found = system.status(number)
+    job_status = system.status(number)
     if output is Output.json:
-        print(json.dumps({"scheduler": system.name, "job": number, **dataclasses.asdict(found)}))
+        print(
+            json.dumps({"scheduler": system.name, "job": number, **dataclasses.asdict(job_status)})
+        )
         return
     parts = [
-        found.native or "not known any more; see its log",
-        f"waits for: {found.reason}" if found.reason else "",
-        f"on {found.nodes}" if found.nodes else "",
-        f"exit code {found.exit_code}{_meaning(found.exit_code)}"
-        if found.exit_code is not None
+        job_status.native or "not known any more; see its log",
+        f"waits for: {job_status.reason}" if job_status.reason else "",
+        f"on {job_status.nodes}" if job_status.nodes else "",
+        f"exit code {job_status.exit_code}{_meaning(job_status.exit_code)}"
+        if job_status.exit_code is not None
         else "",
-        f"{found.restarts} restarts" if found.restarts else "",
+        f"{job_status.restarts} restarts" if job_status.restarts else "",
     ]
     print(f"{system.name} job {number}: {', '.join(part for part in parts if part)}")
 
@@ -279,10 +281,10 @@ def _request(campaign: str, options: Options, site: Site, *, remote_stacks: bool
 
 def _image(options: Options) -> str:
     """A path as the nodes see it; podman also takes names such as ``org/name:1``."""
-    given = options.container
-    if not given or (options.container_runtime == "podman" and given[0] not in "/."):
-        return given
-    return str(Path(given).absolute())
+    image = options.container
+    if not image or (options.container_runtime == "podman" and image[0] not in "/."):
+        return image
+    return str(Path(image).absolute())
 
 
 def _job(job: str, which: SchedulerName) -> tuple[Scheduler, str]:
@@ -290,11 +292,11 @@ def _job(job: str, which: SchedulerName) -> tuple[Scheduler, str]:
     from hpc.backends import scheduler
     from hpc.submit import JOB_FILE, job_of
 
-    found = job_of(Path(job))
-    if found is not None:
-        return scheduler(found[0]), found[1]
-    systems = [each for each in batch_systems().declared if which in (AUTO, each.name)]
-    if not any(re.fullmatch(each.job_ids, job) for each in systems):
+    submitted = job_of(Path(job))
+    if submitted is not None:
+        return scheduler(submitted[0]), submitted[1]
+    systems = [kind for kind in batch_systems().declared if which in (AUTO, kind.name)]
+    if not any(re.fullmatch(kind.job_ids, job) for kind in systems):
         raise UsageError(
             f"{job}: no run folder with a {JOB_FILE}; give a folder that `hpc submit` has used, "
             "or a job's id"
@@ -313,7 +315,7 @@ def _meaning(code: int) -> str:
 
 
 def _short(path: str) -> str:
-    """Relative to here if it is below."""
+    """Path relative to the working folder if it lies below it."""
     return (
         str(Path(path).relative_to(Path.cwd())) if Path(path).is_relative_to(Path.cwd()) else path
     )

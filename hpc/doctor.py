@@ -40,7 +40,7 @@ class Address:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Facts:
-    """What was found; empty where there is nothing."""
+    """Facts of a host; empty where there is nothing."""
 
     scheduler: str
     """Name of the batch system, e.g. ``slurm``, or empty."""
@@ -50,7 +50,7 @@ class Facts:
     """Batch systems of other distributions that are broken, a line each."""
     version: str
     answers: str
-    """Empty, or why the scheduler's controller cannot be used."""
+    """Why the scheduler's controller cannot be used; empty: it can."""
     partitions: tuple[Partition, ...]
     gpus: tuple[str, ...]
     containers: tuple[str, ...]
@@ -58,12 +58,13 @@ class Facts:
     filesystem: str
     """Type of the run folder's file system, e.g. ``nfs4``."""
     writable: str
-    """Empty, or why the run folder does not take a file that is written, synced and renamed."""
+    """Why the run folder does not take a file that is written, synced and renamed; empty: it
+    does."""
     free_bytes: int | None
     quota: str
     addresses: tuple[Address, ...]
     port: str
-    """Empty, or why no port can be listened at."""
+    """Why no port can be listened at; empty: one can."""
     python: tuple[int, int, int]
     missing: tuple[str, ...]
     """Commands of ours that are not beside this Python."""
@@ -143,8 +144,8 @@ def _partitions(facts: Facts) -> list[DoctorLine]:
     for part in facts.partitions:
         words = [part.name, f"up to {part.limit}" if part.limit else "", part.nodes, part.gpus]
         up = part.state.lower() in ("", "up")
-        found = ", ".join(word for word in words if word) + ("" if up else f", {part.state}")
-        lines.append(DoctorLine("partition", "ok" if up else "note", found))
+        offer = ", ".join(word for word in words if word) + ("" if up else f", {part.state}")
+        lines.append(DoctorLine("partition", "ok" if up else "note", offer))
     if not any(part.gpus for part in facts.partitions):
         lines.append(
             DoctorLine("partition", "note", "no GPUs that the scheduler knows", "use --workers N")
@@ -218,6 +219,6 @@ def _software(facts: Facts) -> DoctorLine:
     if facts.python[:2] < PYTHON_MIN:
         return DoctorLine("software", "bad", f"Python {version}", "at least 3.11 is needed")
     if facts.missing:
-        found = f"Python {version} without {', '.join(facts.missing)}"
-        return DoctorLine("software", "bad", found, "install drivetwin there, or give --bin")
+        python = f"Python {version} without {', '.join(facts.missing)}"
+        return DoctorLine("software", "bad", python, "install drivetwin there, or give --bin")
     return DoctorLine("software", "ok", f"Python {version} with conductor, twin and devkit")

@@ -170,8 +170,8 @@ def _commit(repository: NamedRepository, mirror: Path, alone: bool) -> str:
     """The commit that ``ref`` means now; the mirror holds it afterwards."""
     url, ref = repository.url, repository.ref
     # A full commit id never means anything else: no network is needed to know it.
-    if mirror.exists() and _COMMIT.fullmatch(ref) and (found := _resolved(mirror, ref)):
-        return found
+    if mirror.exists() and _COMMIT.fullmatch(ref) and (commit := _resolved(mirror, ref)):
+        return commit
     what = f"repository {url}"
     if mirror.exists():
         _run(["git", "fetch", "--quiet", "--prune", "--force", url, "+refs/*:refs/*"], what, mirror)
@@ -179,8 +179,8 @@ def _commit(repository: NamedRepository, mirror: Path, alone: bool) -> str:
         with _scratch(mirror.parent, mirror.stem, alone) as folder:
             _run(["git", "clone", "--quiet", "--mirror", "--", url, "new.git"], what, folder)
             (folder / "new.git").rename(mirror)
-    if found := _resolved(mirror, ref):
-        return found
+    if commit := _resolved(mirror, ref):
+        return commit
     names = _git("--git-dir", str(mirror), "for-each-ref", "--format=%(refname:short)", "--count=9")
     raise UsageError(
         f"repository {url}: no branch, tag or commit {ref!r}; there are "
@@ -261,12 +261,12 @@ def _run(words: Sequence[str], what: str, folder: Path, log: Path | None = None)
     except subprocess.TimeoutExpired:
         raise InfrastructureError(f"{what}: not done after {TIMEOUT_S:.0f} s") from None
     if done.returncode:
-        said = (done.stderr.strip() or done.stdout.strip()).splitlines()
-        ended = f"{what}: {said[-1] if said else f'exit code {done.returncode}'}"
+        lines = (done.stderr.strip() or done.stdout.strip()).splitlines()
+        ended = f"{what}: {lines[-1] if lines else f'exit code {done.returncode}'}"
         if log is None:
             raise UsageError(ended)
         log.write_text(f"$ {words[-1]}\n{done.stdout}{done.stderr}exit code {done.returncode}\n")
-        last = " | ".join(line.strip() for line in said[-LINES:])
+        last = " | ".join(line.strip() for line in lines[-LINES:])
         raise UsageError(f"{what}: exit code {done.returncode}: {last}; what it said is in {log}")
 
 
@@ -317,7 +317,7 @@ def _set_up(
 
 
 def _tail(file: IO[bytes]) -> str:
-    """The last of what was said."""
+    """Last bytes of a program's output."""
     file.seek(max(0, file.seek(0, os.SEEK_END) - OUTPUT_BYTES_MAX))
     return file.read().decode("utf-8", "replace")
 

@@ -34,7 +34,7 @@ def look(folder: Path, site: Path | None) -> Facts:
     used = site or usual_path()
     return Facts(
         scheduler=system.name if system is not None else "",
-        looked_for=tuple(each.submits for each in batch_systems().declared),
+        looked_for=tuple(kind.submits for kind in batch_systems().declared),
         unusable=tuple(batch_systems().broken.values()),
         version=_version(system),
         answers=offered.trouble,
@@ -72,38 +72,40 @@ def _gpus() -> tuple[str, ...]:
 
 
 def _containers() -> tuple[str, ...]:
-    found = []
+    runtimes = []
     for program in ("apptainer", "singularity", "ch-run", "podman"):
         if exists(program):
             with contextlib.suppress(TwinError):
                 done = call(program, "--version", wait_s=WAIT_S)
                 version = re.search(r"\b\d+\.\d[\w.~-]*", done.out + done.err)
-                found.append(f"{program} {version[0]}" if version else program)
-    return tuple(found)
+                runtimes.append(f"{program} {version[0]}" if version else program)
+    return tuple(runtimes)
 
 
 def _existing(folder: Path) -> Path:
     """The folder, or the nearest one above it that exists."""
-    return next(each for each in (folder, *folder.parents) if each.exists())
+    return next(ancestor for ancestor in (folder, *folder.parents) if ancestor.exists())
 
 
 def filesystem(folder: Path) -> str:
     """Type of the file system that holds ``folder``."""
     path = folder.resolve()
-    mounts = {Path(each.mountpoint): each.fstype for each in psutil.disk_partitions(all=True)}
-    return next((mounts[each] for each in (path, *path.parents) if each in mounts), "unknown")
+    mounts = {Path(mount.mountpoint): mount.fstype for mount in psutil.disk_partitions(all=True)}
+    return next(
+        (mounts[ancestor] for ancestor in (path, *path.parents) if ancestor in mounts), "unknown"
+    )
 
 
 def _writable(folder: Path) -> str:
-    made = [each for each in (folder, *folder.parents) if not each.exists()]
+    made = [ancestor for ancestor in (folder, *folder.parents) if not ancestor.exists()]
     try:
         probe(folder)
     except TwinError as error:
         return str(error).removesuffix("; nothing was submitted")
     finally:
         with contextlib.suppress(OSError):
-            for each in made:
-                each.rmdir()
+            for created in made:
+                created.rmdir()
     return ""
 
 
@@ -118,10 +120,10 @@ def _quota() -> str:
 
 def _addresses() -> tuple[Address, ...]:
     return tuple(
-        Address(name, each.address)
-        for name, found in sorted(psutil.net_if_addrs().items())
-        for each in found
-        if each.family == socket.AF_INET
+        Address(name, address.address)
+        for name, addresses in sorted(psutil.net_if_addrs().items())
+        for address in addresses
+        if address.family == socket.AF_INET
     )
 
 

@@ -21,7 +21,7 @@ else:
     )
     SchedulerName.__doc__ = "Names of batch systems, as the command line takes them."
 
-_CONSTRAINTS = ", ".join(f"{each.constraint} ({each.title})" for each in batch_systems().declared)
+_CONSTRAINTS = ", ".join(f"{kind.constraint} ({kind.title})" for kind in batch_systems().declared)
 
 
 class ContainerRuntime(StrEnum):

@@ -84,7 +84,7 @@ class JobRequest:
     constraint: str = ""
     """Kind of node. Slurm: features; PBS: resources added to every chunk, ``model=milan``."""
     modules: tuple[str, ...] = ()
-    """Loaded by ``module load`` on every node before anything is started."""
+    """Modules that ``module load`` loads on every node before anything is started."""
     scratch: str = ""
     """Folder for temporary files on each node, absolute or beginning with a variable."""
     directives: tuple[str, ...] = ()
@@ -213,11 +213,11 @@ class JobRequest:
         """The container; it sees working folder, results, campaign file and keys."""
         if not self.container:
             return None
-        own = (self.folder, self.out, self.campaign.rpartition("/")[0], self.home)
+        folders = (self.folder, self.out, self.campaign.rpartition("/")[0], self.home)
         return Container(
             image=self.container,
             runtime=self.container_runtime,
-            binds=tuple(path for path in (*own, *self.container_binds) if path),
+            binds=tuple(path for path in (*folders, *self.container_binds) if path),
             folder=self.folder,
             gpus=self.gpus > 0,
         )

@@ -21,7 +21,7 @@ class JobStatus:
     native: str = ""
     """The scheduler's own word, e.g. ``PENDING`` or ``Q``."""
     reason: str = ""
-    """Why it waits."""
+    """Why the job waits."""
     nodes: str = ""
     exit_code: int | None = None
     restarts: int = 0
@@ -46,7 +46,7 @@ class Partitions:
 
     partitions: tuple[Partition, ...] = ()
     trouble: str = ""
-    """Empty, or why its controller cannot be used."""
+    """Why its controller cannot be used; empty: it can."""
 
 
 class Scheduler(Protocol):

@@ -65,7 +65,7 @@ export DRIVETWIN_HOME={quote(request.home)}
 
 
 def inside(request: JobRequest) -> str:
-    """What stands before a command of ours."""
+    """Words before a command of ours."""
     return "" if request.inside is None else '"${inside[@]}" '
 
 
@@ -132,10 +132,10 @@ def _here(request: JobRequest, scheduler_address: str) -> str:
         return "  echo 127.0.0.1 # everything is on one node, nobody else can connect"
     if not request.interface:
         return scheduler_address
-    found = "to" if request.interface[0].isdigit() else "dev"
+    selector = "to" if request.interface[0].isdigit() else "dev"
     return f"""\
   local found # as given to `hpc --interface`
-  found=$(PATH=$PATH:/usr/sbin:/sbin ip -4 -oneline address show {found} {request.interface} \\
+  found=$(PATH=$PATH:/usr/sbin:/sbin ip -4 -oneline address show {selector} {request.interface} \\
     | awk '{{ sub("/.*", "", $4); print $4; exit }}')
   [ -n "$found" ] || echo "$(hostname) has no address at {request.interface}, see 'ip address'" >&2
   echo "$found\""""
@@ -178,7 +178,7 @@ for try in {1..40}; do
   esac
   sleep 0.5
 done"""
-"""Needs ``end_workers SIGNAL``."""
+"""Lines that wait for the conductor to end; they need ``end_workers SIGNAL``."""
 
 LOST = """\
   # They leave when no case is left. If the conductor still serves after that, they were lost.
@@ -187,7 +187,7 @@ LOST = """\
     sleep 0.2
   done
   kill -USR1 $$"""
-"""Stands at the end of the block that runs the workers."""
+"""Lines at the end of the block that runs the workers."""
 
 VERDICT = """\
 # --- The verdict: 0 all passed, 1 a verdict is not a pass, 2 bad input, 3 infrastructure lost,

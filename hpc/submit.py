@@ -22,7 +22,7 @@ SCRIPT = "job.sh"
 JOB_FILE = "job.id"
 """Name of the file in the run folder that says which job runs it: ``slurm 12``."""
 PROBE_BYTES = 1 << 20
-"""So much must fit into the run folder [bytes]."""
+"""Size of a file that must fit into the run folder [bytes]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,13 +103,13 @@ def check_free(folder: Path, scheduler: Scheduler) -> None:
     Raises:
         UsageError: an earlier job is still there.
     """
-    found = job_of(folder)
-    if found is None or found[0] != scheduler.name:
+    submitted = job_of(folder)
+    if submitted is None or submitted[0] != scheduler.name:
         return
-    status = scheduler.status(found[1])
+    status = scheduler.status(submitted[1])
     if status.state in ("pending", "running"):
         raise UsageError(
-            f"{folder}: job {found[1]} is {status.native} and works here; "
+            f"{folder}: job {submitted[1]} is {status.native} and works here; "
             f"`hpc cancel {folder}` ends it, --out chooses another folder"
         )
 
@@ -151,7 +151,7 @@ def _write(path: Path, text: str) -> None:
 
 
 class _Undo:
-    """What stood where before."""
+    """Contents of files as they were before."""
 
     def __init__(self) -> None:
         self.before: dict[Path, bytes | None] = {}
@@ -168,7 +168,7 @@ class _Undo:
 @contextlib.contextmanager
 def _undone_on_failure(folder: Path) -> Iterator[_Undo]:
     """Remove folders and files that were made meanwhile, if the block fails."""
-    made = [each for each in (folder, *folder.parents) if not each.exists()]
+    made = [ancestor for ancestor in (folder, *folder.parents) if not ancestor.exists()]
     undo = _Undo()
     try:
         yield undo
@@ -179,6 +179,6 @@ def _undone_on_failure(folder: Path) -> Iterator[_Undo]:
                     path.unlink(missing_ok=True)
                 else:
                     write_atomic(path, content)
-            for each in made:
-                os.rmdir(each)  # noqa: PTH106 - only if it is empty
+            for created in made:
+                os.rmdir(created)  # noqa: PTH106 - only if it is empty
         raise

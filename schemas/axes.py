@@ -81,15 +81,15 @@ _AXES: dict[str, tuple[Any, Any]] = {
 def value_of(point: dict[str, Any], axis: str, where: str, memo: Memo) -> tuple[Any, list[Mistake]]:
     """The value of an axis that is no field of a section, or its default; None: a mistake."""
     type_, default = _AXES[axis]
-    given = point.get(axis, default)
-    if axis == "repeat" and type(given) is int and 0 <= given < 2**63:
-        return given, []  # the one axis that may have a hundred thousand values
-    key = (axis, type(given), given)  # 1, 1.0 and True are equal
+    setting = point.get(axis, default)
+    if axis == "repeat" and type(setting) is int and 0 <= setting < 2**63:
+        return setting, []  # the one axis that may have a hundred thousand values
+    key = (axis, type(setting), setting)  # 1, 1.0 and True are equal
     if key not in memo:
-        memo[key] = convert_all({axis: given}, type_)
-    value, found = memo[key]
+        memo[key] = convert_all({axis: setting}, type_)
+    value, mistakes = memo[key]
     if value is None:
-        return None, [Mistake(f"{where}.{axis}", m.message) for m in found]
+        return None, [Mistake(f"{where}.{axis}", m.message) for m in mistakes]
     return value[axis], []
 
 
@@ -104,13 +104,13 @@ def section_of(
     key = (name, *((k, type(v), v) for k, v in changes.items()))
     if key not in memo:
         memo[key] = convert_all({**msgspec.to_builtins(section), **changes}, type(section))
-    value, found = memo[key]
-    return value, [Mistake(f"{where}.{name}.{m.path}".rstrip("."), m.message) for m in found]
+    value, mistakes = memo[key]
+    return value, [Mistake(f"{where}.{name}.{m.path}".rstrip("."), m.message) for m in mistakes]
 
 
 @functools.lru_cache(maxsize=_POINTS_MAX)
 def _below(prefix: str, axes: tuple[str, ...]) -> list[tuple[str, str]]:
-    """Those of a point's axes that begin so, each with the rest of its name."""
+    """Axes of a point that begin so, each with the rest of its name."""
     return [(axis, axis.removeprefix(prefix)) for axis in axes if axis.startswith(prefix)]
 
 
@@ -130,8 +130,10 @@ def objects_of(
     mistakes: list[Mistake] = []
     for name in sorted(varied):
         variation = objects.get(name, ObjectVariation())
-        changed[name], found = section_of(variation, f"{OBJECT_AXES}{name}", point, where, memo)
-        mistakes += found
+        changed[name], section_mistakes = section_of(
+            variation, f"{OBJECT_AXES}{name}", point, where, memo
+        )
+        mistakes += section_mistakes
     return changed, mistakes
 
 
@@ -147,8 +149,8 @@ def sensors_of(
     for kind in sensor_kinds().declared:
         name, prefix = kind.name, f"sensors.{kind.name}"
         before = sections[name] if name in sections else kind.config(on=False)
-        section, found = section_of(before, prefix, point, where, memo)
-        mistakes += found
+        section, section_mistakes = section_of(before, prefix, point, where, memo)
+        mistakes += section_mistakes
         if section is before:
             continue
         changed[name] = section

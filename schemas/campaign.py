@@ -48,7 +48,7 @@ class Requirements(_Spec, frozen=True):
     memory_gb: Annotated[float, Meta(ge=0, le=100_000)] = 0.0
     """What a rig needs; workers that allow their rigs less get no case [GB]."""
     tags: list[Tag] = []
-    """Every one of these, as given to ``twin worker --tag``."""
+    """Tags that a worker must have, all of them, as given to ``twin worker --tag``."""
 
 
 class Batch(_Spec, frozen=True):
@@ -64,11 +64,12 @@ class Campaign(_Spec, frozen=True, kw_only=True):
     schema: Literal[1] = 1
     """Version of this file type."""
     campaign: Name
-    """Its name: small letters, digits and any of `. _ -`; the run's folder is named after it."""
+    """Name of the campaign: small letters, digits and any of `. _ -`; the run's folder is named
+    after it."""
     description: str = ""
     """One line for `conductor campaigns`."""
     seed: Annotated[int, Meta(ge=0, le=2**63 - 1)] = 0
-    """Of all random numbers; the same seed gives the same bytes."""
+    """Seed of all random numbers; the same seed gives the same bytes."""
     simulator: Literal["warp", "noop"] = "warp"
     """``warp``: the simulator. ``noop``: nothing is simulated; scheduling tests only."""
     attempts_max: Annotated[int, Meta(ge=1, le=100)] = 3
@@ -82,7 +83,7 @@ class Campaign(_Spec, frozen=True, kw_only=True):
     """What is shown of its cases, and recorded; no result depends on it."""
     recording: Recording = Recording()
     render: bool = True
-    """Off: no camera sees anything, so there are no boxes either; for stacks that drive by lidars
+    """Whether cameras see; without them there are no boxes either, for stacks that drive by lidars
     or the car's own sensors."""
     clock: Clock = "lockstep"
     """``lockstep``: sim time waits for the stack. ``realtime``: it goes with the wall clock and
@@ -159,7 +160,8 @@ def count_of(campaign: Campaign) -> int:
 
 
 def cases_given(data: dict[str, Any]) -> int:
-    """The same of plain data, by lengths alone; what is no list is a mistake that others tell."""
+    """Count of the cases in plain data, by lengths alone; what is no list is a mistake that others
+    tell."""
     matrix, cases = data.get("matrix"), data.get("cases")
     axes = matrix if isinstance(matrix, dict) else {}
     return _counted(

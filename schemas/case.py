@@ -24,8 +24,8 @@ from schemas.sections.stack_identity import StackSource
 from schemas.sections.view_mode import Keep, View
 
 CASE_VERSION = 2
-"""Of the shape of a case in leases, drive records and journals; 1: release 0.1, one mapping of all
-its fields (:mod:`schemas.first_stage`)."""
+"""Version of the shape of a case in leases, drive records and journals; 1: release 0.1, one mapping
+of all its fields (:mod:`schemas.first_stage`)."""
 
 Clock = Literal["lockstep", "realtime"]
 """What sim time waits for: the stack, or the wall clock."""
@@ -58,11 +58,11 @@ class RigSpec(_Part, frozen=True, kw_only=True):
     sensor_hz: dict[str, int] = {}
     """Rates of the vehicle's own sensors that are there, by name [Hz]."""
     render: bool = True
-    """Its cameras see."""
+    """Whether its cameras see."""
     view: View = "live"
     """What its simulator shows: a rig has a recorder beside it or has none."""
     keep: Keep = "all"
-    """Of its recordings."""
+    """Which of its recordings are kept."""
     stack: str
     """Entry point; empty for a command that speaks the drive plane itself."""
     foreign: Foreign | None = None
@@ -103,7 +103,7 @@ class Variation(_Part, frozen=True, kw_only=True):
     seed: int
     deadline_s: float
     scenario: Scenario
-    """As the campaign has it; what is built of its scene and vehicle is the rig's."""
+    """Scenario as the campaign has it; what is built of its scene and vehicle is the rig's."""
     sensors: Sensors = Sensors()
     """Errors of the vehicle's own sensors; which there are, and how often they speak, is the
     rig's."""
@@ -125,9 +125,9 @@ class Variation(_Part, frozen=True, kw_only=True):
     """Scripted objects that differ from the scene."""
     repeat: int
     batch: int
-    """Label only, from 1; 0 without batches."""
+    """Number of its batch, a label only, from 1; 0 without batches."""
     drive: Keep = "none"
-    """Of the record of its drive plane."""
+    """Whether the record of its drive plane is kept."""
     tell: list[Told] = []
     """What its stack is told beyond what it needs, sorted."""
 

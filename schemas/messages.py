@@ -40,7 +40,7 @@ POSE_NORM_TOLERANCE = 0.01
 
 
 def pose_mistake(pose: Pose) -> str:
-    """What is wrong with it, or an empty string."""
+    """What is wrong with a pose, or an empty string."""
     for name in ("x_m", "y_m", "z_m"):
         value = getattr(pose, name)
         if not abs(value) <= POSE_LIMIT_M:
@@ -129,8 +129,8 @@ class Frame(Struct, frozen=True):
     offset: int = -1
     """Position in the shared frame buffer; -1: the bytes are the payload [bytes]."""
     handle: bytes = b""
-    """Of the GPU memory in which the array lies (CUDA IPC), written before the tick is published;
-    empty: it lies elsewhere."""
+    """Handle of the GPU memory in which the array lies (CUDA IPC), written before the tick is
+    published; empty: it lies elsewhere."""
 
 
 class Tick(Struct, frozen=True):
@@ -191,9 +191,10 @@ class Episode(Struct, frozen=True):
     slot: int
     token: int
     case: str
-    """Opaque, the same in every attempt; the case's name if ``autonomy.tell`` says so."""
+    """Name of the case, opaque and the same in every attempt; its own name if ``autonomy.tell``
+    says so."""
     seed: int
-    """The stack's own; the campaign's if ``autonomy.tell`` says so."""
+    """Seed of the stack; the campaign's if ``autonomy.tell`` says so."""
     model: str
     perception: Perception
     camera: str
@@ -254,7 +255,7 @@ class Detection(Struct, frozen=True):
 
     label: str
     confidence: float
-    """0 to 1."""
+    """Confidence, 0 to 1."""
     x_px: float
     y_px: float
     width_px: float
@@ -302,10 +303,10 @@ class Command(Struct, frozen=True):
     token: int
     tick: int
     throttle: float
-    """0 to 1. Ranges are checked slot by slot (:func:`command_mistake`): a NaN in one slot must
-    not take the message of the others with it."""
+    """Throttle, 0 to 1. Ranges are checked slot by slot (:func:`command_mistake`): a NaN in one
+    slot must not take the message of the others with it."""
     brake: float
-    """0 to 1."""
+    """Brake, 0 to 1."""
     steering_rad: float
     """Road-wheel angle, left positive, -1.5 to 1.5 [rad]."""
     aeb: bool = False
@@ -313,9 +314,9 @@ class Command(Struct, frozen=True):
     lights: Lights = Lights()
     detections: list[Detection] = []
     sensors: SensorErrors | None = None
-    """None: the errors of the sensors stay as they are."""
+    """Errors of the sensors from now on; None: they stay as they are."""
     handbrake: float = 0.0
-    """0 to 1; since 1.1."""
+    """Handbrake, 0 to 1; since 1.1."""
     pose: Pose | None = None
     """Where the car is at the next tick, in a case of ``autonomy.cosim``; the pedals then do
     nothing. None: the simulator moves it. Since 1.2."""
@@ -334,15 +335,16 @@ class Commands(Struct, frozen=True):
     seq: int
     commands: list[Command]
     error: str = ""
-    """Not empty: the stack cannot go on, which is its own doing; the case ends as ``failed`` with
-    this reason."""
+    """Why the stack cannot go on, which is its own doing; the case ends as ``failed`` with this
+    reason."""
     refused: bool = False
-    """With an error: because a file is not what the campaign was submitted with, so no case is
+    """Whether the error is that a file is not what the campaign was submitted with, so no case is
     charged. Since 1.3."""
     costs: list[PerceptionCost | None] = []
-    """One per command, None where no frame was looked at; empty: the stack does not measure it."""
+    """Costs of perception, one per command, None where no frame was looked at; empty: the stack
+    does not measure it."""
     wall_s: float = 0.0
-    """From the last sensor message to this answer; for benches, never a KPI [s]."""
+    """Time from the last sensor message to this answer; for benches, never a KPI [s]."""
     infrastructure: bool = False
     """The ``error`` is the machine's doing (no memory, a full disk, a lost connection): the attempt
     is repeated. Since 1.3."""
@@ -391,13 +393,13 @@ class Ready(Struct, frozen=True):
     the simulator), or empty. Before 1.4: the path of the buffer."""
     frames_bytes: int = 0
     nonce: str = ""
-    """Stands in the buffer's first bytes; proves that both sides mapped the same memory."""
+    """Text in the buffer's first bytes; it proves that both sides mapped the same memory."""
     shared: bool = False
     """The stack mapped the buffer; otherwise frames travel as payload."""
     gpu: str = ""
     """GPU on which the simulator's frames lie, ``cuda:N``, if it can share them (offered)."""
     gpu_handle: bytes = b""
-    """Of a few bytes there that begin with :attr:`gpu_nonce`."""
+    """Handle of a few bytes there that begin with :attr:`gpu_nonce`."""
     gpu_nonce: str = ""
     on_gpu: bool = False
     """The stack opened the handle and takes frames in the GPU's memory."""
@@ -406,5 +408,5 @@ class Ready(Struct, frozen=True):
     minor: int = 0
     """Minor version of the drive plane that this side speaks, see :data:`schemas.DRIVE_MINOR`."""
     refused: str = ""
-    """Not empty: the stack is not what the campaign was submitted with; the rig ends with this
-    reason, and no case is charged. Since 1.3."""
+    """Why the stack is refused: it is not what the campaign was submitted with; the rig ends with
+    this reason, and no case is charged. Since 1.3."""

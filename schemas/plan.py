@@ -112,9 +112,11 @@ def examine(data: Any) -> tuple[Plan | None, list[Mistake]]:
     mistakes = campaign_mistakes(campaign)
     points: list[Point] = []
     if campaign.autonomy.perception and 0 < count_of(campaign) <= CASES_MAX:
-        points, found = points_of(campaign)
+        points, point_mistakes = points_of(campaign)
         known = [mistake.path for mistake in mistakes]
-        mistakes += [m for m in found if not any(_same_place(m.path, path) for path in known)]
+        mistakes += [
+            m for m in point_mistakes if not any(_same_place(m.path, path) for path in known)
+        ]
         campaign = msgspec.structs.replace(campaign, plugins=_plugins(campaign, points))
     return Plan(campaign, points), mistakes
 
@@ -129,8 +131,8 @@ def _kinds_of_others(campaign: Campaign, points: Sequence[Point]) -> list[Foreig
     sections = {id(point.sensors): point.sensors for point in points}
     sensors = {name for section in sections.values() for name in section.sections()}
     variants = [campaign.autonomy.perception[model] for model in {p.model for p in points}]
-    seen = sorted({perception_kind(variant).name for variant in variants})
-    return list(foreign_kinds(campaign.scenario, sensors, campaign.autonomy.bridge, seen))
+    perceptions = sorted({perception_kind(variant).name for variant in variants})
+    return list(foreign_kinds(campaign.scenario, sensors, campaign.autonomy.bridge, perceptions))
 
 
 def _same_place(one: str, other: str) -> bool:
@@ -195,7 +197,9 @@ class _Shared:
     def __init__(self, campaign: Campaign) -> None:
         self._campaign = campaign
         variants = campaign.autonomy.perception.values()
-        self.models = sorted({path for each in variants for path in file_fields(each).values()})
+        self.models = sorted(
+            {path for variant in variants for path in file_fields(variant).values()}
+        )
         self.tell = sorted(campaign.autonomy.tell)
         self._rigs: dict[Hashable, RigSpec] = {}
 

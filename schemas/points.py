@@ -32,7 +32,7 @@ class Point(NamedTuple):
     """
 
     id: str
-    """Of its case."""
+    """Id of its case."""
     values: dict[str, Any]
     """Axis -> value, as the file has them."""
     model: str
@@ -48,7 +48,7 @@ class Point(NamedTuple):
     autonomy: Autonomy
     """Only what an axis may name of it is read: :data:`schemas.sections.autonomy.DELAYS`."""
     parameters: dict[str, Any]
-    """Of the stack; those that axes name."""
+    """Parameters of the stack that axes name."""
     objects: dict[str, ObjectVariation]
 
 
@@ -58,8 +58,8 @@ def points_of(campaign: Campaign) -> tuple[list[Point], list[Mistake]]:
     points: dict[str, Point] = {}
     memo: Memo = {}
     for where, values in kept:
-        point, found = _point(campaign, values, where, memo)
-        mistakes += [m for m in found if m not in mistakes]
+        point, point_mistakes = _point(campaign, values, where, memo)
+        mistakes += [m for m in point_mistakes if m not in mistakes]
         if len(mistakes) > MISTAKES_MAX:
             mistakes[MISTAKES_MAX:] = [Mistake("", "and more; correct these first")]
             break
@@ -103,12 +103,12 @@ def _grid(campaign: Campaign) -> tuple[list[tuple[str, dict[str, Any]]], list[Mi
 def _model(campaign: Campaign, point: dict[str, Any], where: str) -> tuple[str, list[Mistake]]:
     """The perception variant of a point of the matrix; where there is but one it need not say."""
     variants = campaign.autonomy.perception
-    given = point.get("model", next(iter(variants)) if len(variants) == 1 else None)
-    path, model = f"{where}.model", str(given)
-    if given is None:
+    choice = point.get("model", next(iter(variants)) if len(variants) == 1 else None)
+    path, model = f"{where}.model", str(choice)
+    if choice is None:
         return model, [Mistake(path, f"missing; choose of {', '.join(variants)}")]
     if model not in variants:
-        return model, [Mistake(path, f"given {given!r}; {suggest(model, list(variants))}")]
+        return model, [Mistake(path, f"given {choice!r}; {suggest(model, list(variants))}")]
     return model, []
 
 
@@ -116,36 +116,36 @@ def _point(
     campaign: Campaign, point: dict[str, Any], where: str, memo: Memo
 ) -> tuple[Point | None, list[Mistake]]:
     model, mistakes = _model(campaign, point, where)
-    time_of_day, found = value_of(point, "time_of_day", where, memo)
-    mistakes += found
-    weather, found = value_of(point, "weather", where, memo)
-    mistakes += found
+    time_of_day, axis_mistakes = value_of(point, "time_of_day", where, memo)
+    mistakes += axis_mistakes
+    weather, axis_mistakes = value_of(point, "weather", where, memo)
+    mistakes += axis_mistakes
     known = campaign.environment.weathers()
     if weather is not None and weather not in known:
-        given = f"given {weather!r}; {suggest(weather, known)}"
-        mistakes.append(Mistake(f"{where}.weather", given))
-    repeat, found = value_of(point, "repeat", where, memo)
-    mistakes += found
-    scenario, found = section_of(campaign.scenario, "scenario", point, where, memo)
-    mistakes += found
-    camera, found = section_of(campaign.camera, "camera", point, where, memo)
-    mistakes += found
-    sensors, found = sensors_of(campaign.sensors, point, where, memo)
-    mistakes += found
-    environment, found = section_of(campaign.environment, "environment", point, where, memo)
-    mistakes += found
-    autonomy, found = section_of(campaign.autonomy, "autonomy", point, where, memo)
-    mistakes += found
-    objects, found = objects_of(campaign.objects, point, where, memo)
-    mistakes += found
+        problem = f"given {weather!r}; {suggest(weather, known)}"
+        mistakes.append(Mistake(f"{where}.weather", problem))
+    repeat, axis_mistakes = value_of(point, "repeat", where, memo)
+    mistakes += axis_mistakes
+    scenario, axis_mistakes = section_of(campaign.scenario, "scenario", point, where, memo)
+    mistakes += axis_mistakes
+    camera, axis_mistakes = section_of(campaign.camera, "camera", point, where, memo)
+    mistakes += axis_mistakes
+    sensors, axis_mistakes = sensors_of(campaign.sensors, point, where, memo)
+    mistakes += axis_mistakes
+    environment, axis_mistakes = section_of(campaign.environment, "environment", point, where, memo)
+    mistakes += axis_mistakes
+    autonomy, axis_mistakes = section_of(campaign.autonomy, "autonomy", point, where, memo)
+    mistakes += axis_mistakes
+    objects, axis_mistakes = objects_of(campaign.objects, point, where, memo)
+    mistakes += axis_mistakes
     if mistakes:
         return None, mistakes
     sensor_hz = sensors.rates(campaign.control_hz)
     mistakes = _rates(campaign, camera, sensor_hz, autonomy)
     name = case_id(model, time_of_day, weather, point)
     if len(name) > ID_CHARS_MAX:
-        given = f"case '{name[:40]}...' would have a name of {len(name)} characters, at most"
-        mistakes.append(Mistake(where, f"{given} {ID_CHARS_MAX} are allowed; shorten its values"))
+        problem = f"case '{name[:40]}...' would have a name of {len(name)} characters, at most"
+        mistakes.append(Mistake(where, f"{problem} {ID_CHARS_MAX} are allowed; shorten its values"))
     if mistakes:
         return None, mistakes
     found_point = Point(

@@ -23,7 +23,7 @@ class FieldKey:
     allowed: str
     """Type and range, or the values."""
     default: str
-    """Empty: it must be given."""
+    """Default value; empty: the key must be given."""
     meaning: str
 
 
@@ -68,8 +68,8 @@ def _sections(kind: types.Type, path: str) -> Iterator[tuple[type[Struct], str]]
     elif isinstance(kind, types.ListType):
         yield from _sections(kind.item_type, f"{path}[]")
     elif isinstance(kind, types.UnionType):
-        for each in kind.types:
-            yield from _sections(each, path)
+        for member in kind.types:
+            yield from _sections(member, path)
 
 
 def _allowed(kind: types.Type) -> str:
@@ -89,10 +89,10 @@ def _allowed(kind: types.Type) -> str:
         case types.StructType():
             return "section"
         case types.UnionType():
-            if {type(each) for each in kind.types} == _PLAIN:
+            if {type(member) for member in kind.types} == _PLAIN:
                 return "value"
-            plain = [each for each in kind.types if not isinstance(each, types.NoneType)]
-            return " or ".join(dict.fromkeys(_allowed(each) for each in plain))
+            plain = [member for member in kind.types if not isinstance(member, types.NoneType)]
+            return " or ".join(dict.fromkeys(_allowed(member) for member in plain))
     return "text"
 
 
@@ -130,12 +130,12 @@ def _meanings(cls: type[Struct]) -> dict[str, str]:
     it was made of."""
     made_of: tuple[type[Struct], ...] = getattr(cls, "__sources__", ())
     if made_of:
-        found = {k: v for source in made_of for k, v in _meanings(source).items()}
-        return found | getattr(cls, "__meanings__", {})
-    found = {}
+        meanings = {k: v for source in made_of for k, v in _meanings(source).items()}
+        return meanings | getattr(cls, "__meanings__", {})
+    meanings = {}
     for base in cls.__bases__:
         if issubclass(base, Struct) and base is not Struct:
-            found |= _meanings(base)
+            meanings |= _meanings(base)
     tree = ast.parse(textwrap.dedent(inspect.getsource(cls)))
     body = tree.body[0]
     assert isinstance(body, ast.ClassDef)
@@ -148,5 +148,5 @@ def _meanings(cls: type[Struct]) -> dict[str, str]:
             and isinstance(after.value.value, str)
         ):
             text = inspect.cleandoc(after.value.value).replace("\n", " ")
-            found[line.target.id] = text.replace("``", "`")
-    return found
+            meanings[line.target.id] = text.replace("``", "`")
+    return meanings

@@ -38,15 +38,15 @@ def parse_words(words: list[str]) -> dict[str, str]:
     Raises:
         ValueError: a word is none, or a key comes twice; one line.
     """
-    found: dict[str, str] = {}
+    settings: dict[str, str] = {}
     for word in words:
         key, equals, value = word.partition("=")
         if not equals or not value:
             raise ValueError(f"given '{word}', expected KEY=VALUE such as weather=heavy_rain")
-        if key in found:
+        if key in settings:
             raise ValueError(f"{key} is given twice; give it once")
-        found[key] = value
-    return found
+        settings[key] = value
+    return settings
 
 
 def actions_of(settings: Mapping[str, Value]) -> list[Action]:
@@ -78,20 +78,22 @@ def _environment(settings: Mapping[str, Value]) -> SetEnvironment | None:
     weather = settings.get("weather")
     if weather is not None and (not weather or not isinstance(weather, str)):
         raise ValueError(f"weather: given {weather!r}, expected a name such as heavy_rain")
-    given = {key: _number(settings, key) for key in _INTENSITIES if key in settings}
-    if weather and given:
-        raise ValueError(f"weather and {', '.join(given)} exclude each other; give one of them")
+    intensities = {key: _number(settings, key) for key in _INTENSITIES if key in settings}
+    if weather and intensities:
+        raise ValueError(
+            f"weather and {', '.join(intensities)} exclude each other; give one of them"
+        )
     hour = _number(settings, "hour") if "hour" in settings else None
     if hour is not None and not 0 <= hour < 24:
         raise ValueError(f"hour: given {hour:g}, allowed: 0 to below 24")
-    if not weather and not given and hour is None:
+    if not weather and not intensities and hour is None:
         return None
     return _checked(
         SetEnvironment,
         {
             "action": "environment",
             "weather": weather or "",
-            "conditions": given or None,
+            "conditions": intensities or None,
             "time_of_day_min": None if hour is None else 60.0 * hour,
         },
     )
@@ -124,18 +126,18 @@ def _lights(text: str) -> Lights | None:
 
 
 _AS_IS = SensorErrors()
-"""Whose values say which settings are switches."""
+"""Sensor errors whose values say which settings are switches."""
 
 
-def _errors(given: Mapping[str, Value]) -> SensorErrors:
+def _errors(settings: Mapping[str, Value]) -> SensorErrors:
     values: dict[str, object] = {}
-    for key, value in given.items():
+    for key, value in settings.items():
         if isinstance(getattr(_AS_IS, key), bool):
             if str(value).lower() not in ("true", "false", "1", "0"):
                 raise ValueError(f"{key}: given {value}, allowed: true, false")
             values[key] = str(value).lower() in ("true", "1")
             continue
-        number = _number(given, key)
+        number = _number(settings, key)
         if not 0 <= number <= 1000:
             raise ValueError(f"{key}: given {number:g}, allowed: 0 to 1000")
         values[key] = number
@@ -162,9 +164,9 @@ def _number(settings: Mapping[str, Value], key: str) -> float:
 
 
 def _checked(type_: type[T], values: Mapping[str, object]) -> T:
-    found, mistakes = convert_all(dict(values), type_)
-    if found is None:
+    value, mistakes = convert_all(dict(values), type_)
+    if value is None:
         raise ValueError(
             f"{mistakes[0].path.rpartition('.')[2] or 'setting'}: {mistakes[0].message}"
         )
-    return found
+    return value

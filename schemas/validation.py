@@ -21,7 +21,7 @@ T = TypeVar("T")
 
 
 MISTAKES_MAX = 100
-"""A file is looked through until so many were found."""
+"""Number of mistakes at which a file is looked through no further."""
 
 _SHOWN_MAX = 60
 
@@ -122,11 +122,11 @@ def _check_union(data: Any, info: inspect.UnionType, path: str) -> list[Mistake]
     tagged = {m.tag: m for m in members if isinstance(m, inspect.StructType) and m.tag_field}
     if len(tagged) == len(members) and isinstance(data, dict):
         name = next(iter(tagged.values())).tag_field or ""
-        given = data.get(name)
-        if isinstance(given, str) and given in tagged:
-            return _check(data, tagged[given], path)
+        choice = data.get(name)
+        if isinstance(choice, str) and choice in tagged:
+            return _check(data, tagged[choice], path)
         kinds = ", ".join(str(tag) for tag in tagged)
-        return [Mistake(_join(path, name), f"given {_shown(given)}, allowed: {kinds}")]
+        return [Mistake(_join(path, name), f"given {_shown(choice)}, allowed: {kinds}")]
     if any(not _check(data, member, path) for member in members):
         return []
     allowed = " or ".join(_allowed(member) for member in members)

@@ -53,7 +53,7 @@ class BenchChild:
         self.process.stdin.write(line.encode() + b"\n")
 
     def finish(self, patience_s: float) -> None:
-        """Ask it to end in good order, and wait.
+        """Ask the process to end in good order, and wait.
 
         Raises:
             InfrastructureError: it did not.
@@ -64,11 +64,11 @@ class BenchChild:
         except subprocess.TimeoutExpired:
             raise InfrastructureError(f"{self._name}: no end in {patience_s:g} s") from None
         if code:
-            said = last_lines(self._log, 5)
-            raise InfrastructureError(f"{self._name}: {how_it_ended(code)}: {said}")
+            words = last_lines(self._log, 5)
+            raise InfrastructureError(f"{self._name}: {how_it_ended(code)}: {words}")
 
     def stop(self) -> None:
-        """End it and its log."""
+        """End the process and its log."""
         end(self.process, grace_s=10.0)
         self._log.close()
 
@@ -99,10 +99,10 @@ def _await(folder: Path, server: BenchChild) -> str:
     until_s = time.monotonic() + START_S
     while time.monotonic() < until_s:
         try:
-            found = find_conductor(folder)
-            if found.pid == server.process.pid:
-                greet(found.endpoint, None)
-                return found.endpoint
+            conductor = find_conductor(folder)
+            if conductor.pid == server.process.pid:
+                greet(conductor.endpoint, None)
+                return conductor.endpoint
         except TwinError:
             pass
         if server.process.poll() is not None:

@@ -36,7 +36,7 @@ TRIES = 6
 LOG = b"a made-up attempt\n"
 
 Made = Callable[[Lease], Result]
-"""What is committed of a lease."""
+"""Result that is committed of a lease."""
 
 
 def drive(endpoint: str, worker: str, k: int, made: Made) -> dict[str, float]:
@@ -83,7 +83,7 @@ def _work(bus: Bus, worker: str, session: bytes, k: int, made: Made) -> tuple[in
 
 
 def full_result(lease: Lease) -> Result:
-    """As large as a simulator's, and different for every case."""
+    """Result as large as a simulator's, and different for every case."""
     sha = hashlib.sha256(lease.case.id.encode()).digest()
     return msgspec.structs.replace(
         noop_result(lease),

@@ -40,10 +40,10 @@ def bench(tasks: int, rounds: int, cases: int, folder: Path, *, as_json: bool, c
     scale = measure_scale(cases, folder) if cases else None
     misses = (comparison.misses() if comparison else []) + (scale.misses() if scale else [])
     if as_json:
-        found = comparison.to_json() if comparison else {}
+        document = comparison.to_json() if comparison else {}
         if scale:
-            found["scale"] = scale.to_json()
-        print(json.dumps({**found, "misses": misses}))
+            document["scale"] = scale.to_json()
+        print(json.dumps({**document, "misses": misses}))
     else:
         console = Console()
         if comparison:
@@ -64,29 +64,29 @@ _LABELS = {
 }
 
 
-def _comparison_table(found: SchedulerComparison) -> Table:
+def _comparison_table(comparison: SchedulerComparison) -> Table:
     table = Table("scheduler", "cases/s", "least", "most", "aim", title="no-op cases, 2 processes")
     for name, label in _LABELS.items():
-        rates = [run.rate for run in found.runs[name]]
+        rates = [run.rate for run in comparison.runs[name]]
         if not rates:
             table.add_row(label, "not installed", "", "", "")
             continue
-        middle = found.rate(name)
+        middle = comparison.rate(name)
         aim = f"{AIMS[name]:.0f}" if name in AIMS else ""
         table.add_row(label, f"{middle:.0f}", f"{min(rates):.0f}", f"{max(rates):.0f}", aim)
     table.add_section()
-    files, judged = found.ratio("files", "k8"), found.judged_rate()
+    files, judged = comparison.ratio("files", "k8"), comparison.judged_rate()
     if files is not None and judged is not None:
         table.add_row("ratio files k8", f"{files:.3f}x", "", "", "")
         table.add_row("with KPI files, until all are judged", f"{judged:.0f}", "", "", "")
-    for name, ratio in found.ratios().items():
+    for name, ratio in comparison.ratios().items():
         shown = "-" if ratio is None else f"{ratio:.1f}x"
         table.add_row(name.replace("_", " "), shown, "", "", f">= {TARGETS[name]:g}x")
     return table
 
 
-def _scale_table(found: Scale) -> Table:
-    table = Table("what", "measured", "at most", title=f"a campaign of {found.cases} cases")
+def _scale_table(scale: Scale) -> Table:
+    table = Table("what", "measured", "at most", title=f"a campaign of {scale.cases} cases")
     for name, most in SCALE_TARGETS.items():
-        table.add_row(name, f"{getattr(found, name):.2f}", f"{most:g}")
+        table.add_row(name, f"{getattr(scale, name):.2f}", f"{most:g}")
     return table

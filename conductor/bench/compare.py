@@ -44,7 +44,7 @@ class SchedulerComparison:
         if not (self.runs.get(ours) and self.runs.get(peer)):
             return None
         pairs = zip(self.runs[ours], self.runs[peer], strict=True)
-        return median(own.rate / other.rate for own, other in pairs)
+        return median(run.rate / other.rate for run, other in pairs)
 
     def ratios(self) -> dict[str, float | None]:
         """The ratios that have targets."""
@@ -62,15 +62,15 @@ class SchedulerComparison:
     def misses(self) -> list[str]:
         """Targets that were missed, one line each; a missing peer misses its targets."""
         lines = list(self.missing)
-        for name, found in self.ratios().items():
-            if found is not None and found < TARGETS[name]:
-                lines.append(f"{name} is {found:.1f}, the target is {TARGETS[name]:g}")
+        for name, ratio in self.ratios().items():
+            if ratio is not None and ratio < TARGETS[name]:
+                lines.append(f"{name} is {ratio:.1f}, the target is {TARGETS[name]:g}")
         return lines
 
     def to_json(self) -> dict[str, Any]:
         """Ratios, medians and every single rate."""
         return {
-            **{name: _rounded(found) for name, found in self.ratios().items()},
+            **{name: _rounded(ratio) for name, ratio in self.ratios().items()},
             **{f"{name}_cases_per_s": _rounded(self.rate(name)) for name in SCHEDULERS},
             "ratio_files_k8": _rounded(self.ratio("files", "k8")),
             "files_judged_per_s": _rounded(self.judged_rate()),
@@ -99,13 +99,13 @@ def compare(
         folder: on a real disk.
         say: told about every run, one line each.
     """
-    found = SchedulerComparison({name: [] for name in SCHEDULERS})
+    comparison = SchedulerComparison({name: [] for name in SCHEDULERS})
     few = max(1, cases // FILES_SHARE)
     peers = []
     for peer in PACKAGES:
         reason = missing(peer)
         if reason:
-            found.missing.append(reason)
+            comparison.missing.append(reason)
         else:
             peers.append(peer)
     for number in range(1, rounds + 1):
@@ -117,9 +117,9 @@ def compare(
         ]
         for name, step in steps:
             run = step()
-            found.runs[name].append(run)
+            comparison.runs[name].append(run)
             say(f"round {number} of {rounds}: {name} {run.rate:.0f}/s")
-    return found
+    return comparison
 
 
 def _rounded(value: float | None) -> float | None:

@@ -40,7 +40,7 @@ class FrontRow:
 
     @property
     def ratio(self) -> float:
-        """With the front to without."""
+        """Rate with the front to the rate without."""
         return self.front / self.direct
 
 
@@ -53,15 +53,15 @@ class _Kind:
 
 def measure_front(keys: Path, rounds: int) -> dict[str, FrontRow]:
     """The table, by name."""
-    found: dict[str, dict[bool, list[float]]] = {kind.name: {} for kind in _KINDS}
+    rates: dict[str, dict[bool, list[float]]] = {kind.name: {} for kind in _KINDS}
     for _ in range(rounds):
         for fronted in (False, True):  # in turns
             with _router(keys, fronted=fronted) as (bus, endpoint):
                 for kind in _KINDS:
                     rate = kind.measure(bus, endpoint, keys)
-                    found[kind.name].setdefault(fronted, []).append(rate)
+                    rates[kind.name].setdefault(fronted, []).append(rate)
     return {
-        kind.name: FrontRow(max(found[kind.name][False]), max(found[kind.name][True]), kind.unit)
+        kind.name: FrontRow(max(rates[kind.name][False]), max(rates[kind.name][True]), kind.unit)
         for kind in _KINDS
     }
 

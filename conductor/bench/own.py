@@ -40,7 +40,7 @@ class SchedulerRun:
     wall_s: float
     submit_s: float = 0.0
     judged_s: float = 0.0
-    """From the start until all is judged and the conductor has ended; 0: no files."""
+    """Time from the start until all is judged and the conductor has ended; 0: no files."""
 
     @property
     def rate(self) -> float:
@@ -100,8 +100,8 @@ def _template(folder: Path) -> Path:
 def _check_judged(run: Path, cases: int) -> None:
     judged = read_judged(run)
     if judged is None or judged.agree != cases:
-        found = "nothing was judged" if judged is None else f"{judged.agree} agree"
-        raise InfrastructureError(f"of {cases} attempts {found}: {run}")
+        agreement = "nothing was judged" if judged is None else f"{judged.agree} agree"
+        raise InfrastructureError(f"of {cases} attempts {agreement}: {run}")
 
 
 def work(
@@ -128,14 +128,14 @@ def work(
             )
             for i in range(CLIENTS)
         ]
-        for each in clients:
-            each.line()
+        for client in clients:
+            client.line()
         started_s = time.perf_counter()
-        for each in clients:
-            each.tell("go")
-        found = [json.loads(each.line()) for each in clients]
+        for client in clients:
+            client.tell("go")
+        answers = [json.loads(process.line()) for process in clients]
         wall_s = time.perf_counter() - started_s
-    done = sum(each["cases"] for each in found)
+    done = sum(answer["cases"] for answer in answers)
     if done != cases:
         raise InfrastructureError(f"{done} of {cases} cases were committed by the clients")
     return wall_s
@@ -150,9 +150,9 @@ def check_disk(folder: Path) -> None:
     where = folder.resolve()
     best, kind = "", ""
     for line in Path("/proc/mounts").read_text(encoding="utf-8").splitlines():
-        _, mount, found, *_ = line.split()
+        _, mount, filesystem, *_ = line.split()
         if where.is_relative_to(mount) and len(mount) >= len(best):
-            best, kind = mount, found
+            best, kind = mount, filesystem
     if kind in ("tmpfs", "ramfs"):
         raise UsageError(
             f"{folder}: {kind}, nothing is durable there; choose a folder on a disk with --folder"

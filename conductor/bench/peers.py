@@ -55,10 +55,10 @@ def measure_peer(peer: str, tasks: int, folder: Path) -> SchedulerRun:
     scratch = Path(tempfile.mkdtemp(prefix=f"bench-{peer}-", dir=folder.absolute()))
     try:
         with child("conductor.bench.peers", peer, str(tasks), str(scratch)) as process:
-            found = json.loads(process.line())
+            answer = json.loads(process.line())
     finally:
         shutil.rmtree(scratch, ignore_errors=True)
-    return SchedulerRun(tasks, found["wall_s"])
+    return SchedulerRun(tasks, answer["wall_s"])
 
 
 def _noop(index: int) -> int:

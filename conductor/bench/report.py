@@ -60,21 +60,21 @@ def _bench(cases: int, scratch: Path, *, as_json: bool, check: bool) -> int:
         ("complete: the fingerprint takes every file", 0),
         ("nothing new", 0),
     ]
-    found: list[ReportRun] = []
+    runs: list[ReportRun] = []
     for what, left in steps:
-        if not found or left != steps[len(found) - 1][1]:
+        if not runs or left != steps[len(runs) - 1][1]:
             write_outcomes(scratch, plan.campaign, ends, left)
-        found.append(_measure(what, scratch))
+        runs.append(_measure(what, scratch))
     page_bytes = (scratch / PAGE_FILE).stat().st_size
-    missed = list(_missed(found))
+    missed = list(_missed(runs))
     if as_json:
-        rows = [asdict(each) for each in found]
+        rows = [asdict(report) for report in runs]
         print(json.dumps({"cases": len(ends), "page_bytes": page_bytes, "reports": rows}))
     else:
-        for each in found:
+        for run in runs:
             print(
-                f"{each.what}: {each.wall_s:.1f} s ({each.cpu_s:.1f} s of CPU), "
-                f"{each.memory_bytes / 1e6:.0f} MB, {each.read} files read"
+                f"{run.what}: {run.wall_s:.1f} s ({run.cpu_s:.1f} s of CPU), "
+                f"{run.memory_bytes / 1e6:.0f} MB, {run.read} files read"
             )
         print(f"{len(ends)} cases, page of {page_bytes / 1e6:.1f} MB")
     for line in missed:
@@ -82,14 +82,14 @@ def _bench(cases: int, scratch: Path, *, as_json: bool, check: bool) -> int:
     return EXIT_FAILED if check and missed else EXIT_PASS
 
 
-def _missed(found: list[ReportRun]) -> Iterator[str]:
-    for each in found:
-        if each.wall_s > WALL_S_MAX:
-            yield f"{each.what}: {each.wall_s:.1f} s, allowed are {WALL_S_MAX:g} s"
-        if each.memory_bytes > MEMORY_BYTES_MAX:
-            yield f"{each.what}: {each.memory_bytes / 1e6:.0f} MB, allowed are 1000 MB"
-    if found[-1].read:
-        yield f"{found[-1].what}: {found[-1].read} files read, expected none"
+def _missed(runs: list[ReportRun]) -> Iterator[str]:
+    for run in runs:
+        if run.wall_s > WALL_S_MAX:
+            yield f"{run.what}: {run.wall_s:.1f} s, allowed are {WALL_S_MAX:g} s"
+        if run.memory_bytes > MEMORY_BYTES_MAX:
+            yield f"{run.what}: {run.memory_bytes / 1e6:.0f} MB, allowed are 1000 MB"
+    if runs[-1].read:
+        yield f"{runs[-1].what}: {runs[-1].read} files read, expected none"
 
 
 def _measure(what: str, folder: Path) -> ReportRun:
@@ -107,11 +107,11 @@ def _measure(what: str, folder: Path) -> ReportRun:
     )
     os.close(writing)
     with os.fdopen(reading) as output:
-        said = output.read()
+        printed = output.read()
     _, status, usage = os.wait4(pid, 0)
     wall_s = time.monotonic() - began
     if status != 0:
         raise InfrastructureError(f"bench-report: the report ended with status {status}")
     return ReportRun(
-        what, wall_s, usage.ru_utime + usage.ru_stime, usage.ru_maxrss * 1024, int(said)
+        what, wall_s, usage.ru_utime + usage.ru_stime, usage.ru_maxrss * 1024, int(printed)
     )

@@ -27,7 +27,7 @@ TICKS = 400
 """Rows of a case: 20 s at 20 Hz."""
 SLOTS = 16
 WALL_S = 30.0
-"""Of a case, in the timeline [s]."""
+"""Wall time of a case, in the timeline [s]."""
 _MODELS = {"yolov2": 0.04, "yolov2-tiny": 0.16, "yolov3": 0.03, "yolov3-tiny": 0.11}
 _TICK_S = 0.05
 
@@ -87,7 +87,7 @@ def write_outcomes(
 ) -> None:
     """Write the outcomes as they stand when the last ``left`` cases have not ended."""
     ended = len(ends) - left
-    found = {
+    by_case = {
         case.id: end if number < ended else CaseOutcome(outcome="")
         for number, (case, end) in enumerate(ends)
     }
@@ -101,7 +101,7 @@ def write_outcomes(
         device=campaign.device,
         device_classes=["cpu:bench"],
         complete=left == 0,
-        cases=found,
+        cases=by_case,
     )
     (folder / OUTCOMES_FILE).write_bytes(encode_outcomes(outcomes))
 
@@ -193,8 +193,8 @@ def _table(columns: dict[str, NDArray[Any]], detections: pa.Array) -> pa.Table:
 def _scalars(columns: dict[str, NDArray[Any]]) -> dict[str, float | int | None]:
     trigger = int(np.argmax(columns["aeb"]))
     hit = bool(columns["collisions"].any())
-    found: dict[str, float | int | None] = {column.name: None for column in SCALARS}
-    return found | {
+    scalars: dict[str, float | int | None] = {column.name: None for column in SCALARS}
+    return scalars | {
         "sim_time_s": (TICKS - 1) * _TICK_S,
         "ticks": TICKS - 1,
         "dtc_min_m": float(columns["dtc_m"].min()),

@@ -32,15 +32,16 @@ class Scale:
 
     cases: int
     submit_s: float
-    """From the request to the reply: accepted and on disk [s]."""
+    """Time from the request to the reply: accepted and on disk [s]."""
     wall_s: float
-    """Two clients commit all of it, eight cases per request, with full results [s]."""
+    """Time in which two clients commit all of it, eight cases per request, with full results
+    [s]."""
     restart_s: float
-    """From the start of a new process on the full journal until it answers [s]."""
+    """Time from the start of a new process on the full journal until it answers [s]."""
     rss_mb: float
     """Most resident memory of a conductor: submitted, run to the end, restarted [MB]."""
     rss_each_mb: tuple[float, float, float]
-    """After the submission, after the last commit, after the restart [MB]."""
+    """Memory after the submission, after the last commit and after the restart [MB]."""
     status_ms: float
     """Median round trip of a status request, all cases ended [ms]."""
 

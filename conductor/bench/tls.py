@@ -91,7 +91,7 @@ class BenchRow:
 
     @property
     def ratio(self) -> float:
-        """TLS to plain."""
+        """Rate of TLS to the rate of plain TCP."""
         return self.tls_per_s / self.plain_per_s
 
 
@@ -154,24 +154,24 @@ def _measure(folder: Path, cases: int, rounds: int) -> dict[str, BenchRow]:
         for tls, used in ((False, None), (True, keys)):  # in turns
             for k in (1, 8):
                 name = f"lease and commit, {k} per request"
-                found = _commits(folder, used, cases, k)
-                rates.setdefault(name, {}).setdefault(tls, []).append(found)
+                commits_per_s = _commits(folder, used, cases, k)
+                rates.setdefault(name, {}).setdefault(tls, []).append(commits_per_s)
             for exchange in EXCHANGES:
                 rate, sent = _round_trips(exchange, tls=tls)
                 rates.setdefault(exchange.name, {}).setdefault(tls, []).append(rate)
                 wire[exchange.name] = sent
     return {
-        name: BenchRow(max(found[False]), max(found[True]), wire.get(name))
-        for name, found in rates.items()
+        name: BenchRow(max(by_tls[False]), max(by_tls[True]), wire.get(name))
+        for name, by_tls in rates.items()
     }
 
 
 def _behind_front(folder: Path, cases: int, rounds: int, k: int) -> FrontRow:
-    found: dict[bool, list[float]] = {False: [], True: []}
+    rates: dict[bool, list[float]] = {False: [], True: []}
     for _ in range(rounds):
         for front in (False, True):  # in turns
-            found[front].append(_commits(folder, folder / "keys", cases, k, front=front))
-    return FrontRow(max(found[False]), max(found[True]), "/s")
+            rates[front].append(_commits(folder, folder / "keys", cases, k, front=front))
+    return FrontRow(max(rates[False]), max(rates[True]), "/s")
 
 
 def _serve(folder: Path, keys: Path | None, front: bool) -> None:
@@ -244,9 +244,9 @@ _TICK = topics.TICK.key.format(rig="rig")
 _COMMAND = topics.COMMAND.key.format(rig="rig")
 
 
-def _stack(own: Path | None, path: str, nonce: str, connection: Connection) -> None:
+def _stack(key_path: Path | None, path: str, nonce: str, connection: Connection) -> None:
     """The other end of the drive plane, in a process of its own: answers with a small message."""
-    key = load_key(own, Role.stack) if own else None
+    key = load_key(key_path, Role.stack) if key_path else None
     shared = open_frames(path, FRAME_BYTES, nonce) if path else None
     bus = open_bus("peer", connect=[connection.recv()], key=key, namespace=NAMESPACE)
 
@@ -307,10 +307,10 @@ def _round_trips(exchange: Exchange, *, tls: bool) -> tuple[float, float]:
 def _sent_bytes() -> int:
     """What the TCP connections of this process have sent so far, as the kernel counts [bytes]."""
     total = 0
-    for found in psutil.Process().net_connections("tcp"):
-        if found.status != psutil.CONN_ESTABLISHED:
+    for entry in psutil.Process().net_connections("tcp"):
+        if entry.status != psutil.CONN_ESTABLISHED:
             continue
-        with socket.socket(fileno=os.dup(found.fd)) as connection:
+        with socket.socket(fileno=os.dup(entry.fd)) as connection:
             info = connection.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, 256)
         total += struct.unpack_from("=Q", info, _BYTES_ACKED)[0]
     return total

@@ -85,8 +85,8 @@ class ConductorClient:
 
     def explain(self, campaign: str, case: str) -> list[str]:
         """Sentences about why a case waits, runs or ended."""
-        found = self._ask(Explain(v=SCHEMA_VERSION, campaign=campaign, case=case)).status
-        return [str(line) for line in found["explain"]]
+        answer = self._ask(Explain(v=SCHEMA_VERSION, campaign=campaign, case=case)).status
+        return [str(line) for line in answer["explain"]]
 
     def control(
         self,

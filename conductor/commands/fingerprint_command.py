@@ -33,36 +33,39 @@ def fingerprint(
     from conductor.records.fingerprint import fingerprint as compute
     from conductor.trust.sign_run import require_fit
 
-    for given in (folder, *([other] if other else [])):
-        require_fit(given)
+    for run in (folder, *([other] if other else [])):
+        require_fit(run)
     if other is not None:
         raise typer.Exit(_are_same(folder, other, as_json=output is Output.json))
-    found = compute(folder)
+    result = compute(folder)
     if output is Output.json:
-        shown = {"fingerprint": found.sha256, "cases": found.cases, "mixed": found.mixed}
-        print(json.dumps({**shown, "realtime": found.realtime}))
+        shown = {"fingerprint": result.sha256, "cases": result.cases, "mixed": result.mixed}
+        print(json.dumps({**shown, "realtime": result.realtime}))
     else:
-        print(f"{found.sha256} {found.caveat}".rstrip())
+        print(f"{result.sha256} {result.caveat}".rstrip())
 
 
 def _are_same(first: Path, second: Path, *, as_json: bool) -> int:
     from conductor.records.sameness import sameness
 
-    found = sameness(first, second)
+    comparison = sameness(first, second)
     if as_json:
-        sums = [run.sha256 for run in found.fingerprints]
-        differences = {case.case: case.words for case in found.differences}
-        shown = {"same": found.same, "fingerprints": sums, "differences": differences}
-        print(json.dumps({**shown, "notes": found.notes}))
-    elif found.same:
-        print(f"the same: {found.fingerprints[0].sha256} {found.fingerprints[0].caveat}".rstrip())
+        sums = [run.sha256 for run in comparison.fingerprints]
+        differences = {case.case: case.words for case in comparison.differences}
+        shown = {"same": comparison.same, "fingerprints": sums, "differences": differences}
+        print(json.dumps({**shown, "notes": comparison.notes}))
+    elif comparison.same:
+        print(
+            f"the same: {comparison.fingerprints[0].sha256} "
+            f"{comparison.fingerprints[0].caveat}".rstrip()
+        )
     else:
-        cases = max(run.cases for run in found.fingerprints)
-        print(f"not the same: {len(found.differences)} of {counted(cases, 'case')}")
-        for case in found.differences[:DIFFERENCES_SHOWN_MAX]:
+        cases = max(run.cases for run in comparison.fingerprints)
+        print(f"not the same: {len(comparison.differences)} of {counted(cases, 'case')}")
+        for case in comparison.differences[:DIFFERENCES_SHOWN_MAX]:
             print(f"  {case.case}: {case.words}")
-        if len(found.differences) > DIFFERENCES_SHOWN_MAX:
+        if len(comparison.differences) > DIFFERENCES_SHOWN_MAX:
             print("  ...; --output json lists all")
-        for note in found.notes:
+        for note in comparison.notes:
             print(f"note: {note}")
-    return EXIT_PASS if found.same else EXIT_FAILED
+    return EXIT_PASS if comparison.same else EXIT_FAILED

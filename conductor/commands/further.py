@@ -94,14 +94,14 @@ def fields(
     from schemas.validation import suggest
 
     known = keys_of(Campaign)
-    top = [each.path for each in known if "." not in each.path]
-    found = [each for each in known if each.path.startswith(key)]
-    if not found:
+    top = [field.path for field in known if "." not in field.path]
+    chosen = [field for field in known if field.path.startswith(key)]
+    if not chosen:
         raise UsageError(f"no key '{key}'; {suggest(key, top)}")
     if output is Output.json:
-        print(json.dumps([asdict(each) for each in found]))
+        print(json.dumps([asdict(field) for field in chosen]))
     else:
-        key_table(found)
+        key_table(chosen)
 
 
 def campaigns_command() -> None:

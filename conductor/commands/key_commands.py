@@ -112,7 +112,7 @@ def invite(
             f"--role {role}: allowed: {allowed}; a conductor has its own key, and a stack gets one "
             "from its rig"
         )
-    folder, found = _where(state, key)
+    folder, conductor = _where(state, key)
     authority = load_authority(folder)
     if days > (most := days_left(authority)):
         raise UsageError(
@@ -121,13 +121,14 @@ def invite(
         )
     if connect:
         check_protected(connect, keyed=True)
-    endpoint = connect or (found.endpoint if found else "")
-    data = authority.issue(role, days, endpoint, found.namespace if found else "")
-    told = f"a key of role {role} for {days} days, which {IN_WORDS[role]}"
+    endpoint = connect or (conductor.endpoint if conductor else "")
+    data = authority.issue(role, days, endpoint, conductor.namespace if conductor else "")
+    description = f"a key of role {role} for {days} days, which {IN_WORDS[role]}"
     if out is None:
         print(as_line(data).decode())
         print(
-            f"conductor: {told}; paste the line into a file of mode 0600 and give that as --key",
+            f"conductor: {description}; paste the line into a file of mode 0600 and give that as "
+            "--key",
             file=sys.stderr,
         )
         return
@@ -136,7 +137,7 @@ def invite(
     except OSError as error:
         raise storage_error(error, str(out)) from None
     print(out)
-    print(f"conductor: {told}", file=sys.stderr)
+    print(f"conductor: {description}", file=sys.stderr)
 
 
 def revoke(
@@ -157,7 +158,7 @@ def revoke(
     from conductor.serve.audit import await_cut
     from twin.fabric.keys.revoked import check_of_fabric, read_revoked, revoke, serial_of
 
-    folder, found = _where(state, key)
+    folder, conductor = _where(state, key)
     if not folder.is_dir():
         raise UsageError(f"{folder}: not a folder of keys; give --state FOLDER or --key FOLDER")
     serial = serial_of(which)
@@ -165,7 +166,7 @@ def revoke(
     if serial in read_revoked(folder):
         print(f"key {serial:x} was withdrawn already")
         return
-    watched = await_cut(state, serial) if state is not None and found is not None else None
+    watched = await_cut(state, serial) if state is not None and conductor is not None else None
     revoke(folder, serial)
     cut = watched() if watched is not None else None
     if cut is None:
@@ -185,12 +186,12 @@ def _where(state: Path | None, key: Path | None) -> tuple[Path, ConductorFile | 
             raise UsageError("no fabric given; use --state FOLDER or --key FOLDER")
         return key, None
     try:
-        found = find_conductor(state)
+        conductor = find_conductor(state)
     except UsageError:
-        found = None  # it may come later
+        conductor = None  # it may come later
     if key is not None:
-        return key, found
-    if found is not None and found.insecure:
+        return key, conductor
+    if conductor is not None and conductor.insecure:
         raise UsageError(f"{state}: its conductor was told --insecure and takes no keys")
     refuse_keys_in(state)
-    return keys_of(found, state) if found else fabric_folder(fabric_name(state)), found
+    return keys_of(conductor, state) if conductor else fabric_folder(fabric_name(state)), conductor

@@ -85,8 +85,8 @@ def export_command(
     if format_ is Format.csv:
         files, notes, last = export_csv(folder, out), list[str](), "a summary"
     else:
-        found = export_autodrive(folder, out)
-        files, notes, last = found.files, found.notes, "config.json"
+        exported = export_autodrive(folder, out)
+        files, notes, last = exported.files, exported.notes, "config.json"
     if output is Output.json:
         print(json.dumps({"files": [str(path) for path in files], "notes": notes}))
     else:
@@ -115,15 +115,15 @@ def compare_command(
     for path, suffix in ((html, ".html"), (markdown, ".md")):
         if path is not None and (path.suffix.lower() != suffix or path.is_dir()):
             raise UsageError(f"{path}: expected the name of a file that ends in {suffix}")
-    found = compare_folders(before, after)
+    comparison = compare_folders(before, after)
     for path, render in ((html, as_html), (markdown, as_markdown)):
         if path is not None:
-            _write(path, render(found))
+            _write(path, render(comparison))
     if output is Output.json:
-        print(json.dumps(as_json(found), allow_nan=False))
+        print(json.dumps(as_json(comparison), allow_nan=False))
     else:
-        print_comparison(found)
-    if found.regressions:
+        print_comparison(comparison)
+    if comparison.regressions:
         raise typer.Exit(EXIT_FAILED)
 
 

@@ -44,7 +44,8 @@ def status_view(found: ConductorStatus, paces: Mapping[str, Pace] | None = None)
 
 
 def alarms(found: ConductorStatus) -> list[str]:
-    """What must not happen: broken hosts, attempts that disagree, storage that refuses."""
+    """Lines about what must not happen: broken hosts, attempts that disagree, storage that
+    refuses."""
     lines = [f"alarm: {line}" for line in found.get("broken_hosts", [])]
     for name, row in found["campaigns"].items():
         count = row.get("disagreements", 0)
@@ -89,10 +90,10 @@ def _campaigns(rows: Mapping[str, CampaignStatus], paces: Mapping[str, Pace] | N
     return table
 
 
-def _workers(found: ConductorStatus) -> Table:
+def _workers(status: ConductorStatus) -> Table:
     table = Table("worker", "host", "device", "slots", "held", "progress", "last seen")
-    for row in found["workers"]:
-        seen = f"{row['age_s']:.1f} s ago"
+    for row in status["workers"]:
+        age = f"{row['age_s']:.1f} s ago"
         table.add_row(
             row["id"],
             row["host"],
@@ -100,6 +101,6 @@ def _workers(found: ConductorStatus) -> Table:
             str(row["slots"]),
             str(row["held"]),
             str(row["progress"]),
-            seen if row["present"] else f"{seen}, silent",
+            age if row["present"] else f"{age}, silent",
         )
     return table

@@ -60,43 +60,43 @@ def verify(
     ) as progress:
         bars: dict[str, int] = {}
 
-        def told(what: str, done: int, total: int) -> None:
+        def advance(what: str, done: int, total: int) -> None:
             if what not in bars:
                 bars[what] = progress.add_task(what, total=total)
             progress.update(bars[what], completed=done)  # type: ignore[arg-type]
 
-        found = verify_run(folder, trusted, deep=deep, told=told)
-    _print_json(found) if output is Output.json else _print(found)
-    raise typer.Exit(EXIT_INFRASTRUCTURE if found.differences else EXIT_PASS)
+        verified = verify_run(folder, trusted, deep=deep, told=advance)
+    _print_json(verified) if output is Output.json else _print(verified)
+    raise typer.Exit(EXIT_INFRASTRUCTURE if verified.differences else EXIT_PASS)
 
 
-def _print_json(found: Verified) -> None:
-    manifest = found.manifest
+def _print_json(verified: Verified) -> None:
+    manifest = verified.manifest
     shown = {
-        "fits": not found.differences,
-        "differences": found.differences,
-        "notes": found.notes,
+        "fits": not verified.differences,
+        "differences": verified.differences,
+        "notes": verified.notes,
         "key": manifest.key if manifest else None,
         "fingerprint": manifest.fingerprint if manifest else None,
-        "files": found.files,
-        "wall_s": round(found.wall_s, 3),
-        "attempts": found.attempts,
-        "attempts_per_s": round(found.rate, 1),
+        "files": verified.files,
+        "wall_s": round(verified.wall_s, 3),
+        "attempts": verified.attempts,
+        "attempts_per_s": round(verified.rate, 1),
     }
     print(json.dumps(shown))
 
 
-def _print(found: Verified) -> None:
-    for line in found.differences[:SHOWN_MAX]:
+def _print(verified: Verified) -> None:
+    for line in verified.differences[:SHOWN_MAX]:
         print(line)
-    if len(found.differences) > SHOWN_MAX:
-        print(f"and {len(found.differences) - SHOWN_MAX} more; --output json lists all")
-    for note in found.notes:
+    if len(verified.differences) > SHOWN_MAX:
+        print(f"and {len(verified.differences) - SHOWN_MAX} more; --output json lists all")
+    for note in verified.notes:
         print(f"note: {note}", file=sys.stderr)
-    if found.manifest is not None:
+    if verified.manifest is not None:
         print(
-            f"{'differs' if found.differences else 'fits'}: {counted(found.files, 'file')} in "
-            f"{found.wall_s:.1f} s, signed by key {found.manifest.key}"
+            f"{'differs' if verified.differences else 'fits'}: {counted(verified.files, 'file')} "
+            f"in {verified.wall_s:.1f} s, signed by key {verified.manifest.key}"
         )
-    if found.attempts:
-        print(f"deep: {counted(found.attempts, 'attempt')}, {found.rate:.0f} per second")
+    if verified.attempts:
+        print(f"deep: {counted(verified.attempts, 'attempt')}, {verified.rate:.0f} per second")

@@ -25,7 +25,7 @@ from twin.base.errors import EXIT_PASS, TwinError
 POLL_S = 1.0
 """Status is asked for at least this often [s]."""
 HASTE_S = 0.2
-"""And at most this often, however many events come [s]."""
+"""Status is asked for at most this often, however many events come [s]."""
 
 
 class StatusSource(Protocol):
@@ -39,7 +39,7 @@ class StatusSource(Protocol):
 
 
 class Watched:
-    """What was seen so far: the last status and the pace of each campaign."""
+    """State of the watch so far: the last status and the pace of each campaign."""
 
     def __init__(self) -> None:
         self.found: ConductorStatus = {}
@@ -142,6 +142,6 @@ def _wait(changed: threading.Event) -> None:
     time.sleep(HASTE_S)
 
 
-def _counts(found: ConductorStatus) -> object:
-    """What a line per change is about: not the ages of workers."""
-    return json.dumps([found["campaigns"], found["notes"], found.get("storage_error")])
+def _counts(status: ConductorStatus) -> object:
+    """Counts that a line per change is about: not the ages of workers."""
+    return json.dumps([status["campaigns"], status["notes"], status.get("storage_error")])

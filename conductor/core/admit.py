@@ -70,10 +70,10 @@ def _too_much(state: State, cases: int) -> str:
 
 
 def _conflict(
-    state: State, known: CampaignState, given: Campaign, digest: str, software: str
+    state: State, known: CampaignState, campaign: Campaign, digest: str, software: str
 ) -> str:
     """Why a campaign is none that is known by its name, in one line."""
-    name = given.campaign
+    name = campaign.campaign
     # `conductor run` has a state folder per campaign; one that serves knows campaigns by name.
     alone = known.out == state.config.folder
     anew = "give another folder with --out (`conductor serve`: --state)"
@@ -83,7 +83,7 @@ def _conflict(
             f"{name}: {known.out} was begun by another version of drivetwin, whose digests are "
             f"taken over other things; finish it with that version, or {elsewhere}"
         )
-    before, now = known.campaign.stack_identity, given.stack_identity
+    before, now = known.campaign.stack_identity, campaign.stack_identity
     what = difference(before, now) if before.digest else ""
     if what:
         return (
@@ -92,12 +92,12 @@ def _conflict(
             f"{elsewhere}"
         )
     for plugin, version in known.campaign.plugins.items():
-        if (here := given.plugins.get(plugin, version)) != version:
+        if (here := campaign.plugins.get(plugin, version)) != version:
             return (
                 f"{name}: {known.out} was begun with plug-in '{plugin}' {version}, installed is "
                 f"{here}; put it back, or {elsewhere}"
             )
-    old, new = known.campaign.files | before.named, given.files | now.named
+    old, new = known.campaign.files | before.named, campaign.files | now.named
     other = [path for path, sha in old.items() if new.get(path, sha) != sha]
     if other:
         return (
@@ -115,11 +115,11 @@ def _conflict(
 
 def _other_plugins(request: Submit, here: Campaign) -> str:
     """A plug-in of the submitter that is not the one with which cases are made here; or nothing."""
-    given = request.campaign.get("plugins") or {}
+    plugins = request.campaign.get("plugins") or {}
     for name, version in here.plugins.items():
-        if given.get(name, version) != version:
+        if plugins.get(name, version) != version:
             return (
-                f"uses plug-in '{escape(name, 80)}' {escape(str(given[name]), 80)} where it was "
+                f"uses plug-in '{escape(name, 80)}' {escape(str(plugins[name]), 80)} where it was "
                 f"submitted, the conductor has {version}; install the same version on both sides"
             )
     return ""
@@ -132,16 +132,16 @@ def admit(state: State, request: Submit) -> tuple[Submitted | Relocated | None, 
         The fact and no errors; or the fact that its files were moved, or None, and no errors: the
         campaign is known, this is a resume; or None and the errors, one line each.
     """
-    given = escape(str(request.campaign.get("campaign", "campaign")), 80)
-    out = request.out or f"{state.config.folder}/{given}"
-    if given not in state.campaigns and (error := _unfit(state, request, out)):
-        return None, [f"{given}: {error}"]
+    escaped_name = escape(str(request.campaign.get("campaign", "campaign")), 80)
+    out = request.out or f"{state.config.folder}/{escaped_name}"
+    if escaped_name not in state.campaigns and (error := _unfit(state, request, out)):
+        return None, [f"{escaped_name}: {error}"]
     view = {} if state.config.view is None else {"view": state.config.view.value}
     # The message is all that a conductor knows of a campaign, and what the journal keeps of it: a
     # plan that a client of the same process has made is no part of a submission.
     plan, mistakes = parse_plan({**request.campaign, **view})
     if plan is None:
-        return None, [mistake.line(given) for mistake in mistakes]
+        return None, [mistake.line(escaped_name) for mistake in mistakes]
     campaign, cases = plan.campaign, plan.cases
     name = campaign.campaign
     if state.config.protected and (why := open_by_nature(campaign.autonomy)):

@@ -96,7 +96,7 @@ def _column(values: list[Any]) -> CaseColumn:
     first = values[0]
     if all(value is first for value in values):
         return CaseColumn(values=msgspec.to_builtins([first]))
-    found: dict[Hashable, int] = {}
+    positions: dict[Hashable, int] = {}
     index = []
     unique: list[Any] = []
     keys: dict[int, Hashable] = {}  # equal sections are mostly one object
@@ -104,7 +104,7 @@ def _column(values: list[Any]) -> CaseColumn:
         key = keys.get(id(value))
         if key is None:
             key = keys[id(value)] = _key(value)
-        position = found.setdefault(key, len(unique))
+        position = positions.setdefault(key, len(unique))
         if position == len(unique):
             unique.append(value)
         index.append(position)

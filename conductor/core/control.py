@@ -63,13 +63,16 @@ def _pause(
 def _cancel(turn: RequestTurn, campaign: CampaignState, case: CaseState | None) -> tuple[str, int]:
     name = campaign.campaign.campaign
     chosen = [case] if case is not None else campaign.ordered
-    running = [each for each in chosen if not each.ended]
+    running = [entry for entry in chosen if not entry.ended]
     if case is not None and not running and not _was(case, "cancelled"):
         return f"{name}: case '{case.case.id}' has ended; its outcome stays", 0
-    for each in running:
+    for cancelled in running:
         turn.emit(
             CaseEnded(
-                campaign=name, case=each.case.id, outcome="cancelled", reason="cancelled on request"
+                campaign=name,
+                case=cancelled.case.id,
+                outcome="cancelled",
+                reason="cancelled on request",
             )
         )
     return "", len(running)
@@ -78,15 +81,15 @@ def _cancel(turn: RequestTurn, campaign: CampaignState, case: CaseState | None) 
 def _retry(turn: RequestTurn, campaign: CampaignState, case: CaseState | None) -> tuple[str, int]:
     name = campaign.campaign.campaign
     chosen = [case] if case is not None else campaign.ordered
-    again = [each for each in chosen if isinstance(each.end, CaseEnded)]
+    again = [entry for entry in chosen if isinstance(entry.end, CaseEnded)]
     if case is not None and not again and case.ended:
         return (
             f"{name}: case '{case.case.id}' has a committed result, which stays; "
             "unresolved and cancelled cases can be retried",
             0,
         )
-    for each in again:
-        turn.emit(Retried(campaign=name, case=each.case.id))
+    for retried in again:
+        turn.emit(Retried(campaign=name, case=retried.case.id))
     return "", len(again)
 
 
@@ -94,6 +97,6 @@ def _was(case: CaseState, outcome: str) -> bool:
     return isinstance(case.end, CaseEnded) and case.end.outcome == outcome
 
 
-def _no(kind: str, given: str, known: list[str]) -> str:
+def _no(kind: str, name: str, known: list[str]) -> str:
     shown = ", ".join(known[:SHOWN_MAX]) + (", ..." if len(known) > SHOWN_MAX else "")
-    return f"no {kind} '{given[:80]}' here; {kind}s: {shown or 'none'}"
+    return f"no {kind} '{name[:80]}' here; {kind}s: {shown or 'none'}"

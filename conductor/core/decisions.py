@@ -115,7 +115,7 @@ def _forget(turn: RequestTurn) -> None:
 
 
 def _forget_silent(turn: RequestTurn, silent_ns: int, reason: str) -> None:
-    """Those without leases; should one come back, it joins again."""
+    """Forget silent workers without leases; should one come back, it joins again."""
     for name, worker in list(turn.state.workers.items()):
         if not worker.tokens and turn.now_ns - worker.seen_ns >= silent_ns:
             turn.emit(WorkerLeft(worker=name, reason=reason, forgotten=True))
@@ -221,8 +221,8 @@ def _oversized(request: Hello) -> str:
         return (
             f"worker {request.worker}: {len(request.tags)} tags, at most {TAGS_MAX}; leave some out"
         )
-    for name, given in words.items():
-        for word in given:
+    for name, texts in words.items():
+        for word in texts:
             if len(word) > NAME_CHARS_MAX:
                 return (
                     f"worker {request.worker}: a {name} of {len(word)} characters, allowed: "
@@ -251,8 +251,8 @@ def _next(turn: RequestTurn, request: Next) -> Reply:
             fenced.append(result.token)
     for sealed in request.sealed:
         acks.append(sealed.token)
-        found = opened(state, sealed)
-        if found is None or not commit(turn, *found):
+        unsealed = opened(state, sealed)
+        if unsealed is None or not commit(turn, *unsealed):
             fenced.append(sealed.token)
     _end_attempts(turn, request.worker, request.ended)
     # A lease that the worker does not know of was lost on its way there.
@@ -287,7 +287,7 @@ def _next(turn: RequestTurn, request: Next) -> Reply:
 
 
 def _replied(request: Next, reply: Reply) -> Replied:
-    """Cases are large and in the journal already."""
+    """Fact of a reply without its cases, which are large and in the journal already."""
     granted = [
         Granted(
             lease.case.variation.campaign, lease.case.id, lease.token, lease.attempt, lease.alone
@@ -450,10 +450,10 @@ def _explain(turn: RequestTurn, request: Explain) -> Reply:
 
 
 def _status(turn: RequestTurn, request: StatusRequest) -> Reply:
-    found = status(turn.state, turn.now_ns)
+    answer = status(turn.state, turn.now_ns)
     if request.running:
-        found["running"] = running(turn.state, turn.now_ns)
-    return turn.reply(status=found)
+        answer["running"] = running(turn.state, turn.now_ns)
+    return turn.reply(status=answer)
 
 
 def _stop(turn: RequestTurn, _: Stop) -> Reply:

@@ -12,16 +12,16 @@ from schemas.words import agree, counted
 
 def explain(state: State, campaign: str, case: str, now_ns: int) -> list[str]:
     """What is known about a case, the present first, then its past; empty: no such case."""
-    found = state.campaigns.get(campaign)
-    known = found.cases.get(case) if found else None
-    if found is None or known is None:
+    campaign_state = state.campaigns.get(campaign)
+    known = campaign_state.cases.get(case) if campaign_state else None
+    if campaign_state is None or known is None:
         return []
     if known.ended:
         lines = list(_ended(known))
     elif known.live:
         lines = list(_running(state, known, now_ns))
     else:
-        lines = list(_waiting(state, found, known, now_ns))
+        lines = list(_waiting(state, campaign_state, known, now_ns))
     return lines + list(_past(known))
 
 

@@ -38,7 +38,7 @@ class EpochRaised(_Fact, frozen=True):
     folder: str = ""
     """State folder, absolute; journals of earlier versions do not say."""
     before: str = ""
-    """Where it lay until then, if it was copied or moved: campaigns in it came along."""
+    """Folder where it lay until then, if it was copied or moved: campaigns in it came along."""
 
 
 class Submitted(_Fact, frozen=True):
@@ -71,7 +71,7 @@ class Pinned(_Fact, frozen=True):
     campaign: str
     software: str
     device_class: str
-    """Empty: any device class."""
+    """Pinned device class; empty: any."""
 
 
 class WorkerJoined(_Fact, frozen=True):
@@ -101,7 +101,7 @@ class WorkerLeft(_Fact, frozen=True):
     worker: str
     reason: str = ""
     forgotten: bool = False
-    """It was silent for too long; should it come back, it may join again."""
+    """Whether it was silent for too long; should it come back, it may join again."""
 
 
 class WorkerDraining(_Fact, frozen=True):
@@ -144,9 +144,9 @@ class AttemptEnded(_Fact, frozen=True):
     """The next lease of the case runs alone."""
     detail: str = ""
     group: int = SHARED
-    """With whom the case may share its next rig (``SHARED`` in journals of version 1)."""
+    """Group with which the case may share its next rig (``SHARED`` in journals of version 1)."""
     evidence: bool = False
-    """Its worker died while all others lived: the case may be why."""
+    """Whether its worker died while all others lived: the case may be why."""
 
 
 class Intervention(_Fact, frozen=True):
@@ -158,9 +158,9 @@ class Intervention(_Fact, frozen=True):
     tick: int
     """Control tick of the case at which it was applied."""
     what: str
-    """In a few words."""
+    """What was done, in a few words."""
     changes: int
-    """So far; if any, the attempt gives the case no verdict."""
+    """Number of changes so far; if any, the attempt gives the case no verdict."""
 
 
 class Charge(Struct, frozen=True):
@@ -201,7 +201,7 @@ class Paused(_Fact, frozen=True):
 
     campaign: str
     case: str
-    """Empty: the campaign."""
+    """Id of the case; empty: the campaign."""
     paused: bool
 
 
@@ -235,7 +235,7 @@ class Replied(_Fact, frozen=True):
     worker: str
     seq: int
     reply: Reply
-    """Without leases (journals of version 1: with them)."""
+    """Reply without leases (journals of version 1: with them)."""
     granted: list[Granted] = []
 
 
@@ -250,7 +250,7 @@ class Snapshot(_Fact, frozen=True):
     """Stands for every fact before it; see :mod:`conductor.core.snapshot`."""
 
     images: list[Image]
-    """Those that changed since the snapshot before; what is read from the journal has all."""
+    """Images that changed since the snapshot before; what is read from the journal has all."""
 
 
 # --- volatile: in memory only, rebuilt after a restart --------------------------------------------

@@ -57,11 +57,11 @@ from schemas.identity import rig_key
 from schemas.wire.control import Result, Touch
 
 DEPARTED_MAX = 10_000
-"""So many ids of workers that left are known; of an older one a word that was under way for so long
-would count as a new worker's, which is forgotten when it is silent."""
+"""Number of ids of workers that left and are known; of an older one a word that was under way for
+so long would count as a new worker's, which is forgotten when it is silent."""
 ISSUED_MAX = 64
-"""So many tokens of a case are known; a late result of an older one is fenced as any other, but no
-evidence."""
+"""Number of tokens of a case that are known; a late result of an older one is fenced as any other,
+but no evidence."""
 LATE_MAX = 16
 """Most late results of a case that are kept; all are compared with what is committed."""
 LOST_WORKERS_MAX = 64
@@ -234,24 +234,26 @@ def _leased(state: State, fact: Leased) -> None:
 def _latest(
     issued: tuple[Issued, ...], latest: Issued, live: tuple[int, ...]
 ) -> tuple[Issued, ...]:
-    """With ``latest``; beyond the limit the oldest that is not live is forgotten."""
+    """Tokens of a case with ``latest``; beyond the limit the oldest that is not live is
+    forgotten."""
     if len(issued) >= ISSUED_MAX:
-        oldest = next(each for each in issued if each.token not in live)
-        issued = tuple(each for each in issued if each != oldest)
+        oldest = next(record for record in issued if record.token not in live)
+        issued = tuple(record for record in issued if record != oldest)
     return (*issued, latest)
 
 
 def _evidence(late: tuple[LateAttempt, ...], fact: LateAttempt) -> tuple[LateAttempt, ...]:
-    """With ``fact``; beyond the limit only if it says something new, in the place of the latest."""
+    """Late attempts of a case with ``fact``; beyond the limit only if it says something new, in the
+    place of the latest."""
     if len(late) < LATE_MAX:
         return (*late, fact)
-    if any(agrees(each.result, fact.result) is not False for each in late):
+    if any(agrees(attempt.result, fact.result) is not False for attempt in late):
         return late
     return (*late[:-1], fact)
 
 
 def _host(state: State, token: int) -> str:
-    """Where a live token is."""
+    """Host of a live token."""
     return state.workers[state.leases[token].worker].joined.host
 
 
@@ -346,7 +348,7 @@ def _case_ended(state: State, fact: CaseEnded) -> None:
     # It was the case that was bad, not the hosts it died on.
     key = (fact.campaign, fact.case)
     for host, deaths in list(state.deaths.items()):
-        state.deaths[host] = tuple(each for each in deaths if each != key)
+        state.deaths[host] = tuple(death for death in deaths if death != key)
 
 
 def _paused(state: State, fact: Paused) -> None:
@@ -382,7 +384,7 @@ def _retried(state: State, fact: Retried) -> None:
 def _late(state: State, fact: LateAttempt) -> None:
     campaign, case = _find(state, fact.result.campaign, fact.result.case)
     _expect(fact.result.token not in case.live, fact)
-    case.issued = tuple(each for each in case.issued if each.token != fact.result.token)
+    case.issued = tuple(record for record in case.issued if record.token != fact.result.token)
     case.late = _evidence(case.late, fact)
     if isinstance(case.end, Committed):
         campaign.disagreements += agrees(case.end.result, fact.result) is False

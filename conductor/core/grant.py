@@ -170,10 +170,10 @@ class Asker:
 
     def first(self, campaign: CampaignState, rig: str | None) -> CaseState | None:
         """The first waiting case that it may have; ``rig`` None: of any rig key."""
-        found = campaign.backlog.first(
+        position = campaign.backlog.first(
             rig, lambda order: self.usable(campaign, campaign.ordered[order])
         )
-        return campaign.ordered[found[0]] if found is not None else None
+        return campaign.ordered[position[0]] if position is not None else None
 
     def usable(self, campaign: CampaignState, case: CaseState) -> bool:
         """The case's batch is open, and no other worker should try it instead."""
@@ -203,7 +203,8 @@ def avoids(
 
 
 def shunned(state: State, campaign: CampaignState, worker: WorkerState, now_ns: int) -> bool:
-    """Its host is broken, it seems, and a worker of another host can run the campaign instead."""
+    """Whether its host is broken, it seems, and a worker of another host can run the campaign
+    instead."""
     host = worker.joined.host
     return broken(state, host) and any(
         other.joined.host != host and not broken(state, other.joined.host)
@@ -228,7 +229,8 @@ def _able(state: State, campaign: CampaignState, now_ns: int) -> Iterator[Worker
 
 
 def present(state: State, worker: WorkerState, now_ns: int) -> bool:
-    """Spoke within a time to live; a silent worker is still welcome when it comes back."""
+    """Whether a worker spoke within a time to live; a silent worker is still welcome when it comes
+    back."""
     return not worker.vanished and now_ns - worker.seen_ns < state.config.ttl_ns
 
 
@@ -273,12 +275,12 @@ def _must_yield(
     best = next((c for c in ranked if rig in c.backlog.lanes), None)
     if best is None:
         return False
-    own = sum(lease.key[0] == best.campaign.campaign for lease in held)
+    held_of_best = sum(lease.key[0] == best.campaign.campaign for lease in held)
     slots = asker.worker.joined.slots
     for other in ranked:
         if other is best or rig in other.backlog.lanes or other.priority < best.priority:
             continue
-        due = other.priority > best.priority or other.leased + slots <= best.leased - own
+        due = other.priority > best.priority or other.leased + slots <= best.leased - held_of_best
         if due and asker.first(other, None) is not None:
             return True
     return False
@@ -287,7 +289,7 @@ def _must_yield(
 def _fill(
     asker: Asker, ranked: Sequence[CampaignState], rig: str, group: int, count: int
 ) -> list[CaseState]:
-    """Up to ``count`` cases of one lane, each from the campaign that is due."""
+    """Cases of one lane, up to ``count``, each from the campaign that is due."""
     cases: list[CaseState] = []
     lanes = [(rank(c), c, _lane(asker, c, rig, group, count)) for c in ranked]
     heap = [(place, index) for index, (place, _, _) in enumerate(lanes)]
@@ -317,8 +319,8 @@ def _lane(asker: Asker, campaign: CampaignState, rig: str, group: int, count: in
 
 
 def _preferred(campaign: CampaignState, share: Share, rig: str, count: int) -> Iterator[int]:
-    """At most ``count`` positions: of the share, then of the rest of its stretch, and so on from
-    stretch to stretch."""
+    """Positions of cases, at most ``count``: of the share, then of the rest of its stretch, and so
+    on from stretch to stretch."""
     cases, stretches, devices = len(campaign.ordered), share.stretches, share.devices
 
     def strangeness(order: int) -> tuple[int, bool]:
@@ -327,15 +329,17 @@ def _preferred(campaign: CampaignState, share: Share, rig: str, count: int) -> I
         return (stretch - share.stretch) % stretches, dealt_to != share.device
 
     begin = -(-share.stretch * cases // stretches)
-    seen = islice(campaign.backlog.take(rig, SHARED, begin), min(4 * count * devices, SPREAD_MAX))
-    return iter(heapq.nsmallest(count, seen, key=strangeness))
+    candidates = islice(
+        campaign.backlog.take(rig, SHARED, begin), min(4 * count * devices, SPREAD_MAX)
+    )
+    return iter(heapq.nsmallest(count, candidates, key=strangeness))
 
 
 def _spread(lane: Iterator[int], count: int) -> Iterator[int]:
-    """At most ``count`` positions from all over a lane, ascending.
+    """Positions from all over a lane, at most ``count``, ascending.
 
     Neighbours in a matrix are alike, and take equally long: workers that took blocks of them would
     not end together. Slow axes of a matrix are met evenly.
     """
-    seen = islice(lane, SPREAD_MAX)
-    return iter(sorted(heapq.nsmallest(count, seen, key=lambda order: order * _GOLDEN % 1.0)))
+    candidates = islice(lane, SPREAD_MAX)
+    return iter(sorted(heapq.nsmallest(count, candidates, key=lambda order: order * _GOLDEN % 1.0)))

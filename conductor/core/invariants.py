@@ -104,7 +104,7 @@ def _contradiction(
     """What is wrong with a case, or nothing."""
     if len(live) > LIVE_MAX:
         return f"{len(live)} live tokens"
-    tokens = [each.token for each in issued]
+    tokens = [record.token for record in issued]
     if not set(live) <= set(tokens):
         return "a token that was never issued"
     if any(one >= other for one, other in pairwise(tokens)):

@@ -71,7 +71,7 @@ def own(state: State, worker: str, tokens: Iterable[int]) -> list[LiveLease]:
 
 
 def lost(state: State, worker: str, tokens: Iterable[int]) -> list[int]:
-    """Those of ``tokens`` that are no live leases of ``worker``."""
+    """Tokens of ``tokens`` that are no live leases of ``worker``."""
     live = {lease.token for lease in own(state, worker, tokens)}
     return [token for token in tokens if token not in live]
 

@@ -1,4 +1,4 @@
-"""Who speaks: a worker's requests show the secret of the session that joined under its id.
+"""Proof of who speaks: a worker's requests show the secret of the session that joined under its id.
 
 What a result must fit stands with its token: the session that got the lease, and its attempt.
 """

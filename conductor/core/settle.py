@@ -15,10 +15,10 @@ from schemas.words import counted
 DETAIL_CHARS_MAX = 2000
 """Longest reason kept of an attempt [characters]."""
 STEERED_MAX = 16
-"""After so many attempts with interventions a case stays unresolved: they are uncharged, and a
-script that finds every new one would keep it for ever. A retry allows as many again."""
+"""Number of attempts with interventions after which a case stays unresolved: they are uncharged,
+and a script that finds every new one would keep it for ever. A retry allows as many again."""
 LOSSES_ANYWAY = 4
-"""So many times the usual number of losses quarantine a case even if others died as well."""
+"""Multiple of the usual number of losses that quarantines a case even if others died as well."""
 
 
 def expire(turn: RequestTurn) -> None:

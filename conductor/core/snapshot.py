@@ -207,7 +207,7 @@ def _restore_cases(state: State, image: _Cases) -> None:
 
 
 def _issued(rows: tuple[Issued | int, ...]) -> tuple[Issued, ...]:
-    return tuple(Issued(each, 0, b"") if isinstance(each, int) else each for each in rows)
+    return tuple(Issued(row, 0, b"") if isinstance(row, int) else row for row in rows)
 
 
 def _restore_head(state: State, head: _Head) -> None:

@@ -53,7 +53,8 @@ def may_race(state: State, campaign: CampaignState, request: Next, worker: Worke
 
 
 def takes_too_long(state: State, lease: LiveLease, now_ns: int) -> bool:
-    """Running longer than a multiple of the estimate, or on a worker silent for half its time."""
+    """Whether a lease runs longer than a multiple of the estimate, or on a worker silent for half
+    its time."""
     config = state.config
     holder = state.workers[lease.worker]
     if 2 * (now_ns - holder.seen_ns) > config.ttl_ns:

@@ -73,11 +73,12 @@ class Config:
     protected: bool = False
     """Stacks run in sandboxes only; workers and campaigns without are refused."""
     view: ViewMode | None = None
-    """Takes the place of what submitted campaigns say."""
+    """View in place of what submitted campaigns say."""
     walltime_margin_s: float = 10.0
     """A case is granted if its estimate and this fit into the asker's walltime [s]."""
     host_deaths: int = 3
-    """So many different cases that die on a host, none committed in between: it is avoided."""
+    """Number of different cases that die on a host, none committed in between, after which it is
+    avoided."""
     forget_ns: int = 3600 * 1_000_000_000
     """A worker without leases that was silent for so long is forgotten [ns]."""
     losses_min: int = 3
@@ -87,11 +88,11 @@ class Config:
     speculate_factor: float = 2.0
     """A case takes too long after this many times the estimate."""
     speculate_min_ns: int = 5_000_000_000
-    """And never before this [ns]."""
+    """Second leases are never granted before this [ns]."""
     snapshot_facts: int = 50_000
     """A snapshot is taken after this many facts, so that a restart reads no more of them."""
     snapshot_close_facts: int = 2000
-    """At a clean end, fewer facts are not worth a snapshot."""
+    """Fewest facts that are worth a snapshot at a clean end."""
     folder: str = ""
     """State folder, absolute; a campaign without ``out`` gets a folder below it."""
 
@@ -102,7 +103,7 @@ class Issued(Struct, frozen=True, array_like=True, gc=False):
     token: int
     attempt: int
     session: bytes
-    """Hash, of the worker that got it; empty: a result of it fits nobody."""
+    """Hash of the session of the worker that got it; empty: a result of it fits nobody."""
 
 
 @dataclass(slots=True)
@@ -114,7 +115,7 @@ class LiveLease:
     worker: str
     attempt: int
     group: int
-    """As the case was leased."""
+    """Group of the case as it was leased."""
     speculative: bool = False
     touched: str = ""
     """Last intervention in it, and when; empty: none."""
@@ -126,7 +127,7 @@ class LiveLease:
 
     @property
     def alone(self) -> bool:
-        """It runs alone in its rig."""
+        """Whether it runs alone in its rig."""
         return self.group == ALONE
 
 
@@ -152,10 +153,10 @@ class CaseState:
     rig: str
     """Rig key: cases with equal keys may share a rig."""
     group: int = SHARED
-    """With whom its next lease may share a rig; see :mod:`conductor.core.facts`."""
+    """Group with which its next lease may share a rig; see :mod:`conductor.core.facts`."""
     paused: bool = False
     attempts: int = 0
-    """Tokens ever granted."""
+    """Number of tokens ever granted."""
     issued: tuple[Issued, ...] = ()
     """The latest of them, for each of which one late result is evidence."""
     live: tuple[int, ...] = ()
@@ -165,7 +166,7 @@ class CaseState:
     losses: tuple[Charge, ...] = ()
     """Workers that died with it while all others lived."""
     lost_times: int = 0
-    """So often a worker fell silent with it, whatever the reason."""
+    """Number of times that a worker fell silent with it, whatever the reason."""
     lost: tuple[str, ...] = ()
     """The latest workers that did."""
     sealed: bytes = b""
@@ -175,12 +176,12 @@ class CaseState:
 
     @property
     def alone(self) -> bool:
-        """Its next lease runs alone."""
+        """Whether its next lease runs alone."""
         return self.group == ALONE
 
     @property
     def ended(self) -> bool:
-        """It has an outcome."""
+        """Whether the case has an outcome."""
         return bool(self.sealed)
 
     @property
@@ -194,7 +195,7 @@ class CaseState:
 
     @property
     def waits(self) -> bool:
-        """It stands in the backlog."""
+        """Whether the case stands in the backlog."""
         return not self.sealed and not self.live and not self.paused
 
 
@@ -218,7 +219,7 @@ class CampaignState:
     priority: int = 0
     paused: bool = False
     durations: Durations = field(default_factory=Durations)
-    """Of the committed cases."""
+    """Durations of the committed cases."""
     pinned: bool = False
     """A lease was granted: software and device class are decided."""
     software: str = ""
@@ -265,19 +266,19 @@ class WorkerState:
     """Live tokens in the order they were granted."""
     replied: Replied | None = None
     draining: bool = False
-    """Asked to finish."""
+    """Whether it was asked to finish."""
     refused: dict[str, str] = field(default_factory=dict)
     """Campaign -> why its rigs cannot be built there: a file is not what was submitted."""
     seen_ns: int = _volatile(0)
     remaining_s: float | None = _volatile(None)
     """Walltime left, as it last said [s]."""
     vanished: bool = _volatile(False)
-    """Its session is gone; not heard of since."""
+    """Whether its session is gone, and it was not heard of since."""
 
 
 @dataclass(slots=True)
 class State:
-    """Everything; changed only by :func:`conductor.core.fold.apply`."""
+    """State of the conductor; changed only by :func:`conductor.core.fold.apply`."""
 
     config: Config = field(default_factory=Config, compare=False)
     epoch: int = 0

@@ -28,7 +28,7 @@ class Cut(Struct, frozen=True):
     """The latest snapshot, as a link of the chain."""
 
     before: bytes
-    """Head before it."""
+    """Head before the cut."""
     count: int
     """Links so far, with it."""
     unix_s: float
@@ -43,10 +43,10 @@ class Chain(Struct, frozen=True):
     replies: bytes = bytes(_SUM_BYTES)
     """Sum of the digests of the replies that are kept."""
     cut: Cut | None = None
-    """None: there was no snapshot yet."""
+    """Latest snapshot; None: there was none yet."""
 
     def facts(self, facts: Sequence[bytes], unix_s: float) -> tuple[Chain, list[bytes]]:
-        """After these facts, in this order; and the head after each of them."""
+        """Chain after these facts, in this order; and the head after each of them."""
         heads = []
         head = self.head
         when = _when(b"f", unix_s)
@@ -56,12 +56,13 @@ class Chain(Struct, frozen=True):
         return Chain(head, self.count + len(heads), self.replies, self.cut), heads
 
     def snapshot(self, images: Mapping[str, bytes], unix_s: float) -> Chain:
-        """After a snapshot; ``images`` are the digests of all its images by key."""
+        """Chain after a snapshot; ``images`` are the digests of all its images by key."""
         cut = Cut(self.head, self.count + 1, unix_s)
         return Chain(cut_head(cut, images), cut.count, self.replies, cut)
 
     def replied(self, old: bytes, new: bytes) -> Chain:
-        """After a reply with the digest ``new`` has replaced ``old``; empty: there is none."""
+        """Chain after a reply with the digest ``new`` has replaced ``old``; empty: there is
+        none."""
         total = int.from_bytes(self.replies) - int.from_bytes(old) + int.from_bytes(new)
         return Chain(self.head, self.count, _packed(total), self.cut)
 
@@ -87,7 +88,7 @@ def reply_digest(worker: str, seq: int, data: bytes) -> bytes:
 
 
 def reply_sum(digests: Iterable[bytes]) -> bytes:
-    """What :attr:`Chain.replies` is of these rows."""
+    """Sum of the digests of these rows, as in :attr:`Chain.replies`."""
     return _packed(sum(map(int.from_bytes, digests)))
 
 

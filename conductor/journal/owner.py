@@ -1,4 +1,4 @@
-"""Who owns a state folder, beyond the lock: hosts die with their locks, and some locks do not work.
+"""Owner of a state folder, beyond the lock: hosts die with their locks, and some locks do not work.
 
 A small file beside the journal says who serves the folder, and its time of change is the owner's
 heartbeat. A conductor of another host may take the folder over once the heartbeat is old, or at
@@ -45,7 +45,7 @@ class FolderOwner(msgspec.Struct, frozen=True):
     """Content of the file."""
 
     id: str
-    """Of one process, never reused."""
+    """Id of one process, never reused."""
     host: str
     pid: int
     job: str = ""
@@ -100,24 +100,24 @@ class FolderClaim:
 
     def obstacle(self) -> str:
         """Why the folder must be left to another; see :func:`obstacle`."""
-        found, changed_s = self.read()
-        if found is None:
+        owner, changed_s = self.read()
+        if owner is None:
             return ""
-        reason = obstacle(found, self.me, time.time() - changed_s, self._stale_s)
-        if reason or obstacle(found, self.me, 0.0, self._stale_s) == "":
+        reason = obstacle(owner, self.me, time.time() - changed_s, self._stale_s)
+        if reason or obstacle(owner, self.me, 0.0, self._stale_s) == "":
             return reason
         # Only its age speaks for a takeover, and that is measured with two clocks.
         until_s = time.monotonic() + WATCH_S
         while time.monotonic() < until_s:
-            if self.read() != (found, changed_s):
-                return obstacle(found, self.me, 0.0, self._stale_s)
+            if self.read() != (owner, changed_s):
+                return obstacle(owner, self.me, 0.0, self._stale_s)
             time.sleep(WATCH_S / 30)
         return ""
 
     def of_another_host(self) -> bool:
         """Whether the file names an owner elsewhere, whose lock says nothing about its life."""
-        found, _ = self.read()
-        return found is not None and found.host != self.me.host
+        owner, _ = self.read()
+        return owner is not None and owner.host != self.me.host
 
     def take(self) -> None:
         """Make the folder ours.
@@ -134,11 +134,11 @@ class FolderClaim:
         Raises:
             TakenOverError: the folder is not ours any more.
         """
-        found, _ = self.read()
-        if found is not None and found.id != self.me.id:
+        owner, _ = self.read()
+        if owner is not None and owner.id != self.me.id:
             raise TakenOverError(
-                f"{self._path.parent}: taken over by the conductor (pid {found.pid} on "
-                f"{found.host}); this one ends, workers go on with the other"
+                f"{self._path.parent}: taken over by the conductor (pid {owner.pid} on "
+                f"{owner.host}); this one ends, workers go on with the other"
             )
         now_s = time.time()
         if abs(now_s - self._beat_s) >= BEAT_S:
@@ -152,8 +152,8 @@ class FolderClaim:
 
     def release(self) -> None:
         """A clean end."""
-        found, _ = self.read()
-        if self._mine and found is not None and found.id == self.me.id:
+        owner, _ = self.read()
+        if self._mine and owner is not None and owner.id == self.me.id:
             with contextlib.suppress(OSError):
                 self._path.unlink()
 

@@ -293,7 +293,7 @@ class Journal:
         return chain
 
     def _reply_digest_of(self, worker: str) -> bytes:
-        """Of the reply that is kept for ``worker``; empty: none."""
+        """Digest of the reply that is kept for ``worker``; empty: none."""
         if worker in self._replies:
             return self._replies[worker]
         query = "SELECT worker, seq, reply FROM replies WHERE worker = ?"
@@ -408,7 +408,7 @@ def _broken(path: Path, what: str) -> JournalError:
 
 
 def _version(connection: sqlite3.Connection) -> str:
-    """Of the tables and facts; a damaged one is none that is known."""
+    """Version of the tables and facts; a damaged one is none that is known."""
     query = "SELECT value FROM meta WHERE name = 'version'"
     with contextlib.suppress(UnicodeDecodeError):
         row = connection.execute(query).fetchone()

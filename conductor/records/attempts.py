@@ -17,16 +17,16 @@ def attempt_folder(folder: Path, attempt_dir: str) -> Path:
     Raises:
         InfrastructureError: it lies outside, by its name or through a symbolic link.
     """
-    given = PurePosixPath(attempt_dir)
-    if "\0" in attempt_dir or given.is_absolute() or ".." in given.parts:
+    relative = PurePosixPath(attempt_dir)
+    if "\0" in attempt_dir or relative.is_absolute() or ".." in relative.parts:
         raise InfrastructureError(f"attempt folder '{attempt_dir}' is outside {folder}")
-    found = folder / given
-    if leads_away(folder, found):
+    path = folder / relative
+    if leads_away(folder, path):
         raise InfrastructureError(
             f"attempt folder '{attempt_dir}' leads out of {folder} through a symbolic link; "
             "remove the link"
         )
-    return found
+    return path
 
 
 def attempt_file(folder: Path, attempt_dir: str, name: str) -> Path:

@@ -89,10 +89,12 @@ def fingerprint(folder: Path) -> Fingerprint:
         raise UnfinishedError(
             f"{folder}: {unended(left, len(outcomes.cases))}; run the campaign again to finish it"
         )
-    found = Fingerprinter()
+    fingerprinter = Fingerprinter()
     for name, case in sorted(outcomes.cases.items()):
-        found.add(name, case, committed_rows(folder, name, case)[1] if case.kpi_sha256 else b"")
-    return found.result(outcomes)
+        fingerprinter.add(
+            name, case, committed_rows(folder, name, case)[1] if case.kpi_sha256 else b""
+        )
+    return fingerprinter.result(outcomes)
 
 
 def label_of(case: CaseOutcome) -> str:
@@ -127,10 +129,10 @@ def committed_rows(folder: Path, name: str, case: CaseOutcome) -> tuple[pa.Table
     except InfrastructureError as error:
         raise InfrastructureError(f"case {name}: {error}") from None
     rows = b"".join(canonical(table))
-    found = hashlib.sha256(rows).hexdigest()
-    if found != case.kpi_sha256:
+    digest = hashlib.sha256(rows).hexdigest()
+    if digest != case.kpi_sha256:
         raise InfrastructureError(
             f"case {name}: {path} is not the file that was committed (its values give "
-            f"{found[:12]}, committed {case.kpi_sha256[:12]}); restore it or run again"
+            f"{digest[:12]}, committed {case.kpi_sha256[:12]}); restore it or run again"
         )
     return table, rows

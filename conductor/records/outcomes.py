@@ -46,7 +46,8 @@ class Late(msgspec.Struct, frozen=True):
     kpi_sha256: str
     attempt_dir: str
     agrees: bool | None
-    """With the committed result; None: nothing was committed, or it ran by the wall clock."""
+    """Whether it agrees with the committed result; None: nothing was committed, or it ran by the
+    wall clock."""
 
 
 class CaseOutcome(Judged, msgspec.Struct, frozen=True, kw_only=True):
@@ -72,7 +73,7 @@ class CaseOutcome(Judged, msgspec.Struct, frozen=True, kw_only=True):
     worker: str = ""
     wall_s: float = 0.0
     perception: PerceptionCost | None = None
-    """What perception took, in wall time; None: the stack did not measure it."""
+    """Wall time that perception took; None: the stack did not measure it."""
     rig_wall_s: float = 0.0
     """Wall time of the rig, each tick divided evenly among its cases [s]."""
     late: list[Late] = []
@@ -99,7 +100,7 @@ class Outcomes(msgspec.Struct, frozen=True, kw_only=True):
     device_classes: list[str]
     """Device classes of the committed results, sorted."""
     complete: bool
-    """Every case has an outcome."""
+    """Whether every case has an outcome."""
     protection: list[str] = []
     """What kept the stack from the machine in the committed attempts, sorted: ``default``,
     ``strict`` and what they shared, or ``unprotected`` and why."""
@@ -187,7 +188,7 @@ def _head(campaign: CampaignState) -> Outcomes:
 
 
 def encode_outcomes(outcomes: Outcomes) -> bytes:
-    """As JSON for people and programs."""
+    """Outcomes as JSON for people and programs."""
     return msgspec.json.format(msgspec.json.encode(outcomes), indent=1) + b"\n"
 
 
@@ -221,7 +222,7 @@ def _case(case: CaseState) -> CaseOutcome:
         outcome="",
         attempts=case.attempts,
         charges=[str(charge) for charge in case.charges],
-        steered=[str(each) for each in case.steered],
+        steered=[str(touch) for touch in case.steered],
     )
     if end is None:
         return common

@@ -31,7 +31,7 @@ class Sameness(msgspec.Struct, frozen=True):
 
     fingerprints: tuple[Fingerprint, Fingerprint]
     differences: list[Difference]
-    """In id order; empty: every case is the same."""
+    """Differences in id order; empty: every case is the same."""
     notes: list[str]
     """What may be the reason."""
 
@@ -54,12 +54,12 @@ def sameness(first: Path, second: Path) -> Sameness:
     if prints[0].sha256 == prints[1].sha256:
         return Sameness(prints, [], [])
     left, right = read_outcomes(first), read_outcomes(second)
-    found = []
+    differences = []
     for name in sorted({*left.cases, *right.cases}):
         words = _difference((first, left), (second, right), name)
         if words:
-            found.append(Difference(name, words))
-    return Sameness(prints, found, list(_reasons(left, right)))
+            differences.append(Difference(name, words))
+    return Sameness(prints, differences, list(_reasons(left, right)))
 
 
 def _difference(first: tuple[Path, Outcomes], second: tuple[Path, Outcomes], name: str) -> str:
@@ -88,7 +88,9 @@ def _rows_differ(one: pa.Table, two: pa.Table) -> str:
     if odd := sorted({*one.column_names} ^ {*two.column_names}):
         return f"KPI column {odd[0]} is in one of them only"
     names = [name for name in one.column_names if _bytes(one, name) != _bytes(two, name)]
-    tick, name, values = min((_first(one, two, name) for name in names), key=lambda found: found[0])
+    tick, name, values = min(
+        (_first(one, two, name) for name in names), key=lambda difference: difference[0]
+    )
     more = f" and {len(names) - COLUMNS_NAMED_MAX} more" if len(names) > COLUMNS_NAMED_MAX else ""
     shown = ", ".join(names[:COLUMNS_NAMED_MAX])
     return f"{shown}{more}; first {name} at tick {tick}: {values[0]} against {values[1]}"

@@ -38,7 +38,7 @@ class TimelineEvent(Struct, frozen=True, kw_only=True, omit_defaults=True):
     result with a dead token), ``started`` (the conductor, again), or why a lease was given back."""
     case: str = ""
     token: int = 0
-    """0: no single lease is meant."""
+    """Token of the lease; 0: no single lease is meant."""
     worker: str = ""
     attempt: int = 0
 
@@ -72,9 +72,9 @@ def append_events(
     """
     lines: dict[str, bytearray] = {}
     for fact in facts:
-        found = _event(fact, at_s)
-        if found is not None:
-            name, event = found
+        named_event = _event(fact, at_s)
+        if named_event is not None:
+            name, event = named_event
             lines.setdefault(name, bytearray()).extend(_encode(event) + b"\n")
     for name, text in lines.items():
         path = f"{campaigns[name].out}/{FILE_NAME}"

@@ -76,20 +76,20 @@ DISMISS_S = 10.0
 AFTER_DEMO = (
     "; next, try `conductor run aeb-demo --seed 9 --out runs/seed-9` or `conductor campaigns`"
 )
-"""For whoever runs something for the first time."""
+"""Words for people who run something for the first time."""
 RESTARTS_MAX = 5
 """Workers that died without a case ending in between, before the run gives up."""
 
 
 @dataclass(frozen=True, slots=True)
 class RunOptions:
-    """What the command line says."""
+    """Options of the command line."""
 
     out: Path
     workers: WorkersOption = field(default_factory=WorkersOption)
-    """Local ones; none: workers that join from elsewhere do it all."""
+    """Local workers; none: workers that join from elsewhere do it all."""
     slots: int | None = None
-    """Per worker; None: 1 on the CPU, as many as are useful and fit on a GPU."""
+    """Slots per worker; None: 1 on the CPU, as many as are useful and fit on a GPU."""
     device: str = "cpu"
     by_batch: bool = False
     listen: str = LOOPBACK
@@ -98,7 +98,7 @@ class RunOptions:
     ttl_s: float | None = None
     """How long a lease outlives its worker's last word [s]; None: as usual."""
     view: ViewMode | None = None
-    """None: what the campaign says."""
+    """View of the simulators; None: what the campaign says."""
     memory_gb: float | None = None
     metrics: str = ""
     """``HOST:PORT`` of a Prometheus endpoint, or empty."""
@@ -198,8 +198,8 @@ def run_campaign(
         finally:
             with contextlib.suppress(TwinError):
                 sign_again(options.out)
-    outcomes, found = result
-    return _tell(campaign, options, outcomes, found, time.monotonic() - started)
+    outcomes, kpi_fingerprint = result
+    return _tell(campaign, options, outcomes, kpi_fingerprint, time.monotonic() - started)
 
 
 def serve_until_done(plan: Plan, options: RunOptions) -> int:
@@ -351,15 +351,15 @@ def _wait(
             soft_wrap=True,
         )
     storage = ""
-    told: list[str] = []
+    printed: list[str] = []
     with _progress(console) as progress:
         bar = progress.add_task(campaign.campaign, total=None, note="starting")
         ended = -1
         while True:
             signals.release()
             workers.start()
-            found = conductor.snapshot()
-            row = found["campaigns"][campaign.campaign]
+            snapshot = conductor.snapshot()
+            row = snapshot["campaigns"][campaign.campaign]
             if ended != row["cases"] - row["left"]:
                 ended = row["cases"] - row["left"]
                 workers.died = 0
@@ -373,11 +373,15 @@ def _wait(
                 return
             if row["leased"] and report is not None:
                 report.begin()
-            for line in found["notes"]:
-                if line not in told:
-                    told.append(line)
+            for line in snapshot["notes"]:
+                if line not in printed:
+                    printed.append(line)
                     progress.console.print(line, markup=False, soft_wrap=True)
-            if found["notes"] and not row["leased"] and len(found["notes"]) >= workers.count > 0:
+            if (
+                snapshot["notes"]
+                and not row["leased"]
+                and len(snapshot["notes"]) >= workers.count > 0
+            ):
                 raise UsageError("no worker may run what is left; see the lines above")
             for line in workers.look():
                 progress.console.print(line, markup=False, soft_wrap=True)
@@ -385,9 +389,9 @@ def _wait(
                 raise InfrastructureError(
                     f"{workers.died} workers died one after the other; see {workers.folder}/logs"
                 )
-            if found["storage_error"] and found["storage_error"] != storage:
-                raise InfrastructureError(f"{found['storage_error']}")
-            storage = found["storage_error"]
+            if snapshot["storage_error"] and snapshot["storage_error"] != storage:
+                raise InfrastructureError(f"{snapshot['storage_error']}")
+            storage = snapshot["storage_error"]
             if not conductor.alive:
                 raise UnfinishedError("the conductor was stopped; the same command goes on")
             time.sleep(POLL_S)
@@ -398,9 +402,9 @@ def _conclude(campaign: Campaign, options: RunOptions) -> tuple[Outcomes, Finger
     outcomes = read_outcomes(options.out)
     require_agreement(options.out)
     if campaign.simulator == "noop":
-        found = fingerprint(options.out)
-        _sign(options.out, outcomes, found)
-        return outcomes, found
+        kpi_fingerprint = fingerprint(options.out)
+        _sign(options.out, outcomes, kpi_fingerprint)
+        return outcomes, kpi_fingerprint
     from conductor.report import make_report
     from conductor.report.pages.content import read_shown
     from conductor.report.reading.dossier import open_dossier
@@ -416,12 +420,12 @@ def _conclude(campaign: Campaign, options: RunOptions) -> tuple[Outcomes, Finger
     return outcomes, late or fingerprint(options.out)
 
 
-def _sign(folder: Path, outcomes: Outcomes, found: Fingerprint) -> None:
+def _sign(folder: Path, outcomes: Outcomes, kpi_fingerprint: Fingerprint) -> None:
     """Sign a run that has ended; where there is no key it stays as it is, which is told."""
     if outcomes.software and outcomes.software != software_digest():
         return  # it was run, and judged or not, by another version
     try:
-        sign_run(folder, outcomes, found.sha256)
+        sign_run(folder, outcomes, kpi_fingerprint.sha256)
     except UnfitRunError:
         raise
     except TwinError as error:
@@ -432,7 +436,7 @@ def _tell(
     campaign: Campaign,
     options: RunOptions,
     outcomes: Outcomes,
-    found: Fingerprint,
+    kpi_fingerprint: Fingerprint,
     wall_s: float,
 ) -> int:
     counts = count_outcomes(outcomes)
@@ -447,13 +451,13 @@ def _tell(
             "out": str(options.out),
             **counts,
             "wall_s": round(wall_s, 3),
-            "fingerprint": found.sha256,
+            "fingerprint": kpi_fingerprint.sha256,
         }
         print(json.dumps(shown))
         return code
     verdicts = ", ".join(f"{n} {verdict}" for verdict, n in sorted(_verdicts(outcomes).items()))
     print(f"{counts['passed']} of {counts['cases']} passed ({verdicts}) in {wall_s:.0f} s")
-    print(f"fingerprint {found.sha256} {found.caveat}".rstrip())
+    print(f"fingerprint {kpi_fingerprint.sha256} {kpi_fingerprint.caveat}".rstrip())
     if campaign.simulator == "noop":
         print(f"results: {options.out} (simulator noop: nothing was simulated, no report)")
         return code
@@ -582,7 +586,7 @@ class _Serving(threading.Thread):
 
 @contextlib.contextmanager
 def _signals() -> Iterator[Signals]:
-    """For the block, SIGINT and SIGTERM are the run's."""
+    """SIGINT and SIGTERM go to the run while the block lasts."""
     signals = Signals()
     previous = {n: signal.signal(n, signals.receive) for n in (signal.SIGINT, signal.SIGTERM)}
     try:

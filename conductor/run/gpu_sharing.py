@@ -89,7 +89,7 @@ def _let_go(lifeline: IO[bytes]) -> None:
 def _reason(folder: str) -> str:
     """What the service said last."""
     with contextlib.suppress(OSError):
-        said = (Path(folder) / "start").read_text(errors="replace").split("\n")
-        if lines := [line.strip() for line in said if line.strip()]:
+        log_lines = (Path(folder) / "start").read_text(errors="replace").split("\n")
+        if lines := [line.strip() for line in log_lines if line.strip()]:
             return f"{PROGRAM}: {lines[-1][:200]}"
     return f"{PROGRAM} does not start"

@@ -23,11 +23,11 @@ GUESTS_MAX = 256
 """Most processes that wait or begin at a time: stacks come here, too, and each has a thread."""
 
 SOCKET_NAME = "turns"
-"""In a private folder of the run."""
+"""Name of the socket in a private folder of the run."""
 
 _PLACE_BYTES_MAX = 16
 _PEER = struct.Struct("3i")
-"""What Linux says of the other end of a Unix socket: process, user, group."""
+"""Layout of what Linux says of the other end of a Unix socket: process, user, group."""
 
 
 @contextlib.contextmanager
@@ -59,21 +59,22 @@ def turns(device: str) -> Iterator[None]:
 
 
 class Queue:
-    """Who has a turn, and who waits for one; a thread for each of them, while they do."""
+    """Queue of processes that have a turn or wait for one; a thread for each of them, while they
+    do."""
 
     def __init__(self, listener: socket.socket) -> None:
         self._listener = listener
         self._changed = threading.Condition()
         self._guests: set[socket.socket] = set()
         self.waiting: set[tuple[int, int]] = set()
-        """Place and arrival of each."""
+        """Place and arrival of each process that waits."""
         self._arrivals = 0
         self._free = TURNS
         self._open = True
         threading.Thread(target=self._welcome, name="turns", daemon=True).start()
 
     def close(self) -> None:
-        """Nobody waits any more."""
+        """End the queue: nobody waits any more."""
         with self._changed:
             self._open = False
             for end in (self._listener, *self._guests):
@@ -112,12 +113,12 @@ class Queue:
     def _turn(self, place: int) -> Iterator[None]:
         with self._changed:
             self._arrivals += 1
-            own = (place, self._arrivals)
-            self.waiting.add(own)
+            turn = (place, self._arrivals)
+            self.waiting.add(turn)
             self._changed.wait_for(
-                lambda: not self._open or (self._free and own == min(self.waiting))
+                lambda: not self._open or (self._free and turn == min(self.waiting))
             )
-            self.waiting.remove(own)
+            self.waiting.remove(turn)
             self._free -= 1
             self._changed.notify_all()
         try:

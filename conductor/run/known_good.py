@@ -28,13 +28,13 @@ _Digest = Annotated[str, Meta(pattern="^[0-9a-f]{64}$")]
 
 def remembered(name: str) -> list[str]:
     """Digests in the file ``name``, oldest first; a damaged file is as none."""
-    found: list[str] = []
+    digests: list[str] = []
     with contextlib.suppress(OSError, RuntimeError, JsonError):
         # No pipe keeps us waiting, and no file without end.
         descriptor = os.open(_path(name), os.O_RDONLY | os.O_NONBLOCK)
         with os.fdopen(descriptor, "rb") as file:
-            found = decode_json(file.read(BYTES_MAX), list[_Digest])
-    return found
+            digests = decode_json(file.read(BYTES_MAX), list[_Digest])
+    return digests
 
 
 def remember(name: str, good: Collection[str]) -> None:
@@ -49,7 +49,7 @@ def remember(name: str, good: Collection[str]) -> None:
 
 
 def _path(name: str) -> Path:
-    """Beside compiled kernels, by the same variables.
+    """Path of the file ``name``, beside compiled kernels, by the same variables.
 
     Raises:
         RuntimeError: the user has no home.

@@ -33,7 +33,7 @@ class WorkerChild:
     """One worker process and its log."""
 
     place: int
-    """Which of the places it has."""
+    """Index of its place."""
     number: int
     process: subprocess.Popen[bytes]
     log: IO[bytes]
@@ -46,7 +46,7 @@ class LocalWorkers:
     """Worker processes of one run."""
 
     options: Sequence[str]
-    """Options of ``twin worker`` that all have."""
+    """Options of ``twin worker`` that all workers have."""
     folder: Path
     """Campaign folder; what workers say goes to its ``logs``."""
     places: Sequence[WorkerPlace]
@@ -54,7 +54,8 @@ class LocalWorkers:
     memory: MemoryCount | None = None
     """How many slots they may have, where that is to be counted."""
     told: WorkerStart | None = None
-    """Whom they serve; None: that is not known yet. The log is each worker's own."""
+    """Start message of the conductor that they serve; None: it is not known yet. The log is each
+    worker's own."""
     children: list[WorkerChild] = field(default_factory=list)
     started: int = 0
     died: int = 0
@@ -62,7 +63,7 @@ class LocalWorkers:
 
     @property
     def count(self) -> int:
-        """How many there should be."""
+        """Number of workers that there should be."""
         return len(self.places)
 
     def start(self) -> None:
@@ -94,10 +95,10 @@ class LocalWorkers:
         child.log.close()
         child.log = path.open("w+b")
         share = self.places[child.place].share
-        told = msgspec.structs.replace(self.told, log=str(path), share=share)
+        start = msgspec.structs.replace(self.told, log=str(path), share=share)
         assert child.process.stdin is not None
         with contextlib.suppress(BrokenPipeError):  # it dies just now, and is replaced
-            child.process.stdin.write(msgspec.json.encode(told) + b"\n")
+            child.process.stdin.write(msgspec.json.encode(start) + b"\n")
 
     def look(self) -> list[str]:
         """Reap the dead and read the logs: one line per death of a worker or of its rig."""

@@ -30,7 +30,7 @@ TIMEOUT_S = 100.0
 """Longest time to load all networks [s]; less than `hpc` waits for the check of a campaign."""
 
 FILE = "good-networks.json"
-"""Where digests of good ones are kept, see :mod:`conductor.run.known_good`."""
+"""File of the digests of good networks, see :mod:`conductor.run.known_good`."""
 
 
 def check_models(plan: Plan, shown: str, device: str = "cpu") -> None:
@@ -112,16 +112,16 @@ def _ask(
 
 
 class Tried(msgspec.Struct, frozen=True):
-    """What `devkit check-models` says of one variant."""
+    """Answer of `devkit check-models` about one variant."""
 
     error: str
-    """One line; empty: it can be loaded."""
+    """Mistake in one line; empty: it can be loaded."""
 
 
 def _answer(child: subprocess.Popen[bytes], names: Collection[str]) -> dict[str, Tried]:
     shown = ", ".join(names)
     try:
-        said, errors = child.communicate(timeout=TIMEOUT_S)
+        output, errors = child.communicate(timeout=TIMEOUT_S)
     except subprocess.TimeoutExpired:
         raise InfrastructureError(
             f"networks {shown}: not loaded within {TIMEOUT_S:g} s; is the file system busy?"
@@ -129,9 +129,9 @@ def _answer(child: subprocess.Popen[bytes], names: Collection[str]) -> dict[str,
     try:
         if child.returncode == 0:
             # What libraries may print stands before the answer.
-            found = msgspec.json.decode(said.splitlines()[-1], type=dict[str, Tried])
-            if found.keys() >= set(names):
-                return found
+            tried = msgspec.json.decode(output.splitlines()[-1], type=dict[str, Tried])
+            if tried.keys() >= set(names):
+                return tried
     except (msgspec.DecodeError, IndexError):
         pass
     words = errors.decode(errors="replace").strip().splitlines() or ["it said nothing"]

@@ -20,14 +20,14 @@ GPU_SLOTS_MAX = 256
 
 @dataclass(frozen=True, slots=True)
 class WorkersOption:
-    """What ``--workers`` says."""
+    """Value of ``--workers``."""
 
     count: int | None = None
-    """So many; None: by the cores."""
+    """Number of workers; None: by the cores."""
     per_gpu: int = 0
-    """So many on every GPU; 0: not on GPUs."""
+    """Number of workers on every GPU; 0: not on GPUs."""
     gpus: tuple[VisibleGpu, ...] = ()
-    """What is here; without any, GPUs are not asked for."""
+    """GPUs that are here; without any, GPUs are not asked for."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,9 +36,9 @@ class WorkerPlace:
 
     device: str
     cores: tuple[int, ...] = ()
-    """Empty: wherever the system likes."""
+    """Processor cores; empty: wherever the system likes."""
     share: Share | None = None
-    """Which cases it prefers."""
+    """Share of the cases that it prefers."""
 
     def options(self) -> tuple[str, ...]:
         """Options of ``twin worker``."""
@@ -61,12 +61,12 @@ def parse_workers(text: str | None) -> WorkersOption:
         )
     if re.fullmatch(r"[0-9]{1,4}", text):
         return WorkersOption(count=int(text))
-    found = re.fullmatch(r"(?:([1-9])x)?cuda", text)
-    if found is None:
+    match = re.fullmatch(r"(?:([1-9])x)?cuda", text)
+    if match is None:
         raise UsageError(
             f"--workers {text[:40]}: expected a number, cuda (one per GPU) or 4xcuda (four per GPU)"
         )
-    return WorkersOption(per_gpu=int(found[1] or 1))
+    return WorkersOption(per_gpu=int(match[1] or 1))
 
 
 def where(asked: WorkersOption, device: str) -> tuple[WorkersOption, str]:

@@ -34,7 +34,7 @@ class ReportPreload:
         self._thread: threading.Thread | None = None
 
     def begin(self) -> None:
-        """Cases are running; again: nothing happens."""
+        """Begin, as cases are running; called again, nothing happens."""
         if self._thread is None:
             self._thread = threading.Thread(target=self._run, name="report", daemon=True)
             self._thread.start()

@@ -126,9 +126,9 @@ def _digests(campaign: Campaign) -> dict[str, str]:
     variants = campaign.autonomy.perception.values()
     models = {name for variant in variants for name in file_fields(variant).values()}
     try:
-        found = {name: asset_digest(Path(name)) for name in paths}
-        found.update((n, file_digest(Path(n))) for n in sorted(models) if Path(n).is_file())
-        return found
+        digests = {name: asset_digest(Path(name)) for name in paths}
+        digests.update((n, file_digest(Path(n))) for n in sorted(models) if Path(n).is_file())
+        return digests
     except YamlError as error:
         raise UsageError(str(error)) from None
     except OSError as error:
@@ -141,13 +141,13 @@ def only_case(plan: Plan, case: str) -> Plan:
     Raises:
         UsageError: it has no such case.
     """
-    found = plan.only(case)
-    if found is None:
+    chosen = plan.only(case)
+    if chosen is None:
         raise UsageError(
             f"--case {case}: no case of '{plan.campaign.campaign}'; "
             "`conductor validate FILE --output json` lists them"
         )
-    return found
+    return chosen
 
 
 def with_drive(plan: Plan) -> Plan:
@@ -189,15 +189,16 @@ def check(data: Any, folder: Path | None = None) -> tuple[Plan | None, list[Mist
     return (None, mistakes) if mistakes else (plan, [])
 
 
-def _other_plugins(given: dict[str, str], installed: dict[str, str]) -> list[Mistake]:
+def _other_plugins(required: dict[str, str], installed: dict[str, str]) -> list[Mistake]:
     """Plug-ins of a campaign that was read elsewhere, in other versions."""
     return [
         Mistake(
             f"plugins.{name}",
-            f"given {given[name]}, installed is {version}; install that version, or remove the key",
+            f"given {required[name]}, installed is {version}; install that version, or remove the "
+            "key",
         )
         for name, version in installed.items()
-        if given.get(name, version) != version
+        if required.get(name, version) != version
     ]
 
 
@@ -243,12 +244,12 @@ def _missing_files(cases: list[Case]) -> list[Mistake]:
     mistakes = []
     for field, folder in (("scene", "world/scenes"), ("vehicle", "vehicle/models")):
         names = _simulator_files(folder)
-        for given in sorted({getattr(case.rig, field) for case in cases}):
-            if given not in names and not (is_path(given) and Path(given).is_file()):
+        for name in sorted({getattr(case.rig, field) for case in cases}):
+            if name not in names and not (is_path(name) and Path(name).is_file()):
                 mistakes.append(
                     Mistake(
                         f"scenario.{field}",
-                        f"given '{given}', neither shipped nor a file; {suggest(given, names)}",
+                        f"given '{name}', neither shipped nor a file; {suggest(name, names)}",
                     )
                 )
     return mistakes

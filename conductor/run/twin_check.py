@@ -38,7 +38,7 @@ TIMEOUT_S = 100.0
 """Longest time to look at a campaign [s]; less than `hpc` waits for the check of a campaign."""
 
 FILE = "good-campaigns.json"
-"""Where digests of good ones are kept, see :mod:`conductor.run.known_good`."""
+"""File of the digests of good campaigns, see :mod:`conductor.run.known_good`."""
 
 
 def twin_mistakes(plan: Plan) -> list[Mistake]:

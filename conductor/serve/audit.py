@@ -53,7 +53,7 @@ class AuditLine(msgspec.Struct, frozen=True, omit_defaults=True):
     """One line. Empty fields are left away."""
 
     time: str
-    """UTC."""
+    """Time, UTC."""
     what: str
     """``refused``, ``opened``, ``closed``, ``slowed``, ``cut``, ``command``; or ``more``: so many
     lines like those before were left out."""
@@ -63,9 +63,9 @@ class AuditLine(msgspec.Struct, frozen=True, omit_defaults=True):
     key: str = ""
     """Serial number of the certificate, hexadecimal."""
     keys: tuple[str, ...] = ()
-    """Of a message: the keys that were connected and may send it. Zenoh does not say which did."""
+    """Keys that were connected and may send the message. Zenoh does not say which did."""
     said: str = ""
-    """Why, or which command."""
+    """Reason, or the command."""
     count: int = 0
 
 
@@ -176,9 +176,9 @@ class Audit:
     def _say_more(self) -> None:
         for group in self._groups.values():
             if group.more:
-                said = f"and {group.more:,} more: {group.like.what}"
+                summary = f"and {group.more:,} more: {group.like.what}"
                 peer, count = group.like.peer, group.more
-                self._append(AuditLine(self._now(), "more", peer, said=said, count=count))
+                self._append(AuditLine(self._now(), "more", peer, said=summary, count=count))
         self._groups.clear()
 
     def _append(self, line: AuditLine) -> None:
@@ -202,10 +202,10 @@ class Audit:
 
 
 def log_event(event: FrontEvent, refusals: Refusals) -> None:
-    """What whoever watches the terminal should know of it."""
+    """Log what whoever watches the terminal should know of an event."""
     if event.what == "refused":
-        if said := refusals.count(event.reason, time.monotonic()):
-            _log.warning("%s", said)
+        if warning := refusals.count(event.reason, time.monotonic()):
+            _log.warning("%s", warning)
     elif event.what == "cut":
         role = f" ({event.role})" if event.role else ""
         cut = counted(event.count, "session")

@@ -92,12 +92,12 @@ def serve_folder(
 
 def _sign_ended(conductor: Conductor, over: threading.Event) -> None:
     """Sign campaigns as they come to their end, also those that end with the conductor."""
-    told: set[Path] = set()
+    failed: set[Path] = set()
     last = False
     while not last:
         last = over.wait(SIGN_PERIOD_S)
         for path in conductor.to_sign():
-            if path in told and not last:
+            if path in failed and not last:
                 continue
             try:
                 if path == conductor.folder and not last:
@@ -106,7 +106,7 @@ def _sign_ended(conductor: Conductor, over: threading.Event) -> None:
                 values = _fingerprint(path)
                 sign_run(path, read_outcomes(path), values, None if last else conductor.chain())
             except TwinError as error:
-                told.add(path)
+                failed.add(path)
                 _log.error("%s is not signed: %s", path, error)
 
 
@@ -118,24 +118,25 @@ _FINGERPRINT = (
 
 
 def _fingerprint(folder: Path) -> str:
-    """Computed by a process of its own: a thousand cases keep a core busy for seconds."""
+    """Fingerprint, computed by a process of its own: a thousand cases keep a core busy for
+    seconds."""
     with tempfile.TemporaryFile() as log:
         words = [sys.executable, "-c", _FINGERPRINT, str(folder)]
         child = spawn(words, log=log, pipe_output=True)
         try:
             assert child.stdout is not None
-            said = child.stdout.read().decode().strip()
+            output = child.stdout.read().decode().strip()
             code = child.wait()
         finally:
             end(child)
-        if code or not said:
+        if code or not output:
             raise InfrastructureError(f"no fingerprint: {raised_in(log) or how_it_ended(code)}")
-    return said
+    return output
 
 
 @contextlib.contextmanager
 def metrics_of(conductor: Conductor, address: str) -> Iterator[None]:
-    """For the block, Prometheus metrics of ``conductor`` at ``HOST:PORT``; empty: none."""
+    """Serve, for the block, Prometheus metrics of ``conductor`` at ``HOST:PORT``; empty: none."""
     if not address:
         yield
         return

@@ -88,15 +88,15 @@ class Deliveries:
             return Delivered(v=SCHEMA_VERSION, ok=self._is_ours(message))
         return self._store(message)
 
-    def _is_ours(self, seen: SeenFolder) -> bool:
-        folder, denied = self._folder_of(seen)
+    def _is_ours(self, sighting: SeenFolder) -> bool:
+        folder, denied = self._folder_of(sighting)
         if denied:
             return False
         try:
             content = read_regular(Path(folder) / CONDUCTOR_FILE, RUN_FILE_BYTES_MAX)
         except OSError:
             return False
-        return hashlib.sha256(content).hexdigest() == seen.sha256
+        return hashlib.sha256(content).hexdigest() == sighting.sha256
 
     def _store(self, files: AttemptFiles) -> Delivered:
         out, denied = self._folder_of(files)

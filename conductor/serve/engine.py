@@ -36,17 +36,17 @@ class FactStore(Protocol):
     """Where facts become durable; see :class:`conductor.journal.store.Journal`."""
 
     def append(self, facts: Sequence[Fact]) -> None:
-        """All or nothing."""
+        """Append all facts, or nothing."""
 
     def probe(self) -> None:
         """Raise while nothing can be written."""
 
     def fold(self) -> Iterable[Fact]:
-        """Everything that was appended."""
+        """Facts that were appended, all of them."""
 
 
 class Auditor(Protocol):
-    """Who writes the log of refusals and commands; see :class:`conductor.serve.audit.Audit`."""
+    """Writer of the log of refusals and commands; see :class:`conductor.serve.audit.Audit`."""
 
     def refused(self, route: str, words: str) -> None:
         """A message that came on the RPC route ``route`` was none."""
@@ -61,7 +61,7 @@ class IncomingRequest:
 
     payload: bytes
     arrived_ns: int
-    """When it arrived, not when its turn came: a stalled disk must not expire leases whose
+    """Time at which it arrived, not when its turn came: a stalled disk must not expire leases whose
     heartbeats wait in line."""
     vanished: str = ""
     route: str = ""
@@ -70,7 +70,7 @@ class IncomingRequest:
 
 @dataclass(slots=True)
 class EngineCounters:
-    """What the engine has done since it started."""
+    """Counts of what the engine has done since it started."""
 
     requests: int = 0
     refused: int = 0
@@ -121,7 +121,7 @@ class ConductorEngine:
         """
         self.counters = EngineCounters()
         self.storage_error = ""
-        """Not empty: the storage refuses, nothing is granted or committed."""
+        """Why the storage refuses, so that nothing is granted or committed; empty: it does not."""
         self._journal = journal
         self._check_folder = check_folder
         self._counters_beyond = counters_beyond

@@ -35,7 +35,7 @@ CAMPAIGN_FILE = "campaign.yaml"
 REFRESH_S = 5.0
 """Outcomes of a campaign that runs are written anew at most this often [s]."""
 REFRESH_SHARE = 0.02
-"""And so seldom that writing takes no more of the time than this, however many cases there are."""
+"""Share of the time that writing outcomes takes at most, however many cases there are."""
 
 _log = logging.getLogger(__name__)
 
@@ -54,7 +54,7 @@ class Folders:
         self._changed: set[str] = set()
         """Campaigns with news since their outcomes were written."""
         self._refresh_ns = 0
-        """Not before this time [ns]."""
+        """Time before which outcomes are not written again [ns]."""
 
     def check(self, state: State, request: Submit) -> str:
         """What is wrong with the folder of a submission, in one line, or nothing."""
@@ -128,7 +128,7 @@ class Folders:
             self._stale[out / CONDUCTOR_FILE] = msgspec.json.encode(self._conductor_file) + b"\n"
 
     def relocated(self, campaign: CampaignState) -> None:
-        """Its files lie elsewhere now."""
+        """Note that files of a campaign lie elsewhere now."""
         self._yaml.pop(campaign.campaign.campaign, None)
         self.open_campaign(campaign)
 

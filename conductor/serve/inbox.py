@@ -24,7 +24,7 @@ WAITING_MAX = 10_000
 OTHERS_WAITING_MAX = 1_000
 """Most of them that are no worker's, by the key on which they came."""
 HINTS_WAITING_MAX = 2 * WAITING_MAX
-"""With so many waiting, hints about vanished workers are left out."""
+"""Number of waiting messages with which hints about vanished workers are left out."""
 WAITING_BYTES_MAX = 256 << 20
 """Most of them together [bytes]."""
 

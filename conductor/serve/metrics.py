@@ -42,7 +42,7 @@ COUNTERS = {
 }
 
 Application = Callable[[dict[str, Any], Any], Iterable[bytes]]
-"""Of WSGI."""
+"""Application of WSGI."""
 
 Snapshot = Callable[[], ConductorStatus]
 """Status and counters; empty before the conductor has started."""
@@ -56,11 +56,11 @@ class ConductorCollector(Collector):
 
     def collect(self) -> Iterable[Metric]:
         """See :class:`prometheus_client.registry.Collector`."""
-        found = self._snapshot()
-        if not found:
+        status = self._snapshot()
+        if not status:
             return
-        yield from self._gauges(found)
-        counters = found["counters"]
+        yield from self._gauges(status)
+        counters = status["counters"]
         for name, text in COUNTERS.items():
             yield CounterMetricFamily(f"{PREFIX}_{name}", text, value=counters[name])
         yield CounterMetricFamily(
@@ -69,7 +69,7 @@ class ConductorCollector(Collector):
             value=counters["journal_s"],
         )
 
-    def _gauges(self, found: ConductorStatus) -> Iterator[Metric]:
+    def _gauges(self, status: ConductorStatus) -> Iterator[Metric]:
         cases = GaugeMetricFamily(
             f"{PREFIX}_cases", "Cases by campaign and state", labels=("campaign", "state")
         )
@@ -78,23 +78,23 @@ class ConductorCollector(Collector):
             "Late attempts that came to another result",
             labels=("campaign",),
         )
-        for name, row in found["campaigns"].items():
+        for name, row in status["campaigns"].items():
             counts = counts_of(row)
             for state in CASE_STATES:
                 cases.add_metric((name, state), counts.get(state, 0))
             disagreements.add_metric((name,), row["disagreements"])
         yield cases
         yield disagreements
-        held = sum(worker["held"] for worker in found["workers"])
+        held = sum(worker["held"] for worker in status["workers"])
         yield GaugeMetricFamily(f"{PREFIX}_leases", "Live leases", value=held)
         workers = GaugeMetricFamily(
             f"{PREFIX}_workers", "Workers that joined and have not left", labels=("present",)
         )
         for present in (True, False):
-            count = sum(worker["present"] is present for worker in found["workers"])
+            count = sum(worker["present"] is present for worker in status["workers"])
             workers.add_metric((str(present).lower(),), count)
         yield workers
-        yield GaugeMetricFamily(f"{PREFIX}_epoch", "Starts on this folder", value=found["epoch"])
+        yield GaugeMetricFamily(f"{PREFIX}_epoch", "Starts on this folder", value=status["epoch"])
 
 
 @contextlib.contextmanager
@@ -126,7 +126,7 @@ def serving_metrics(address: str, snapshot: Snapshot) -> Iterator[str]:
 
 
 def checked_address(address: str) -> tuple[str, int]:
-    """As :func:`parse_address`, of an address where metrics may be served.
+    """Parse, as :func:`parse_address` does, an address where metrics may be served.
 
     Raises:
         UsageError: it is none, or beyond loopback and nobody typed ``--insecure``.

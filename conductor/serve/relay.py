@@ -68,7 +68,7 @@ def relay(target: Target, listen: str, state: Path | None) -> int:
 
 @dataclass(frozen=True, slots=True)
 class _Way:
-    """What is open to those who cannot reach the conductor."""
+    """Way that is open to those who cannot reach the conductor."""
 
     endpoint: str
     close: Callable[[], None]
@@ -100,7 +100,9 @@ def _moved(target: Target, state: Path | None) -> Target | None:
     if state is None:
         return None
     try:
-        found = find_target(state, Role.conductor, target.key.path if target.key else None)
+        current = find_target(state, Role.conductor, target.key.path if target.key else None)
     except TwinError:
         return None  # between two conductors
-    return replace(target, endpoint=found.endpoint) if found.endpoint != target.endpoint else None
+    return (
+        replace(target, endpoint=current.endpoint) if current.endpoint != target.endpoint else None
+    )

@@ -70,7 +70,7 @@ if TYPE_CHECKING:
 IDLE_S = 0.25
 """Longest sleep of the loop [s]."""
 SUBMISSIONS_PER_MINUTE = 60
-"""Each may be 16 MiB that is expanded into cases; of all keys together."""
+"""Most submissions of all keys together; each may be 16 MiB that is expanded into cases."""
 FROZEN_MIN_S = 1.0
 """The loop was frozen when a turn of it took longer than this, and than ttl/4 [s]."""
 LINGER_S = 5.0
@@ -115,12 +115,12 @@ class Conductor:
         self.folder = folder.absolute()
         self.namespace = namespace
         self.endpoint = ""
-        """Where it listens, once started."""
+        """Endpoint at which it listens, once started."""
         self.started = threading.Event()
         self.key = key
         """The conductor's key, once started; None: plain TCP."""
         self.fabric = ""
-        """Under which name its user's own folder has the keys; empty: those that were given."""
+        """Name under which its user's own folder has the keys; empty: those that were given."""
         self._listen = to_listen(listen, keyed=key is not None)
         self._config = replace(config or Config(), folder=str(self.folder))
         self._bus_factory = bus_factory
@@ -132,7 +132,7 @@ class Conductor:
         self._lock = threading.Lock()
         self._stopping = False
         self._replaced = False
-        """Another conductor serves the folder: its files are none of ours."""
+        """Whether another conductor serves the folder: its files are none of ours."""
         self._drained_ns: int | None = None
         self._software = ""
         """Digest, once it was needed."""
@@ -286,7 +286,7 @@ class Conductor:
 
     @property
     def alive(self) -> bool:
-        """It has started and has not begun to shut down; from any thread."""
+        """Whether it has started and has not begun to shut down; from any thread."""
         return self.started.is_set() and not self._stopping
 
     def snapshot(self) -> ConductorStatus:
@@ -383,7 +383,7 @@ class Conductor:
                 _log.debug("an event could not be published", exc_info=True)
 
     def _drain_is_over(self) -> bool:
-        """Nothing is leased any more, and every worker has left or has had time to."""
+        """Whether nothing is leased any more, and every worker has left or has had time to."""
         assert self._engine is not None
         state = self._engine.state
         if not state.draining or state.leases:

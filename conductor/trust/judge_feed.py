@@ -56,7 +56,7 @@ class Judge:
         self._child: subprocess.Popen[bytes] | None = None
 
     def ask(self, claim: Claim) -> Judgement:
-        """What it finds about one attempt; that it cannot be judged is a difference, too."""
+        """Judgement about one attempt; that it cannot be judged is a difference, too."""
         died = ""
         for _ in range(TRIES):
             try:
@@ -87,21 +87,21 @@ def _answer(child: subprocess.Popen[bytes], claim: Claim) -> Judgement:
     line = child.stdout.readline()
     if not line:
         raise EOFError
-    found = msgspec.json.decode(line, type=Judgement)
-    if found.found == "no record":  # the simulator of today writes one
+    judgement = msgspec.json.decode(line, type=Judgement)
+    if judgement.found == "no record":  # the simulator of today writes one
         return msgspec.structs.replace(
-            found, found="differs", differences=["there is no judge.json beside its KPI rows"]
+            judgement, found="differs", differences=["there is no judge.json beside its KPI rows"]
         )
-    return found
+    return judgement
 
 
 @dataclass(slots=True)
 class _Tally:
-    """Of one campaign."""
+    """Tally of one campaign."""
 
     asked: int = 0
     attempts: int = 0
-    """That are judged."""
+    """Number of attempts that are judged."""
     differences: dict[str, list[str]] = field(default_factory=dict)
 
 
@@ -113,7 +113,7 @@ class JudgeFeed:
         self._thread: threading.Thread | None = None
         self._judge = Judge()
         self._judged: dict[str, _Tally] = {}
-        """By campaign folder."""
+        """Tallies by campaign folder."""
         self._over = False
 
     def put(self, campaign: CampaignState, fact: Committed) -> None:
@@ -135,7 +135,7 @@ class JudgeFeed:
             self._thread.start()
 
     def put_all(self, campaign: CampaignState) -> None:
-        """What an earlier conductor has committed."""
+        """Hand over what an earlier conductor has committed."""
         for case in campaign.ordered:
             if case.ended and isinstance(case_end := case.end, Committed):
                 self.put(campaign, case_end)
@@ -164,20 +164,20 @@ class JudgeFeed:
 
     def is_done(self, campaign: CampaignState) -> bool:
         """Whether all that was committed of it so far is judged; then it is written down."""
-        found = self._judged.get(campaign.out)
-        if found is not None and found.attempts < found.asked:
+        tally = self._judged.get(campaign.out)
+        if tally is not None and tally.attempts < tally.asked:
             return False
         self._write(campaign)
         return True
 
     def _write(self, campaign: CampaignState) -> None:
-        found = self._judged.get(campaign.out)
-        if not found:
+        tally = self._judged.get(campaign.out)
+        if not tally:
             return
         judged = JudgementFile(
-            attempts=found.attempts,
-            agree=found.attempts - len(found.differences),
-            differences=found.differences,
+            attempts=tally.attempts,
+            agree=tally.attempts - len(tally.differences),
+            differences=tally.differences,
         )
         path = Path(campaign.out) / FILE_NAME
         try:

@@ -60,7 +60,7 @@ class JournalSum(Struct, frozen=True, forbid_unknown_fields=True):
     """Where the journal stood when the run was signed."""
 
     file: Literal["conductor.db", "../conductor.db"]
-    """Relative to the run folder."""
+    """Path relative to the run folder."""
     head: str
     """Head of its chain, hexadecimal."""
     count: int
@@ -73,10 +73,10 @@ class Manifest(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     schema: Literal[1] = 1
     kind: Literal["run", "derived"]
     of: str = ""
-    """Of a derived one: the signature of the run's manifest."""
+    """Signature of the run's manifest, in a derived one."""
     campaign: str = ""
     digest: str = ""
-    """Of the campaign."""
+    """Digest of the campaign."""
     fingerprint: str = ""
     journal: JournalSum | None = None
     key: str
@@ -87,7 +87,7 @@ class Manifest(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 def signed(manifest: Manifest, signer: Signer) -> Manifest:
-    """With its key and signature."""
+    """Manifest with its key and signature."""
     bare = msgspec.structs.replace(manifest, key=signer.public, signature="")
     return msgspec.structs.replace(bare, signature=signer.sign(_bytes_to_sign(bare)))
 
@@ -122,24 +122,24 @@ def read_manifest_file(path: Path, kind: Literal["run", "derived"] = "run") -> M
         raise InfrastructureError(f"{path} is a symbolic link; put the file there")
     try:
         data = read_regular(path, MANIFEST_BYTES_MAX)
-        found: Manifest = decode_json(data, Manifest)
+        manifest: Manifest = decode_json(data, Manifest)
     except FileNotFoundError:
         return None
     except OSError as error:
         raise InfrastructureError(f"{path}: {error.strerror or error}") from None
     except JsonError as error:
         raise InfrastructureError(f"{path}: damaged: {error}; restore it") from None
-    bare = msgspec.structs.replace(found, signature="")
+    bare = msgspec.structs.replace(manifest, signature="")
     # Compared byte by byte: what a reader would skip is changed, too.
     if (
-        found.kind != kind
-        or data != _encode(found)
-        or not fits(found.key, found.signature, _bytes_to_sign(bare))
+        manifest.kind != kind
+        or data != _encode(manifest)
+        or not fits(manifest.key, manifest.signature, _bytes_to_sign(bare))
     ):
         raise InfrastructureError(
             f"{path}: the signature does not fit: it was changed after it was signed; restore it"
         )
-    return found
+    return manifest
 
 
 def entries(folder: Path) -> Iterator[tuple[str, os.DirEntry[str]]]:
@@ -156,8 +156,8 @@ def entries(folder: Path) -> Iterator[tuple[str, os.DirEntry[str]]]:
 
 def _below(entry: os.DirEntry[str], name: str) -> Iterator[tuple[str, os.DirEntry[str]]]:
     if entry.is_dir(follow_symlinks=False):
-        for each in os.scandir(entry.path):
-            yield from _below(each, f"{name}/{each.name}")
+        for inner in os.scandir(entry.path):
+            yield from _below(inner, f"{name}/{inner.name}")
     elif not (entry.name.startswith(".") and entry.name.endswith(".tmp")):
         yield name, entry
 
@@ -175,12 +175,12 @@ def file_sum(path: Path | str) -> str:
     """
     descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
     try:
-        found = os.fstat(descriptor)
-        if not stat.S_ISREG(found.st_mode):
+        status = os.fstat(descriptor)
+        if not stat.S_ISREG(status.st_mode):
             raise OSError(0, "no plain file", str(path))
-        if found.st_size < _READ_BYTES:  # of three in four one read is enough
+        if status.st_size < _READ_BYTES:  # of three in four one read is enough
             data = os.read(descriptor, _READ_BYTES)
-            if len(data) == found.st_size:
+            if len(data) == status.st_size:
                 return f"{hashlib.sha256(data).hexdigest()} {len(data)}"
             os.lseek(descriptor, 0, os.SEEK_SET)
         sha, size = hashlib.sha256(), 0
@@ -207,19 +207,19 @@ def file_sums(
     chunks = [ordered[at : at + _CHUNK] for at in range(0, len(ordered), _CHUNK)]
 
     def sums_of(chunk: list[str]) -> list[tuple[str, str]]:
-        found = []
+        pairs = []
         for name in chunk:
             try:
-                found.append((name, file_sum(f"{root}/{name}")))
+                pairs.append((name, file_sum(f"{root}/{name}")))
             except OSError as error:
-                found.append((name, error.strerror or str(error)))
-        return found
+                pairs.append((name, error.strerror or str(error)))
+        return pairs
 
     sums: dict[str, str] = {}
     with ThreadPoolExecutor(min(8, len(os.sched_getaffinity(0)) + 1)) as pool:
-        for found in pool.map(sums_of, chunks):
-            sums.update(found)
-            told(len(found))
+        for chunk_sums in pool.map(sums_of, chunks):
+            sums.update(chunk_sums)
+            told(len(chunk_sums))
     return sums
 
 
@@ -230,16 +230,16 @@ def listed(folder: Path, choose: Callable[[str], bool]) -> dict[str, str]:
         InfrastructureError: one is a link, no plain file, or cannot be read.
     """
     try:
-        found = [(name, entry) for name, entry in entries(folder) if choose(name)]
+        chosen = [(name, entry) for name, entry in entries(folder) if choose(name)]
     except OSError as error:
         raise storage_error(error, str(folder)) from None
-    odd = [name for name, entry in found if odd_entry(entry) or not name.isprintable()]
+    odd = [name for name, entry in chosen if odd_entry(entry) or not name.isprintable()]
     if odd:
         raise InfrastructureError(
             f"{folder}: cannot be signed: '{escape(odd[0], 200)}' is a link, no plain file or has "
             "an odd name; remove it"
         )
-    sums = file_sums(folder, sorted(name for name, _ in found))
+    sums = file_sums(folder, sorted(name for name, _ in chosen))
     for name, value in sums.items():
         if " " not in value or len(value.split()[0]) != 64:
             raise InfrastructureError(f"{folder / name}: {value}")
@@ -252,7 +252,7 @@ def odd_entry(entry: os.DirEntry[str]) -> bool:
 
 
 def changed(folder: Path, manifest: Manifest, names: Iterable[str]) -> list[str]:
-    """Those of ``names`` that the manifest lists and that are not as they were signed."""
+    """Names of ``names`` that the manifest lists and that are not as they were signed."""
     wrong = []
     for name in names:
         if name not in manifest.files:

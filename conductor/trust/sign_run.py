@@ -49,13 +49,13 @@ class Provenance:
     """What the manifest of a run says about where it comes from."""
 
     manifest: Manifest | None
-    """None: the run is not signed."""
+    """Manifest of the run; None: it is not signed."""
     cache_fits: bool
-    """What earlier reports have read may be used."""
+    """Whether what earlier reports have read may be used."""
 
     @property
     def words(self) -> str:
-        """In a few words."""
+        """Provenance in a few words."""
         return f"signed by key {short(self.manifest.key)}" if self.manifest else "not signed"
 
 

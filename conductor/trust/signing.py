@@ -106,10 +106,10 @@ def parse_key(given: str) -> str:
     try:
         text = read_regular(Path(given), 4096).decode().strip().lower()
     except (OSError, ValueError) as error:
-        said = getattr(error, "strerror", "") or "not text"
+        reason = getattr(error, "strerror", "") or "not text"
         raise UsageError(
-            f"public key '{escape(given, 200)}': {said}; give 64 hexadecimal digits, as `conductor "
-            "verify` prints them, or a file that holds them"
+            f"public key '{escape(given, 200)}': {reason}; give 64 hexadecimal digits, as "
+            "`conductor verify` prints them, or a file that holds them"
         ) from None
     if not _HEX.fullmatch(text):
         raise UsageError(f"{given}: no public key; expected 64 hexadecimal digits")
@@ -137,11 +137,12 @@ def short(key: str) -> str:
 
 def _check_folder(folder: Path) -> None:
     """Raise InfrastructureError if others may change what is in it."""
-    found = folder.stat()
-    if found.st_uid != os.geteuid() or found.st_mode & 0o022:
+    status = folder.stat()
+    if status.st_uid != os.geteuid() or status.st_mode & 0o022:
         raise InfrastructureError(
-            f"{folder}: belongs to user id {found.st_uid}, mode {stat.S_IMODE(found.st_mode):04o}; "
-            f"signing keys must lie where nobody else may write: `chmod 700 {folder}`, or set "
+            f"{folder}: belongs to user id {status.st_uid}, mode "
+            f"{stat.S_IMODE(status.st_mode):04o}; signing keys must lie where nobody else may "
+            f"write: `chmod 700 {folder}`, or set "
             f"{VARIABLE} to a folder of your own"
         )
 

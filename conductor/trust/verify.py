@@ -38,23 +38,23 @@ from twin.base.own_folder import own_folder
 from twin.records.campaign_file import read_plan
 
 Told = Callable[[str, int, int], None]
-"""What is being done, how much of it is done, and how much there is."""
+"""Listener to progress: what is being done, how much of it is done, and how much there is."""
 
 
 @dataclass(slots=True)
 class Verified:
-    """What was found about a run."""
+    """Findings about a run."""
 
     differences: list[str] = field(default_factory=list)
-    """In what it is not as it was signed, one line each."""
+    """Differences from what was signed, one line each."""
     notes: list[str] = field(default_factory=list)
     """What could not be checked, or need not fit."""
     manifest: Manifest | None = None
     files: int = 0
-    """Whose sums were computed."""
+    """Number of files whose sums were computed."""
     wall_s: float = 0.0
     attempts: int = 0
-    """Whose KPI digests and verdicts were computed again."""
+    """Number of attempts whose KPI digests and verdicts were computed again."""
     deep_s: float = 0.0
 
     @property
@@ -79,58 +79,60 @@ def verify_run(
         told: hears of progress.
     """
     started_s = time.perf_counter()
-    found = Verified()
+    verified = Verified()
     try:
-        _check(folder, trusted, found, deep=deep, told=told)
+        _check(folder, trusted, verified, deep=deep, progress=told)
     except TwinError as error:
-        found.differences.append(str(error))
-    found.wall_s = time.perf_counter() - started_s
-    return found
+        verified.differences.append(str(error))
+    verified.wall_s = time.perf_counter() - started_s
+    return verified
 
 
 def _check(
-    folder: Path, trusted: frozenset[str], found: Verified, *, deep: bool, told: Told
+    folder: Path, trusted: frozenset[str], verified: Verified, *, deep: bool, progress: Told
 ) -> None:
-    manifest = found.manifest = read_manifest(folder)
+    manifest = verified.manifest = read_manifest(folder)
     if manifest is None:
-        found.differences.append(
+        verified.differences.append(
             f"{folder} is not signed: there is no {RUN_FILE}; it has not ended, a conductor serves "
             "it, or an earlier version has run it"
         )
         return
     if manifest.key not in trusted:
-        found.differences.append(
+        verified.differences.append(
             f"signed by key {manifest.key}, which is not trusted here; if you know whose it is, "
             f"give it as --public-key, or write it into {own_folder() / TRUSTED_FOLDER}/NAME.pub"
         )
         return  # whatever it lists, he may have written it who changed the files
-    derived = _derived(folder, manifest, trusted, found)
-    _check_files(folder, manifest, derived, found, told)
+    derived = _derived(folder, manifest, trusted, verified)
+    _check_files(folder, manifest, derived, verified, progress)
     outcomes = read_outcomes(folder)
-    _check_outcomes(folder, manifest, outcomes, found)
-    _check_journal(folder, manifest, outcomes, found)
+    _check_outcomes(folder, manifest, outcomes, verified)
+    _check_journal(folder, manifest, outcomes, verified)
     if deep:
-        _check_deep(folder, manifest, outcomes, found, told)
+        _check_deep(folder, manifest, outcomes, verified, progress)
 
 
 def _derived(
-    folder: Path, manifest: Manifest, trusted: frozenset[str], found: Verified
+    folder: Path, manifest: Manifest, trusted: frozenset[str], verified: Verified
 ) -> dict[str, str]:
     """What reports have made and signed."""
     derived = read_manifest(folder, "derived")
     if derived is None:
         return {}
     if derived.key not in trusted:
-        found.differences.append(f"{DERIVED_FILE}: signed by key {derived.key}, not trusted here")
+        verified.differences.append(
+            f"{DERIVED_FILE}: signed by key {derived.key}, not trusted here"
+        )
         return {}
     if derived.of != manifest.signature:
-        found.differences.append(f"{DERIVED_FILE} belongs to another run; make the report again")
+        verified.differences.append(f"{DERIVED_FILE} belongs to another run; make the report again")
         return {}
     return derived.files
 
 
 def _check_files(
-    folder: Path, manifest: Manifest, derived: dict[str, str], found: Verified, told: Told
+    folder: Path, manifest: Manifest, derived: dict[str, str], verified: Verified, progress: Told
 ) -> None:
     try:
         there = dict(entries(folder))
@@ -140,30 +142,30 @@ def _check_files(
     odd = sorted(name for name, entry in there.items() if odd_entry(entry))
     for name in odd:
         kind = "a symbolic link" if there[name].is_symlink() else "no plain file"
-        found.differences.append(f"{_shown(name)}: {kind}")
+        verified.differences.append(f"{_shown(name)}: {kind}")
     for name in sorted(there.keys() - signed.keys() - set(odd)):
-        found.differences.append(f"{_shown(name)}: is not in the manifest")
+        verified.differences.append(f"{_shown(name)}: is not in the manifest")
     for name in sorted(signed.keys() - there.keys()):
         if is_derived(name):  # may be removed, and made again
-            found.notes.append(
+            verified.notes.append(
                 f"{_shown(name)}: is not there any more; `conductor report` makes it"
             )
         else:
-            found.differences.append(f"{_shown(name)}: is missing")
+            verified.differences.append(f"{_shown(name)}: is missing")
     names = sorted((there.keys() & signed.keys()) - set(odd))
     done = 0
 
     def more(count: int) -> None:
         nonlocal done
         done += count
-        told("files", done, len(names))
+        progress("files", done, len(names))
 
-    told("files", 0, len(names))
+    progress("files", 0, len(names))
     sums = file_sums(folder, names, more)
-    found.files = len(sums)
+    verified.files = len(sums)
     for name in names:
         if sums[name] != signed[name]:
-            found.differences.append(_difference(name, sums[name], signed[name]))
+            verified.differences.append(_difference(name, sums[name], signed[name]))
 
 
 def _difference(name: str, now: str, signed: str) -> str:
@@ -176,53 +178,63 @@ def _difference(name: str, now: str, signed: str) -> str:
     return f"{_shown(name)}: SHA-256 {sha_now[:12]}, signed {sha[:12]}"
 
 
-def _check_outcomes(folder: Path, manifest: Manifest, outcomes: Outcomes, found: Verified) -> None:
-    said = (outcomes.campaign, outcomes.digest, outcomes.complete)
-    if said != (manifest.campaign, manifest.digest, True):
-        found.differences.append("outcomes.json and the manifest name different campaigns")
+def _check_outcomes(
+    folder: Path, manifest: Manifest, outcomes: Outcomes, verified: Verified
+) -> None:
+    claimed = (outcomes.campaign, outcomes.digest, outcomes.complete)
+    if claimed != (manifest.campaign, manifest.digest, True):
+        verified.differences.append("outcomes.json and the manifest name different campaigns")
     judged = read_judged(folder)
     for name, lines in (judged.differences if judged else {}).items():
-        found.differences += [f"case {_shown(name)}: {escape(line, 300)}" for line in lines]
+        verified.differences += [f"case {_shown(name)}: {escape(line, 300)}" for line in lines]
 
 
-def _check_journal(folder: Path, manifest: Manifest, outcomes: Outcomes, found: Verified) -> None:
+def _check_journal(
+    folder: Path, manifest: Manifest, outcomes: Outcomes, verified: Verified
+) -> None:
     """The journal is whole, and tells what the outcomes tell."""
     signed = manifest.journal
     if signed is None:
-        found.notes.append("no journal was signed with it")
+        verified.notes.append("no journal was signed with it")
         return
     path = folder / signed.file
-    own = signed.file not in ("../conductor.db",)
-    if not own and not path.exists():
-        found.notes.append("its journal is not here: it lies beside the run where it was made")
+    is_own = signed.file not in ("../conductor.db",)
+    if not is_own and not path.exists():
+        verified.notes.append("its journal is not here: it lies beside the run where it was made")
         return
-    if not own and path.with_name(f"{path.name}-wal").exists():
-        found.notes.append("its journal is in use, and was not checked")
+    if not is_own and path.with_name(f"{path.name}-wal").exists():
+        verified.notes.append("its journal is in use, and was not checked")
         return
     chain, facts = read_journal(path)
     state = fold(facts, Config())
     here = (chain.head.hex(), chain.count)
-    if here != (signed.head, signed.count) and (own or chain.count <= signed.count):
-        found.differences.append(
+    if here != (signed.head, signed.count) and (is_own or chain.count <= signed.count):
+        verified.differences.append(
             f"{signed.file}: its chain ends with link {here[1]}, {here[0][:12]}; signed: link "
             f"{signed.count}, {signed.head[:12]}"
         )
     campaign = state.campaigns.get(manifest.campaign)
     if campaign is None:
-        found.differences.append(f"{signed.file}: knows no campaign '{manifest.campaign}'")
+        verified.differences.append(f"{signed.file}: knows no campaign '{manifest.campaign}'")
         return
-    told = outcomes_of(campaign)
-    if told == outcomes:
+    journalled = outcomes_of(campaign)
+    if journalled == outcomes:
         return
-    names = [n for n in (told.cases | outcomes.cases) if told.cases.get(n) != outcomes.cases.get(n)]
+    names = [
+        n
+        for n in (journalled.cases | outcomes.cases)
+        if journalled.cases.get(n) != outcomes.cases.get(n)
+    ]
     for name in names:
-        found.differences.append(f"case {_shown(name)}: outcomes.json is not what the journal says")
+        verified.differences.append(
+            f"case {_shown(name)}: outcomes.json is not what the journal says"
+        )
     if not names:
-        found.differences.append("outcomes.json is not what the journal says")
+        verified.differences.append("outcomes.json is not what the journal says")
 
 
 def _check_deep(
-    folder: Path, manifest: Manifest, outcomes: Outcomes, found: Verified, told: Told
+    folder: Path, manifest: Manifest, outcomes: Outcomes, verified: Verified, progress: Told
 ) -> None:
     """KPI digests, fingerprint and verdicts, from the rows."""
     started_s = time.perf_counter()
@@ -249,25 +261,25 @@ def _check_deep(
             for claim in part:
                 answers.append(judge.ask(claim))
                 done += 1  # of several threads: for people, it need not be exact
-                told("attempts", done, len(claims))
+                progress("attempts", done, len(claims))
         return answers
 
-    told("attempts", 0, len(claims))
+    progress("attempts", 0, len(claims))
     with ThreadPoolExecutor(judges) as pool:
         running = [pool.submit(judged, part) for part in parts if part]
         try:
             values = fingerprint(folder).sha256
         except TwinError as error:
-            found.differences.append(str(error))
+            verified.differences.append(str(error))
         else:
             if values != manifest.fingerprint:
-                found.differences.append(
+                verified.differences.append(
                     f"the fingerprint is {values[:12]}, signed {manifest.fingerprint[:12]}"
                 )
-        for each in running:
-            for answer in each.result():
-                found.differences += [f"case {answer.case}: {x}" for x in answer.differences]
-    found.attempts, found.deep_s = len(claims), time.perf_counter() - started_s
+        for future in running:
+            for answer in future.result():
+                verified.differences += [f"case {answer.case}: {x}" for x in answer.differences]
+    verified.attempts, verified.deep_s = len(claims), time.perf_counter() - started_s
 
 
 def _shown(name: str) -> str:

@@ -34,7 +34,7 @@ class Pbs:
         return render(request)
 
     def render_array(self, _request: JobRequest, _cases: Sequence[str], /) -> str:
-        """Not written: the array way is measured on Slurm alone."""
+        """Job arrays are not written for PBS: that way is measured on Slurm alone."""
         raise UsageError("--array: for Slurm only; the comparison needs one of the two")
 
     def check(self, text: str, _request: JobRequest, /) -> None:
@@ -68,7 +68,8 @@ class Pbs:
             raise _refusal(f"job {job} was not deleted", done)
 
     def requeue(self, job: str) -> None:
-        """As the script's own timer does it; ``qrerun`` would need operator privilege."""
+        """The job is queued again as the script's own timer does it; ``qrerun`` would need operator
+        privilege."""
         self.signal(job, "SIGUSR2")
 
     def signal(self, job: str, name: str) -> None:
@@ -79,8 +80,8 @@ class Pbs:
 
     def interactive(self, request: JobRequest, command: list[str]) -> list[str]:
         """``qsub -I``."""
-        given = [word for option in options(request) for word in shlex.split(option)]
-        return ["qsub", "-I", *given, *(["--", *command] if command else [])]
+        words = [word for option in options(request) for word in shlex.split(option)]
+        return ["qsub", "-I", *words, *(["--", *command] if command else [])]
 
     def log(self, job: str, request: JobRequest, /) -> str:
         """PBS's default name; it appears there when the job ends."""
@@ -113,16 +114,16 @@ def parse_queues(text: str) -> tuple[Partition, ...]:
 
 def parse_job(text: str) -> JobStatus:
     """The attributes that ``qstat -f`` prints; long lines go on after a tab."""
-    found = attributes(text)
-    native = found.get("job_state", "")
+    values = attributes(text)
+    native = values.get("job_state", "")
     state = _STATES.get(native[:1], "unknown")
-    code = found.get("Exit_status", found.get("exit_status", ""))
-    count = found.get("run_count", "1")
+    code = values.get("Exit_status", values.get("exit_status", ""))
+    count = values.get("run_count", "1")
     return JobStatus(
         state=state,
         native=native,
-        reason=found.get("comment", "") if state == "pending" else "",
-        nodes=found.get("exec_host", ""),
+        reason=values.get("comment", "") if state == "pending" else "",
+        nodes=values.get("exec_host", ""),
         exit_code=int(code) if state == "ended" and code.lstrip("-").isdecimal() else None,
         restarts=max(0, int(count) - 1) if count.isdecimal() else 0,
     )
@@ -130,15 +131,15 @@ def parse_job(text: str) -> JobStatus:
 
 def attributes(text: str) -> dict[str, str]:
     """``name = value`` lines; a line that is none goes on with the one before."""
-    found: dict[str, str] = {}
+    values: dict[str, str] = {}
     name = ""
     for line in text.splitlines():
         match = re.fullmatch(r"\s+([A-Za-z_][\w.]*) = (.*)", line)
         if match:
-            name, found[match[1]] = match[1], match[2].strip()
+            name, values[match[1]] = match[1], match[2].strip()
         elif name and line.startswith("\t"):
-            found[name] += line.strip()
-    return found
+            values[name] += line.strip()
+    return values
 
 
 def _refusal(what: str, done: ProgramEnd) -> TwinError:

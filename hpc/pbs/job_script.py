@@ -135,7 +135,7 @@ one_gpu() { # RANK: of the GPUs that PBS gives this job on the node, or simply b
   export CUDA_VISIBLE_DEVICES=${gpus[$1]:-$1}
 }
 on_node="$on_node; $(declare -f one_gpu)\""""
-    own = "one_gpu $rank; " if request.gpus else ""
+    pin = "one_gpu $rank; " if request.gpus else ""
     note = "# --- The workers, one per line of the node file."
     if request.gpus:
         note += " Each sees one GPU only, so that is cuda:0."
@@ -160,7 +160,7 @@ end_workers() {{ kill -s "$1" "$workers" 2>/dev/null; }}
     host=${{hosts[task % ${{#hosts[@]}}]}}
     rank=${{used[$host]:-0}}
     used[$host]=$((rank + 1))
-    (launch "$host" "trap '' USR2; $on_node; {own}{role}") > >(sed -u "s/^/$task: /") 2>&1 &
+    (launch "$host" "trap '' USR2; $on_node; {pin}{role}") > >(sed -u "s/^/$task: /") 2>&1 &
     started+=($!)
   done
   trap 'kill -TERM "${{started[@]}}" 2>/dev/null' TERM

@@ -30,7 +30,7 @@ _JOB_WIDE = (*_SIZED, "ncpus", "walltime", "min_walltime", "max_walltime", "cput
 def lint(text: str) -> list[str]:
     """Mistakes of a job script, each one line that begins with ``line N:``; empty: none found."""
     mistakes: list[str] = []
-    seen: dict[str, int] = {}
+    first_lines: dict[str, int] = {}
     command = 0
     for number, line in enumerate(text.splitlines(), 1):
         if not line.startswith("#PBS"):
@@ -41,16 +41,16 @@ def lint(text: str) -> list[str]:
             if line.strip() and not line.startswith("#") and not command:
                 command = number
             continue
-        found = _directive(line)
+        line_mistakes = _directive(line)
         if command:
-            found.append(f"PBS stops reading at the first command, which is line {command}")
-        found += _twice(line, seen, number)
-        mistakes += [f"line {number}: {mistake}" for mistake in found]
+            line_mistakes.append(f"PBS stops reading at the first command, which is line {command}")
+        line_mistakes += _twice(line, first_lines, number)
+        mistakes += [f"line {number}: {mistake}" for mistake in line_mistakes]
     if not text.startswith("#!/"):
         mistakes.insert(0, "line 1: no '#!/bin/bash'; PBS would use the login shell")
-    if "-l walltime" not in seen:
+    if "-l walltime" not in first_lines:
         mistakes.append("no '#PBS -l walltime=HH:MM:SS'; the site's default may be minutes")
-    if "-l select" not in seen:
+    if "-l select" not in first_lines:
         mistakes.append("no '#PBS -l select=...'; the job would get one CPU")
     return mistakes
 
@@ -125,7 +125,7 @@ def _select(value: str) -> list[str]:
                     f"chunk {chunk!r}: {name} is job-wide, give it in its own '-l' line"
                 )
             else:
-                mistakes += [f"chunk {chunk!r}: {each}" for each in _value(name, rest)]
+                mistakes += [f"chunk {chunk!r}: {mistake}" for mistake in _value(name, rest)]
     return mistakes
 
 
@@ -190,7 +190,7 @@ def _like(pattern: str, words: str) -> Callable[[str], list[str]]:
     return lambda value: [] if compiled.fullmatch(value) else [f"given {value!r}, expected {words}"]
 
 
-def _twice(line: str, seen: dict[str, int], number: int) -> list[str]:
+def _twice(line: str, first_lines: dict[str, int], number: int) -> list[str]:
     """The later of two lines wins silently; resources with different names may repeat ``-l``."""
     option, _, value = line[len("#PBS ") :].partition(" ")
     names = [part.partition("=")[0] for part in value.split(",")]
@@ -200,9 +200,11 @@ def _twice(line: str, seen: dict[str, int], number: int) -> list[str]:
             keys = keys[:1]
     else:
         keys = [option]
-    mistakes = [f"{key} again, first in line {seen[key]}" for key in keys if key in seen]
+    mistakes = [
+        f"{key} again, first in line {first_lines[key]}" for key in keys if key in first_lines
+    ]
     for key in keys:
-        seen.setdefault(key, number)
+        first_lines.setdefault(key, number)
     return mistakes
 
 

@@ -47,8 +47,10 @@ class Slurm:
         limits = dict(row.split() for row in rows if len(row.split()) == 2)
         wanted = request.partition.split(",") if request.partition else []
         names = [n for n in limits if (n.rstrip("*") in wanted if wanted else n.endswith("*"))]
-        found = [minutes(limits[name]) for name in names]
-        if found and all(limit is not None and limit < request.walltime_min for limit in found):
+        limits_min = [minutes(limits[name]) for name in names]
+        if limits_min and all(
+            limit is not None and limit < request.walltime_min for limit in limits_min
+        ):
             allowed = ", ".join(f"{name.rstrip('*')} up to {limits[name]}" for name in names)
             raise UsageError(
                 f"--time {hours_minutes(request.walltime_min)}: longer than the partition allows "
@@ -83,11 +85,12 @@ class Slurm:
             raise self._refusal(f"job {job} was not cancelled", done)
 
     def requeue(self, job: str) -> None:
-        """As before the end of the wall time: drained, then queued again by the script."""
+        """The job ends as before the end of the wall time: drained, then queued again by the
+        script."""
         self.signal(job, "TERM")
 
     def signal(self, job: str, name: str) -> None:
-        """To the batch script alone, as ``--signal=B:`` does."""
+        """The signal goes to the batch script alone, as ``--signal=B:`` does."""
         done = call("scancel", "--batch", f"--signal={name}", job)
         if done.code:
             raise self._refusal(f"job {job} was not signalled", done)
@@ -96,8 +99,8 @@ class Slurm:
         """``salloc``, then a step that takes none of the tasks."""
         terminal = ["--pty"] if sys.stdin.isatty() else []
         step = ["srun", "--interactive", "--preserve-env", "--nodes=1", "--ntasks=1", *terminal]
-        given = [word for option in options(request) for word in shlex.split(option)]
-        return ["salloc", *given, *step, *command]
+        words = [word for option in options(request) for word in shlex.split(option)]
+        return ["salloc", *words, *step, *command]
 
     def log(self, job: str, _request: JobRequest, /) -> str:
         """Slurm's default name."""
@@ -115,7 +118,7 @@ class Slurm:
             return InfrastructureError(f"{what}: the Slurm controller does not answer; try later")
         line = re.sub(r"^(allocation failure|\w+: error): ", "", done.last_words)
         # The last line says "failed", the one before it why.
-        lines = [each.strip() for each in done.err.splitlines() if ": error: " in each]
+        lines = [error.strip() for error in done.err.splitlines() if ": error: " in error]
         if lines:
             line = re.sub(r"^\w+: error: ", "", lines[0])
         if "partition" in line.lower():
@@ -126,17 +129,17 @@ class Slurm:
 
 def parse_job(line: str) -> JobStatus:
     """One line of ``scontrol --oneliner show job``."""
-    found = dict(word.split("=", 1) for word in line.split() if "=" in word)
-    native = found.get("JobState", "")
-    reason = found.get("Reason", "None")
-    nodes = found.get("NodeList", "(null)")
+    fields = dict(word.split("=", 1) for word in line.split() if "=" in word)
+    native = fields.get("JobState", "")
+    reason = fields.get("Reason", "None")
+    nodes = fields.get("NodeList", "(null)")
     return JobStatus(
         state=_state(native),
         native=native,
         reason=reason if _state(native) == "pending" and reason != "None" else "",
         nodes="" if nodes == "(null)" else nodes,
-        exit_code=_exit_code(found.get("ExitCode", "")) if _state(native) == "ended" else None,
-        restarts=int(found.get("Restarts", "0")),
+        exit_code=_exit_code(fields.get("ExitCode", "")) if _state(native) == "ended" else None,
+        restarts=int(fields.get("Restarts", "0")),
     )
 
 
@@ -155,16 +158,16 @@ def parse_account(lines: str) -> JobStatus:
 
 def parse_sinfo(text: str) -> tuple[Partition, ...]:
     """Lines of ``sinfo --format=%P|%l|%D|%G|%a``; a partition has a line per kind of node."""
-    found: dict[str, Partition] = {}
+    partitions: dict[str, Partition] = {}
     for line in text.splitlines():
         name, limit, count, gres, state = line.strip().split("|")
         gpus = "" if gres == "(null)" else f"{count} x {gres}"
-        before = found.get(name)
+        before = partitions.get(name)
         if before is not None:
             gpus = " + ".join(part for part in (before.gpus, gpus) if part)
             count = str(int(before.nodes.split()[0]) + int(count))
-        found[name] = Partition(name, limit, f"{count} nodes", gpus, state)
-    return tuple(found.values())
+        partitions[name] = Partition(name, limit, f"{count} nodes", gpus, state)
+    return tuple(partitions.values())
 
 
 def minutes(limit: str) -> int | None:

@@ -116,7 +116,7 @@ trap 'signalled=yes lost=yes; kill -TERM "$conductor" 2>/dev/null' USR1"""
 
 def _workers(request: JobRequest) -> str:
     gpu = " --gpus-per-task=1" if request.gpus else ""
-    each = f"--ntasks={request.worker_count} --cpus-per-task={request.cpus}{gpu}"
+    per_task = f"--ntasks={request.worker_count} --cpus-per-task={request.cpus}{gpu}"
     keep = "--no-kill --wait=0 --kill-on-bad-exit=0 --label"
     note = "# --- The workers, one per task."
     if request.gpus:
@@ -128,7 +128,7 @@ def _workers(request: JobRequest) -> str:
         exact = " --exact"
         stacks = f"""
 # --- The hosts of the stacks, on the tasks that the workers leave free.
-srun --exact {each} \\
+srun --exact {per_task} \\
   {keep} \\
   bash -c "$on_node; stack" &
 stacks=$!"""
@@ -138,7 +138,7 @@ stacks=$!"""
 end_workers() {{ {end}; }}
 {{
   kill -0 "$conductor" 2>/dev/null || exit
-  srun{exact} {each} \\
+  srun{exact} {per_task} \\
     {keep} \\
     bash -c "$on_node; worker"
 {script.LOST}

@@ -117,12 +117,12 @@ def fetch_repository(
     from hpc.inputs import NamedRepository
     from hpc.inputs import fetch_repository as fetch
 
-    found = fetch(NamedRepository(url, ref, setup), cache)
+    fetched = fetch(NamedRepository(url, ref, setup), cache)
     if output is Output.json:
-        facts = {"folder": str(found.folder), "commit": found.commit, "key": found.key}
+        facts = {"folder": str(fetched.folder), "commit": fetched.commit, "key": fetched.key}
         print(json.dumps(facts))
     else:
-        print(found.folder)
+        print(fetched.folder)
 
 
 def fetch_image(

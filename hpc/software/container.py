@@ -109,13 +109,13 @@ def prefix(container: Container) -> list[str]:
 
 def preparation(container: Container) -> list[list[str]]:
     """Commands that must have run before the first use: bound folders exist, outside and inside."""
-    found = [["mkdir", "-p", "--", *mounted(container)]] if container.binds else []
+    commands = [["mkdir", "-p", "--", *mounted(container)]] if container.binds else []
     if container.runtime != "charliecloud" or container.image.endswith((".sqfs", ".squashfs")):
-        return found
-    found.append(["mkdir", "-p", "--", *(container.image + path for path in mounted(container))])
+        return commands
+    commands.append(["mkdir", "-p", "--", *(container.image + path for path in mounted(container))])
     if container.gpus:
-        found.append(["ch-fromhost", "--nvidia", container.image])
-    return found
+        commands.append(["ch-fromhost", "--nvidia", container.image])
+    return commands
 
 
 def removal(runtime: Runtime, name: str) -> list[list[str]]:

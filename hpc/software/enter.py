@@ -42,7 +42,7 @@ def enter(
     from hpc.commands import become, call
 
     inside = str((folder or Path()).absolute())
-    given = Container(
+    sandbox = Container(
         image=container,
         runtime=found_runtime(runtime),
         binds=(*(bind or []), inside),
@@ -54,11 +54,11 @@ def enter(
         os.environ.setdefault("USER", getpass.getuser())  # charliecloud does not start without
     # ch-run shows it as /tmp, and what is bound may lie below the real one.
     os.environ.pop("TMPDIR", None)
-    for words in preparation(given):
+    for words in preparation(sandbox):
         done = call(*words)
         if done.code:
             raise InfrastructureError(f"container {container}: {words[0]}: {done.last_words}")
-    become(*prefix(given), *command)
+    become(*prefix(sandbox), *command)
 
 
 def leave(

@@ -49,14 +49,14 @@ def own_wheel(folder: Path) -> Path:
     Raises:
         UsageError: none, or several.
     """
-    found = sorted(folder.glob(f"{DISTRIBUTION}-*.whl"))
-    if len(found) != 1:
-        names = ", ".join(path.name for path in found) or "none"
+    wheels = sorted(folder.glob(f"{DISTRIBUTION}-*.whl"))
+    if len(wheels) != 1:
+        names = ", ".join(path.name for path in wheels) or "none"
         raise UsageError(
             f"{folder}: one wheel {DISTRIBUTION}-*.whl is needed, found {names}; "
             "`hpc bundle` writes such a folder"
         )
-    return found[0]
+    return wheels[0]
 
 
 def call(

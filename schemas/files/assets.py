@@ -55,11 +55,11 @@ def asset_files(path: Path) -> list[Path]:
     Raises:
         YamlError: not readable, or not YAML.
     """
-    found = [path]
+    paths = [path]
     named = _named(load_yaml(path))
     for name in named:
-        found += mesh_files(path.parent / name)
-    unique = dict.fromkeys(file for file in found if file.is_file())
+        paths += mesh_files(path.parent / name)
+    unique = dict.fromkeys(file for file in paths if file.is_file())
     return list(unique)
 
 
@@ -95,10 +95,10 @@ def file_digest(path: Path, most: int | None = FILE_BYTES_MAX) -> str:
 def _named(value: Any) -> list[str]:
     """Values of the keys that name files, anywhere in the document, in order."""
     if isinstance(value, dict):
-        own = [value[key] for key in _FILE_KEYS if isinstance(value.get(key), str)]
+        files = [value[key] for key in _FILE_KEYS if isinstance(value.get(key), str)]
         names = [value[key] for key in _NAME_KEYS if isinstance(value.get(key), str)]
-        own += [name for name in names if is_path(name)]
-        return own + [name for inner in value.values() for name in _named(inner)]
+        files += [name for name in names if is_path(name)]
+        return files + [name for inner in value.values() for name in _named(inner)]
     if isinstance(value, list):
         return [name for inner in value for name in _named(inner)]
     return []
@@ -126,26 +126,26 @@ def _resources(mesh: Path) -> list[str]:
 
 
 def _obj_resources(mesh: Path) -> list[str]:
-    found: list[str] = []
+    names: list[str] = []
     with open_regular(mesh, FILE_BYTES_MAX) as lines:
         while line := lines.readline(_LINE_BYTES_MAX):
             if b"mtllib" in line and (library := _LIBRARY.match(line)):
-                found += file_names(as_text(library[1]))
-    for name in list(found):
-        path = mesh.parent / name
+                names += file_names(as_text(library[1]))
+    for library_name in list(names):
+        path = mesh.parent / library_name
         try:
             materials = read_regular(path, _TEXT_BYTES_MAX)
         except (OSError, ValueError):
             continue
         pictures = [
-            each
-            for given in dict.fromkeys(_MAP.findall(materials))
-            for each in file_names(as_text(given))
+            picture
+            for named in dict.fromkeys(_MAP.findall(materials))
+            for picture in file_names(as_text(named))
         ]
         # They lie beside the mesh, or beside the library.
-        folder = Path(name).parent
-        found += [*pictures, *(str(folder / each) for each in pictures)]
-    return found
+        folder = Path(library_name).parent
+        names += [*pictures, *(str(folder / picture) for picture in pictures)]
+    return names
 
 
 def _gltf_resources(mesh: Path) -> list[str]:

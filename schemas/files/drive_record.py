@@ -38,7 +38,7 @@ class RecordHead(Struct, frozen=True, tag_field="block", tag="head"):
     """Software digest of the simulator."""
     device_class: str
     slots: int
-    """Of the rig; the file holds one of them."""
+    """Slots of the rig; the file holds one of them."""
     case: Case
 
 
@@ -46,7 +46,7 @@ class RecordArray(Struct, frozen=True):
     """One sensor's array of this slot; the slot's axis is left out."""
 
     dtype: str
-    """Little-endian, as NumPy writes it."""
+    """Type of the elements, little-endian, as NumPy writes it."""
     shape: list[int]
     coding: Coding
     data: bytes
@@ -60,9 +60,9 @@ class RecordSeen(Struct, frozen=True, tag_field="block", tag="seen"):
     tick: int
     sim_time_ns: int
     sensors: dict[str, RecordArray]
-    """In the order of the tick message."""
+    """Arrays in the order of the tick message."""
     episode: Episode | None = None
-    """With the first tick."""
+    """Episode message, with the first tick."""
 
 
 class RecordAnswer(Struct, frozen=True, tag_field="block", tag="answer"):
@@ -76,7 +76,7 @@ class RecordEnd(Struct, frozen=True, tag_field="block", tag="end"):
 
     ticks: int
     sha256: str
-    """Of all bytes before this block."""
+    """SHA-256 of all bytes before this block."""
     outcome: str = ""
     verdict: str = ""
     cut: str = ""

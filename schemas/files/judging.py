@@ -16,7 +16,7 @@ from schemas.identity import digest
 from schemas.sections.scenario import Scenario
 
 RECORD_FILE = "judge.json"
-"""Of an attempt, beside ``kpi.parquet``."""
+"""Name of an attempt's record, beside ``kpi.parquet``."""
 
 RECORD_BYTES_MAX = 1 << 20
 """Largest record [bytes]; a lane of a thousand pieces is 100 kB."""
@@ -30,9 +30,9 @@ class LaneRecord(Struct, frozen=True, forbid_unknown_fields=True):
     start: list[tuple[float, float, float]]
     """World x, y [m] and heading [rad] at the beginning of each [P]."""
     curvature_per_m: list[float]
-    """Of each, to the left positive [P] [1/m]."""
+    """Curvature of each piece, to the left positive [P] [1/m]."""
     length_m: float
-    """Of all of them [m]."""
+    """Length of all pieces together [m]."""
     closed: bool
 
 
@@ -51,10 +51,10 @@ class JudgeRecord(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True)
     v: int
     case: str
     scenario: Scenario
-    """Its limits and its kind."""
+    """Scenario of the case: its limits and its kind."""
     collisions: int
     impact_speed_mps: float
-    """At the first collision; 0 without one [m/s]."""
+    """Speed at the first collision; 0 without one [m/s]."""
     impact_step: int
     """Physics step of the first collision since the start; -1: none."""
     moved: bool
@@ -62,14 +62,14 @@ class JudgeRecord(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True)
     target: tuple[float, float, float, float, float] | None
     """Hull of the obstacle in the lane: x, y [m], yaw [rad], half length and width [m]."""
     centre_offset_m: float
-    """From the ego's reference point to the middle of its hull, forward."""
+    """Distance from the ego's reference point to the middle of its hull, forward."""
     half_length_m: float
     half_width_m: float
     lane: LaneRecord
     further: list[tuple[float, float, float, float, float] | None] = []
     """Hulls of the scenario's further targets, like ``target``."""
     hit: HitRecord | None = None
-    """None: nothing, or the case failed."""
+    """First thing that was hit; None: nothing, or the case failed."""
 
 
 class Claim(Struct, frozen=True, kw_only=True):
@@ -79,7 +79,7 @@ class Claim(Struct, frozen=True, kw_only=True):
     """Campaign folder."""
     case: str
     attempt_dir: str
-    """Below the campaign folder."""
+    """Attempt folder, below the campaign folder."""
     outcome: str
     verdict: str
     scalars: dict[str, float | int | None] = {}
@@ -88,7 +88,7 @@ class Claim(Struct, frozen=True, kw_only=True):
     kpi_sha256: str = ""
     manifest_sha256: str = ""
     scenario: Scenario | None = None
-    """Of the campaign; None: not compared."""
+    """Scenario of the campaign; None: not compared."""
 
 
 CLAIMED = (
@@ -106,7 +106,7 @@ class Judgement(Struct, frozen=True, kw_only=True):
     found: Literal["agrees", "differs", "no record"]
     """``no record``: an earlier version wrote the attempt; only its digests were checked."""
     differences: list[str] = []
-    """One line each."""
+    """Differences, one line each."""
 
 
 def attempt_digest(kpi_sha256: str, log: bytes, record: bytes) -> str:

@@ -97,10 +97,10 @@ def open_below(folder: Path, name: str) -> BufferedReader:
     finally:
         os.close(at)
     try:
-        found = os.fstat(descriptor)
-        _check(folder / name, found, None)
-        if found.st_uid != owner:
-            words = f"belongs to user id {found.st_uid}, its folder to {owner}"
+        status = os.fstat(descriptor)
+        _check(folder / name, status, None)
+        if status.st_uid != owner:
+            words = f"belongs to user id {status.st_uid}, its folder to {owner}"
             raise OSError(errno.EPERM, words, str(folder / name))
         return os.fdopen(descriptor, "rb")
     except BaseException:
@@ -108,11 +108,11 @@ def open_below(folder: Path, name: str) -> BufferedReader:
         raise
 
 
-def _check(path: Path, found: os.stat_result, most: int | None) -> None:
-    if stat.S_ISDIR(found.st_mode):
+def _check(path: Path, status: os.stat_result, most: int | None) -> None:
+    if stat.S_ISDIR(status.st_mode):
         raise OSError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
-    if not stat.S_ISREG(found.st_mode):
-        kind = next((words for is_kind, words in _KINDS if is_kind(found.st_mode)), "no file")
+    if not stat.S_ISREG(status.st_mode):
+        kind = next((words for is_kind, words in _KINDS if is_kind(status.st_mode)), "no file")
         raise OSError(errno.EINVAL, f"{kind}; a regular file is needed", str(path))
-    if most is not None and found.st_size > most:
-        raise OSError(errno.EFBIG, f"{found.st_size} bytes, at most {most} are read", str(path))
+    if most is not None and status.st_size > most:
+        raise OSError(errno.EFBIG, f"{status.st_size} bytes, at most {most} are read", str(path))

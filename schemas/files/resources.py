@@ -19,7 +19,7 @@ PARTS_FOLDER = "resources"
 """Folder of the parts, in the campaign folder."""
 
 PART_SUFFIX = ".jsonl"
-"""Of the name of a part; before it stands the worker's id."""
+"""Suffix of the name of a part; before it stands the worker's id."""
 
 
 class ProcessUse(Struct, frozen=True, kw_only=True):

@@ -31,7 +31,7 @@ class _Loader(yaml.SafeLoader):
     """PyYAML follows YAML 1.1, where ``11:00`` is 660 and ``no`` is false; YAML 1.2 has neither."""
 
     nodes = 0
-    """Composed so far; each takes a kilobyte."""
+    """Number of nodes composed so far; each takes a kilobyte."""
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
         self.nodes += 1
@@ -44,18 +44,18 @@ class _Loader(yaml.SafeLoader):
         return node
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        seen: set[Any] = set()
+        keys: set[Any] = set()
         for key_node, _ in node.value:
             key = self.construct_object(key_node, deep=True)
             if not isinstance(key, str | int | float | bool | None):
                 raise yaml.MarkedYAMLError(
                     problem="a mapping key must be a plain value", problem_mark=key_node.start_mark
                 )
-            if key in seen:
+            if key in keys:
                 raise yaml.MarkedYAMLError(
                     problem=f"key '{key}' appears twice", problem_mark=key_node.start_mark
                 )
-            seen.add(key)
+            keys.add(key)
         return super().construct_mapping(node, deep=deep)
 
 
@@ -83,7 +83,7 @@ _PREFIX = "tag:yaml.org,2002:"
 _TAGS = ("str", "int", "float", "bool", "null", "map", "seq")
 """Tags that a file may write; the others are types that no file of ours holds."""
 _LIKE = {"int": ("int",), "float": ("float", "int"), "bool": ("bool",), "null": ("null",)}
-"""Whose pattern a scalar of a tag has to match."""
+"""Tags whose pattern a scalar of a tag has to match."""
 
 
 def _check_tag(node: yaml.Node) -> None:
@@ -94,9 +94,9 @@ def _check_tag(node: yaml.Node) -> None:
     name = node.tag.removeprefix(_PREFIX)
     if not node.tag.startswith(_PREFIX) or name not in _TAGS:
         shown = f"!!{name}" if node.tag.startswith(_PREFIX) else name
-        given, allowed = f"tag '{shown}'", ", ".join(f"!!{tag}" for tag in _TAGS)
+        refused, allowed = f"tag '{shown}'", ", ".join(f"!!{tag}" for tag in _TAGS)
         raise yaml.MarkedYAMLError(
-            problem=f"{given}; leave it out, or one of {allowed}", problem_mark=node.start_mark
+            problem=f"{refused}; leave it out, or one of {allowed}", problem_mark=node.start_mark
         )
     kind = {"map": yaml.MappingNode, "seq": yaml.SequenceNode}.get(name, yaml.ScalarNode)
     patterns = [_PATTERNS[f"{_PREFIX}{like}"] for like in _LIKE.get(name, ())]

@@ -12,10 +12,10 @@ GROUP = "drivetwin.schedulers"
 """Entry points that bring batch systems."""
 
 OURS = {"shipped": "schemas.kinds.batch_system:KINDS"}
-"""Those that are shipped; the same as in pyproject.toml."""
+"""Batch systems that are shipped; the same as in pyproject.toml."""
 
 AUTO = "auto"
-"""In place of a name: the batch system whose commands are here."""
+"""Word in place of a name: the batch system whose commands are here."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,8 +70,8 @@ PBS = BatchSystemKind(
 """PBS Pro and OpenPBS."""
 
 KINDS = (SLURM, PBS)
-"""In the order in which they are looked for. The first is the one that `hpc render` writes for
-where nothing else is said."""
+"""Batch systems in the order in which they are looked for. The first is the one that `hpc render`
+writes for where nothing else is said."""
 
 
 @cache

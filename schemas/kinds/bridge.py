@@ -13,10 +13,10 @@ GROUP = "drivetwin.bridges"
 """Entry points that bring bridges."""
 
 OURS = {"shipped": "schemas.kinds.bridge:KINDS"}
-"""Those that are shipped; the same as in pyproject.toml."""
+"""Bridges that are shipped; the same as in pyproject.toml."""
 
 NONE = "none"
-"""In place of a name: the stack speaks the drive plane itself."""
+"""Word in place of a name: the stack speaks the drive plane itself."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,7 +59,7 @@ AUTODRIVE = BridgeKind(
 """Scripts of the AutoDRIVE devkit."""
 
 KINDS = (AUTODRIVE,)
-"""The shipped ones."""
+"""Bridges that are shipped."""
 
 
 @cache

@@ -16,7 +16,7 @@ GROUP = "drivetwin.kpis"
 """Entry points that bring KPIs."""
 
 OURS = {"base": "schemas.kinds.kpis.base:KPIS"}
-"""Those that are shipped; the same as in pyproject.toml."""
+"""KPIs that are shipped; the same as in pyproject.toml."""
 
 KpiType = Literal["bool", "int32", "int64", "float64", "detections", "name"]
 Place = Literal["column", "scalar", "name"]
@@ -27,21 +27,21 @@ class CurveLook:
     """Looks of a column that reports draw over time."""
 
     place: int
-    """From the top of a page, small first."""
+    """Place from the top of a page, small first."""
     title: str
     axis: str
     """Title of its axis, unit in brackets."""
     height: float = 0.8
-    """Of its row, as a share of a row of height 1."""
+    """Height of its row, as a share of a row of height 1."""
     steps: bool = False
-    """It changes in steps: both sides of every change are drawn."""
+    """Whether it changes in steps: both sides of every change are drawn."""
     scale: Literal["from 0", "0 to 1", "switch", "count", "signed"] = "from 0"
-    """Of its axis. ``switch``: 0 or 1."""
+    """Scale of its axis. ``switch``: 0 or 1."""
     spread: tuple[str, str] | None = None
     """Title of its row and of its axis where there are too many cases for a line each; None: lines
     are drawn anyway."""
     share: bool = False
-    """Of many cases the share in which it is on is drawn, instead of quantiles."""
+    """Whether, of many cases, the share in which it is on is drawn instead of quantiles."""
     safety_m: float = 0.0
     """A line across it, the factor of safety; 0: none."""
 
@@ -63,7 +63,7 @@ class KpiKind:
     label: str = ""
     """Head of its column in tables, unit in brackets; empty: it stands in none."""
     digits: int = 2
-    """After the point, in tables."""
+    """Digits after the point, in tables."""
     better: Literal["more", "less", ""] = ""
     """Which values are the better ones; empty: neither."""
     compared: str = ""
@@ -72,7 +72,7 @@ class KpiKind:
     panel: str = ""
     """Short name beside a case's picture; empty: it does not stand there."""
     curve: CurveLook | None = None
-    """None: it is not drawn."""
+    """Looks of its curve; None: it is not drawn."""
     implementation: str = ""
     """``module:attribute`` of a function that takes the rows of a case,
     :class:`twin.scenario.protocol.Rows`: a column's gives float64 [rows], NaN where missing; a
@@ -108,5 +108,5 @@ def columns_by_name() -> dict[str, KpiKind]:
 def drawn_columns() -> tuple[KpiKind, ...]:
     """The columns that reports draw, from top to bottom."""
     every = columns_by_name().values()
-    found = [(kind.curve.place, kind) for kind in every if kind.curve is not None]
-    return tuple(kind for _, kind in sorted(found, key=lambda pair: pair[0]))
+    placed = [(kind.curve.place, kind) for kind in every if kind.curve is not None]
+    return tuple(kind for _, kind in sorted(placed, key=lambda pair: pair[0]))

@@ -15,7 +15,7 @@ GROUP = "drivetwin.perception"
 """Entry points that bring perception variants."""
 
 OURS = {"shipped": "schemas.kinds.perceptions:KINDS"}
-"""Those that are shipped; the same as in pyproject.toml."""
+"""Perception variants that are shipped; the same as in pyproject.toml."""
 
 TAG = "type"
 """Key of a variant that names its kind."""
@@ -30,7 +30,7 @@ class PerceptionKind:
     """Declaration of a perception variant."""
 
     name: str
-    """Its ``type``."""
+    """Name of the kind: ``type`` of a variant."""
     config: type[Struct]
     """Keys of a variant, with types, ranges, defaults and meanings; tagged with the name."""
     implementation: str
@@ -57,19 +57,19 @@ class PerceptionKind:
 @cache
 def perception_kinds() -> Kinds[PerceptionKind]:
     """All perception variants, the shipped ones first."""
-    found = read_kinds(GROUP, PerceptionKind, OURS)
-    broken, good = dict(found.broken), []
-    for kind in found.declared:
+    kinds = read_kinds(GROUP, PerceptionKind, OURS)
+    broken, good = dict(kinds.broken), []
+    for kind in kinds.declared:
         config = getattr(kind.config, "__struct_config__", None)
         if config is not None and (config.tag_field, config.tag) == (TAG, kind.name):
             good.append(kind)
             continue
-        who = " ".join(found.brought[kind.name])
+        who = " ".join(kinds.brought[kind.name])
         broken[kind.name] = (
             f"{who}: perception '{kind.name}': its config {kind.config.__name__} is no struct with "
             f"tag_field='{TAG}' and tag='{kind.name}'"
         )
-    return Kinds(tuple(good), broken, found.brought)
+    return Kinds(tuple(good), broken, kinds.brought)
 
 
 def perception_kind(variant: Struct) -> PerceptionKind:

@@ -12,10 +12,10 @@ class PictureKind:
     """Declaration of an array that has values for every pixel."""
 
     name: str
-    """Of its message, without the name of the camera."""
+    """Name of its message, without the name of the camera."""
     dtype: Literal["|u1", "<i4", "<f4"]
     values: int = 1
-    """Per pixel; 1: the array has no axis for them."""
+    """Values per pixel; 1: the array has no axis for them."""
     meaning: str
     """What a value is, for the table of topics."""
 

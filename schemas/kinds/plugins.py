@@ -22,7 +22,7 @@ class ForeignKind(NamedTuple):
     """A kind of another distribution that a campaign uses."""
 
     key: str
-    """Of the campaign, that names it."""
+    """Key of the campaign that names it."""
     plugin: Plugin
     implementation: str
     """``module:attribute``; empty: it needs none."""

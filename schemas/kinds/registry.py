@@ -65,7 +65,7 @@ class Kinds(Generic[D]):
         """
         kind = self.get(name)
         if kind is None:
-            known = ", ".join(each.name for each in self.declared)
+            known = ", ".join(declaration.name for declaration in self.declared)
             raise ValueError(self.broken.get(name, f"no '{name}'; there: {known}"))
         return kind
 
@@ -83,13 +83,13 @@ def read_kinds(group: str, type_: type[D], ours: Mapping[str, str]) -> Kinds[D]:
     declared: list[D] = []
     for reference in ours.values():
         declared += _loaded(reference, type_)
-    names = {each.name for each in declared}
+    names = {declaration.name for declaration in declared}
     broken: dict[str, str] = {}
     brought: dict[str, Plugin] = {}
     for point in sorted(_foreign(group), key=lambda p: (_distribution(p), p.name)):
         try:
-            found = _loaded(point.value, type_)
-            if taken := sorted(names & {each.name for each in found}):
+            declarations = _loaded(point.value, type_)
+            if taken := sorted(names & {declaration.name for declaration in declarations}):
                 raise ValueError(f"the name '{taken[0]}' is taken")
         except (Exception, SystemExit) as error:  # code of others may raise anything, or exit
             line = f"{_distribution(point)}: entry point '{point.name}' of {group}: {_why(error)}"
@@ -97,17 +97,17 @@ def read_kinds(group: str, type_: type[D], ours: Mapping[str, str]) -> Kinds[D]:
             if point.name not in names:  # else it would pass for who brings a kind that is good
                 brought[point.name] = _plugin(point)
             continue
-        declared += found
-        names |= {each.name for each in found}
-        brought.update((each.name, _plugin(point)) for each in found)
+        declared += declarations
+        names |= {declaration.name for declaration in declarations}
+        brought.update((declaration.name, _plugin(point)) for declaration in declarations)
     return Kinds(tuple(declared), broken, brought)
 
 
 def installed_plugins() -> dict[str, str]:
     """Every other distribution of this installation that brings kinds of any group, by name, with
     its version."""
-    found = (_plugin(point) for name in _groups() for point in _foreign(name))
-    return {plugin.name: plugin.version for plugin in sorted(found)}
+    plugins = (_plugin(point) for name in _groups() for point in _foreign(name))
+    return {plugin.name: plugin.version for plugin in sorted(plugins)}
 
 
 def implementation(reference: str) -> Any:
@@ -144,7 +144,9 @@ def _why(error: BaseException) -> str:
 def _loaded(reference: str, type_: type[D]) -> list[D]:
     value = _attribute(reference)
     declarations = list(value) if isinstance(value, tuple) else [value]
-    if strange := [each for each in declarations if not isinstance(each, type_)]:
+    if strange := [
+        declaration for declaration in declarations if not isinstance(declaration, type_)
+    ]:
         raise ValueError(f"'{reference}' is a {type(strange[0]).__name__}, not a {type_.__name__}")
     return declarations
 
@@ -162,8 +164,8 @@ def _groups() -> list[str]:
 
 def _foreign(group: str) -> Iterable[importlib.metadata.EntryPoint]:
     """Entry points of other distributions."""
-    found = importlib.metadata.entry_points(group=group)
-    return [p for p in found if p.dist is None or p.dist.name != OUR_DISTRIBUTION]
+    points = importlib.metadata.entry_points(group=group)
+    return [p for p in points if p.dist is None or p.dist.name != OUR_DISTRIBUTION]
 
 
 def _distribution(point: importlib.metadata.EntryPoint) -> str:

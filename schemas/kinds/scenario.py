@@ -17,7 +17,7 @@ GROUP = "drivetwin.scenarios"
 """Entry points that bring scenario families."""
 
 OURS = {"shipped": "schemas.kinds.scenarios:KINDS"}
-"""Those that are shipped; the same as in pyproject.toml."""
+"""Scenario families that are shipped; the same as in pyproject.toml."""
 
 
 class NamesFamily(Protocol):
@@ -40,11 +40,11 @@ class LeadMeasure:
     title: str
     """A sentence about the column."""
     text: str
-    """In sentences, without the unit."""
+    """Name in sentences, without the unit."""
     hover: str
-    """Of one case, with its value: ``smallest distance {:.3f} m``."""
+    """Text about one case, with its value: ``smallest distance {:.3f} m``."""
     digits: int = 2
-    """After the point, in tables; in the cells of a map one less."""
+    """Digits after the point, in tables; in the cells of a map one less."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -55,9 +55,9 @@ class ExtremeTable:
     largest: bool
     of: Literal["unhurt", "decided"]
     title: str
-    """Of the table on the page."""
+    """Title of the table on the page."""
     head: str
-    """Of its column on the page."""
+    """Head of its column on the page."""
     said: str
     """Title on a results page."""
     said_head: str
@@ -82,11 +82,11 @@ class ScenarioReport:
     rule: str
     """What passing means, in full sentences; on the page."""
     rule_in_results: str
-    """Likewise, on a results page, in Markdown."""
+    """What passing means, on a results page, in Markdown."""
     curves: tuple[str, ...]
     """KPI columns drawn for a case, from top to bottom."""
     overview: tuple[str, ...]
-    """Those drawn side by side for all systems under test."""
+    """KPI columns drawn side by side for all systems under test."""
     table: tuple[str, ...]
     """Scalars of the case table, from left to right."""
     beside: tuple[tuple[str, str], ...] = ()
@@ -113,8 +113,8 @@ class ScenarioKind:
     """``module:attribute`` of its :class:`twin.scenario.protocol.ScenarioFamily`."""
     report: ScenarioReport
     target: str = "obstacle"
-    """Whose hull DTC and TTC are about: ``obstacle``, the broken-down car of the scene, or the name
-    of a thing that stands in the scene."""
+    """Object whose hull DTC and TTC are about: ``obstacle``, the broken-down car of the scene, or
+    the name of a thing that stands in the scene."""
     further_targets: tuple[str, ...] = ()
     """Names of further things that the family looks at: their hulls are
     :attr:`twin.scenario.surroundings.Surroundings.further`, in this order."""
@@ -130,15 +130,15 @@ class ScenarioKind:
     @property
     def scalars(self) -> tuple[KpiKind, ...]:
         """Scalars of its cases, in the order of files."""
-        own = (scalars_by_name()[name] for name in self.kpis if name in scalars_by_name())
-        return (*shipped("scalar"), *own)
+        kinds = (scalars_by_name()[name] for name in self.kpis if name in scalars_by_name())
+        return (*shipped("scalar"), *kinds)
 
     @property
     def columns(self) -> tuple[KpiKind, ...]:
         """Columns that its cases have behind those of all, in the order of files: first those that
         the family gives, then those that are computed."""
-        own = [columns_by_name()[name] for name in self.kpis if name in columns_by_name()]
-        return tuple(sorted(own, key=lambda kind: bool(kind.implementation)))
+        kinds = [columns_by_name()[name] for name in self.kpis if name in columns_by_name()]
+        return tuple(sorted(kinds, key=lambda kind: bool(kind.implementation)))
 
     def config_of(self, scenario: NamesFamily) -> Any:
         """The keys of this family in a scenario, as ``config``.
@@ -147,8 +147,8 @@ class ScenarioKind:
             ValueError: one is missing or not allowed.
         """
         names = self.config.__struct_fields__
-        given = {name: getattr(scenario, name) for name in names}
-        known = {name: value for name, value in given.items() if value is not UNSET}
+        values = {name: getattr(scenario, name) for name in names}
+        known = {name: value for name, value in values.items() if value is not UNSET}
         value: Any = msgspec.convert(known, self.config)
         return value
 
@@ -156,16 +156,16 @@ class ScenarioKind:
 @cache
 def scenario_kinds() -> Kinds[ScenarioKind]:
     """All scenario families, the shipped ones first."""
-    found = read_kinds(GROUP, ScenarioKind, OURS)
+    kinds = read_kinds(GROUP, ScenarioKind, OURS)
     taken = {"type", "scene", "vehicle", "ego_speed_mps", "duration_s", "standstill_s"}
-    broken, good = dict(found.broken), []
-    for kind in found.declared:
+    broken, good = dict(kinds.broken), []
+    for kind in kinds.declared:
         if mistake := _mistake(kind, taken):
             broken[kind.name] = f"scenario '{kind.name}': {mistake}"
         else:
             good.append(kind)
             taken |= set(kind.config.__struct_fields__)
-    return Kinds(tuple(good), broken, found.brought)
+    return Kinds(tuple(good), broken, kinds.brought)
 
 
 def _mistake(kind: ScenarioKind, taken: set[str]) -> str:

@@ -15,7 +15,7 @@ GROUP = "drivetwin.sensors"
 """Entry points that bring sensors."""
 
 OURS = {"shipped": "schemas.kinds.sensors:KINDS"}
-"""Those that are shipped; the same as in pyproject.toml."""
+"""Sensors that are shipped; the same as in pyproject.toml."""
 
 ControlRate = Annotated[int, Meta(ge=0, le=500)]
 Share = Annotated[float, Meta(ge=0, le=0.5)]
@@ -29,7 +29,7 @@ class SensorConfig(Struct, frozen=True, forbid_unknown_fields=True):
     keys the case's."""
 
     on: bool = True
-    """Whether it is there."""
+    """Whether the sensor is there."""
     hz: ControlRate = 0
     """Readings per second, a divisor of the control rate; 0: the control rate [Hz]."""
 
@@ -42,7 +42,7 @@ class MadeUpDrive:
     tick: int
     time_s: float
     speed_mps: float
-    """Constant, straight on."""
+    """Speed, constant and straight on."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,7 +50,7 @@ class SensorKind:
     """Declaration of a sensor that gives rows of numbers."""
 
     name: str
-    """Of its section in ``sensors``, and of its message."""
+    """Name of its section in ``sensors``, and of its message."""
     doc: str
     """One sentence for ``--help`` and docs."""
     config: type[SensorConfig]
@@ -61,8 +61,8 @@ class SensorKind:
     """How pages call the list of columns."""
     dtype: Literal["<f8", "<i8", "<f4"]
     rows_max: int = 0
-    """0: a row per slot [S, K]. Else it looks at the world and has as many rows as it sees, at
-    most so many [S, N, K], with the number of valid ones per slot."""
+    """Most rows of a slot; 0: a row per slot [S, K]. With any other number it looks at the world
+    and has as many rows as it sees [S, N, K], with the number of valid ones per slot."""
     implementation: str
     """``module:attribute`` of its :class:`twin.sensors.mount.Sensor`; with ``rows_max``, of its
     :class:`twin.sensors.ray_sensor.RaySensor`."""

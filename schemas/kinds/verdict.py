@@ -16,11 +16,11 @@ class VerdictKind:
     rank: int
     """Small is worse: a cell of several cases shows the worst."""
     color: str
-    """On pages, ``#RRGGBB``; colour-blind readers tell it from the others."""
+    """Colour on pages, ``#RRGGBB``; colour-blind readers tell it from the others."""
     symbol: str
     """One character that says it without colour."""
     mark: str = ""
-    """In pictures of maps, whose fonts have letters alone."""
+    """Mark in pictures of maps, whose fonts have letters alone."""
 
 
 VERDICTS = (
@@ -32,4 +32,4 @@ VERDICTS = (
     VerdictKind(name="lane_departure", tone="bad", rank=1, color="#CC79A7", symbol="⇆", mark="<>"),
     VerdictKind(name="time_up", tone="doubtful", rank=7, color="#56B4E9", symbol="◷", mark="T"),
 )
-"""Those of the shipped scenarios, in the order of reports."""
+"""Verdicts of the shipped scenarios, in the order of reports."""

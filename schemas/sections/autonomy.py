@@ -159,8 +159,8 @@ def driver_mistakes(autonomy: Autonomy, sensors: Sensors, seeing: list[str]) -> 
     """
     mistakes = []
     if len(set(autonomy.tell)) < len(autonomy.tell):
-        given = ", ".join(autonomy.tell)
-        mistakes.append(Mistake("autonomy.tell", f"given {given}; name each of them once"))
+        listed = ", ".join(autonomy.tell)
+        mistakes.append(Mistake("autonomy.tell", f"given {listed}; name each of them once"))
     if autonomy.command and autonomy.stack != Autonomy().stack:
         mistakes.append(Mistake("autonomy.command", "given beside stack; keep one of them"))
     if autonomy.command and autonomy.placement == "inline":

@@ -26,13 +26,13 @@ class Conditions(_Spec, frozen=True):
     cloud: Intensity = 0.0
     """Share of the sky under cloud [-]."""
     fog: Intensity = 0.0
-    """0 none, 0.5 as thick as `light_fog`, 1 as `heavy_fog`, in extinction [-]."""
+    """Fog: 0 none, 0.5 as thick as `light_fog`, 1 as `heavy_fog`, in extinction [-]."""
     rain: Intensity = 0.0
-    """0 none, 0.5 as hard as `light_rain`, 1 as `heavy_rain` [-]."""
+    """Rain: 0 none, 0.5 as hard as `light_rain`, 1 as `heavy_rain` [-]."""
     snow: Intensity = 0.0
-    """0 none, 0.5 as dense as `light_snow`, 1 as `heavy_snow` [-]."""
+    """Snow: 0 none, 0.5 as dense as `light_snow`, 1 as `heavy_snow` [-]."""
     wind: Intensity = 0.0
-    """0 calm, 1 a strong gale: Beaufort number over 9 [-]."""
+    """Wind: 0 calm, 1 a strong gale: Beaufort number over 9 [-]."""
 
 
 class Change(_Spec, frozen=True, kw_only=True):

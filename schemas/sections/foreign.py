@@ -35,8 +35,8 @@ def holds_password(url: str) -> bool:
 
     The user of ``ssh`` is none.
     """
-    found = re.match(r"([a-z+]+)://([^/@]*)@", url, re.IGNORECASE)
-    return found is not None and (found[1].lower().startswith("http") or ":" in found[2])
+    match = re.match(r"([a-z+]+)://([^/@]*)@", url, re.IGNORECASE)
+    return match is not None and (match[1].lower().startswith("http") or ":" in match[2])
 
 
 class ContainerImage(Struct, frozen=True, forbid_unknown_fields=True):

@@ -16,13 +16,13 @@ Effect = Literal[
 ]
 """A step of the post-processing."""
 EFFECTS: tuple[str, ...] = Effect.__args__  # type: ignore[attr-defined]
-"""All of them, in the order in which light meets them."""
+"""All effects, in the order in which light meets them."""
 
 Focal = Annotated[float, Meta(ge=0, le=20)]
 Centre = Annotated[float, Meta(ge=-1, le=2)]
 Coefficient = Annotated[float, Meta(ge=-1000, le=1000)]
 Tangential = Annotated[float, Meta(ge=-0.1, le=0.1)]
-"""Real lenses stay below 0.01."""
+"""Coefficient of tangential distortion; real lenses stay below 0.01."""
 Offset = Annotated[float, Meta(ge=-100, le=100)]
 Position = Annotated[list[Annotated[float, Meta(ge=-20, le=20)]], Meta(min_length=3, max_length=3)]
 Rotation = Annotated[
@@ -66,11 +66,11 @@ class Lens(Struct, frozen=True, forbid_unknown_fields=True):
     k3: Coefficient = 0.0
     """Radial distortion, of the sixth power [-]."""
     k4: Coefficient = 0.0
-    """Of r^2 in the denominator (brown_conrady), of theta^8 (fisheye) [-]."""
+    """Radial distortion, of r^2 in the denominator (brown_conrady), of theta^8 (fisheye) [-]."""
     k5: Coefficient = 0.0
-    """Of r^4 in the denominator; brown_conrady only [-]."""
+    """Radial distortion, of r^4 in the denominator; brown_conrady only [-]."""
     k6: Coefficient = 0.0
-    """Of r^6 in the denominator; brown_conrady only [-]."""
+    """Radial distortion, of r^6 in the denominator; brown_conrady only [-]."""
     circle_deg: Annotated[float, Meta(gt=0, le=360)] = 360.0
     """Angle across the image circle of a fisheye lens; black outside it [deg]."""
 

@@ -30,7 +30,8 @@ class Intrinsics:
 
 @dataclass(frozen=True, slots=True)
 class Reach:
-    """Up to where the radial curve rises: beyond it the lens sees nothing, or sees it twice."""
+    """Point up to which the radial curve rises: beyond it the lens sees nothing, or sees it
+    twice."""
 
     argument: float
     """Largest tan(theta) (perspective models) or theta [rad] (fisheye)."""
@@ -135,9 +136,9 @@ def check_lens(lens: Lens, width: int, height: int, hfov_deg: float) -> None:
         needed, where = math.hypot(right, down), "corner"
     if end.radius < needed:
         names = ("k1", "k2", "k3", "k4", "k5", "k6")
-        given = ", ".join(f"{n} {getattr(lens, n):g}" for n in names if getattr(lens, n) != 0.0)
+        terms = ", ".join(f"{n} {getattr(lens, n):g}" for n in names if getattr(lens, n) != 0.0)
         raise ValueError(
-            f"{lens.model} lens with {given}: its curve turns back {end.angle_deg(lens):.1f} deg "
+            f"{lens.model} lens with {terms}: its curve turns back {end.angle_deg(lens):.1f} deg "
             f"off the axis at {end.radius:.3g} focal lengths, and the image's {where} is at "
             f"{needed:.3g}; narrow the field of view or change the coefficients"
         )

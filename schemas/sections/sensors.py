@@ -29,14 +29,14 @@ def field_of(kind: SensorKind) -> tuple[str, Any, Any]:
 def _sections(self: Sensors) -> dict[str, SensorConfig]:
     """Section of every sensor that was named, or is one of the first, by name, in the table's
     order."""
-    found = ((name, getattr(self, name)) for name in self.__struct_fields__)
-    return {name: section for name, section in found if section is not UNSET}
+    pairs = ((name, getattr(self, name)) for name in self.__struct_fields__)
+    return {name: section for name, section in pairs if section is not UNSET}
 
 
 def _rates(self: Sensors, control_hz: int) -> dict[str, int]:
     """Name -> rate of every sensor that is on, in the table's order [Hz]."""
     sections = self.sections()
-    return {name: each.hz or control_hz for name, each in sections.items() if each.on}
+    return {name: section.hz or control_hz for name, section in sections.items() if section.on}
 
 
 if TYPE_CHECKING:

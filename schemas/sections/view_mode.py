@@ -8,7 +8,7 @@ from typing import Literal
 from msgspec import Struct
 
 View = Literal["none", "live", "record", "record+live"]
-"""As files say it."""
+"""View mode as files say it."""
 
 Keep = Literal["all", "failed", "none"]
 

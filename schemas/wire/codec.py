@@ -99,12 +99,12 @@ def _check_form(data: bytes) -> None:
 
 def _check_version(data: bytes) -> None:
     try:
-        given = _version_of(data).v
+        version = _version_of(data).v
     except (msgspec.MsgspecError, RecursionError, ValueError):
         return  # no map: what is wrong with it is said by its own type
-    if given != SCHEMA_VERSION:
+    if version != SCHEMA_VERSION:
         raise WireError(
-            f"schema version {str(given)[:20]} given, this side speaks {SCHEMA_VERSION}; "
+            f"schema version {str(version)[:20]} given, this side speaks {SCHEMA_VERSION}; "
             "install the same version on both sides"
         )
 

@@ -52,7 +52,7 @@ class Touch(Struct, frozen=True):
 
     tick: Ticks
     what: str
-    """In a few words."""
+    """What was done, in a few words."""
     changes: Count
     """Actions so far that cost the case its verdict; 0: it keeps it."""
 
@@ -74,11 +74,11 @@ class Result(Judged, Struct, frozen=True):
     attempt_dir: Annotated[str, Meta(pattern=ATTEMPT_DIR)] = ""
     """Attempt folder, relative to the campaign folder."""
     kpi_sha256: str = ""
-    """Of the values in its KPI file; empty: it has none."""
+    """SHA-256 of the values in its KPI file; empty: it has none."""
     manifest_sha256: str = ""
     wall_s: float = 0.0
     perception: PerceptionCost | None = None
-    """Sum over the case; None: the stack reported none."""
+    """Cost of perception, summed over the case; None: the stack reported none."""
     rig_wall_s: float = 0.0
     """The rig's wall time, each tick divided evenly among the cases in its slots [s]."""
     realtime: Realtime | None = None
@@ -128,11 +128,11 @@ class Sealed(Struct, frozen=True):
 
     token: Token
     worker: str
-    """Whose result it is."""
+    """Worker whose result it is."""
     result: bytes
     """A :class:`Result`, encoded."""
     seal: bytes
-    """Over :attr:`result`, with the secret of that worker's session."""
+    """Seal over :attr:`result`, with the secret of that worker's session."""
 
 
 class Share(Struct, frozen=True):
@@ -170,11 +170,11 @@ class Hello(Struct, frozen=True, tag_field="verb", tag="hello"):
     walltime_end_s: float | None = None
     """When the worker's allocation ends [s since 1970]; information only."""
     memory_bytes: Whole | None = None
-    """Most that its rig may use [bytes]; None: no limit."""
+    """Most memory that its rig may use [bytes]; None: no limit."""
     tags: list[str] = []
     """What campaigns may ask for, see :class:`schemas.campaign.Requirements`."""
     share: Share | None = None
-    """None: it prefers none."""
+    """Share of the cases that it prefers; None: it prefers none."""
     lacks: dict[str, str] = {}
     """Bridges that cannot run there, the word ``sandbox`` if stacks have none there, and
     ``plug-in NAME`` for one that cannot be used there, each with why or what to do, in a line."""

@@ -33,7 +33,7 @@ class SeenFolder(Struct, frozen=True, tag_field="verb", tag="seen"):
     v: int
     campaign: Name
     sha256: str
-    """Of the ``conductor.json`` there."""
+    """SHA-256 of the ``conductor.json`` there."""
     worker: str = ""
     session: Session = b""
 
@@ -52,11 +52,11 @@ class AttemptFiles(Struct, frozen=True, tag_field="verb", tag="attempt"):
     sha256: str
     """See :func:`files_sha256`."""
     extras: dict[Extra, bytes] = field(default_factory=dict)
-    """Content of the others, by name."""
+    """Content of further files, by name."""
     extras_sha256: str = ""
     """See :func:`extras_sha256`."""
     worker: str = ""
-    """Who ran the attempt: its lease is, or was, this worker's."""
+    """Worker that ran the attempt: its lease is, or was, this worker's."""
     session: Session = b""
 
 
@@ -69,7 +69,7 @@ class Delivered(Struct, frozen=True):
     v: int
     ok: bool
     error: str = ""
-    """Why not, in one line."""
+    """Why the files were not taken, in one line."""
     retry: bool = False
     """The same may succeed later: a full disk, or too many files at once."""
     fenced: bool = False

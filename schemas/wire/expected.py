@@ -14,12 +14,12 @@ EXPECTED_MAX = 16
 
 
 class Expected(Struct, frozen=True):
-    """With what some of the cases look at their pictures; fields as in an episode."""
+    """Perception with which some of the cases look at their pictures; fields as in an episode."""
 
     perception: Perception
     width: int
     height: int
-    """Of the main camera's pictures [px]."""
+    """Height of the main camera's pictures [px]."""
     device: str
     """Where the worker computes, ``cpu`` or ``cuda:N``."""
     files: dict[str, str] = {}
@@ -28,7 +28,7 @@ class Expected(Struct, frozen=True):
 
 def expected_of(cases: Iterable[Case], device: str) -> list[Expected]:
     """Each different one of ``cases`` once, in their order, at most :data:`EXPECTED_MAX`."""
-    found: dict[bytes, Expected] = {}
+    expected: dict[bytes, Expected] = {}
     for case in cases:
         one = Expected(
             case.variation.perception,
@@ -37,5 +37,5 @@ def expected_of(cases: Iterable[Case], device: str) -> list[Expected]:
             device,
             case.variation.files,
         )
-        found.setdefault(json.encode(one, order="deterministic"), one)
-    return list(found.values())[:EXPECTED_MAX]
+        expected.setdefault(json.encode(one, order="deterministic"), one)
+    return list(expected.values())[:EXPECTED_MAX]

@@ -40,7 +40,7 @@ class SetEnvironment(_Action, frozen=True, tag="environment"):
     weather: str = ""
     """One of the presets or of the campaign's own; empty: see ``conditions``."""
     conditions: Conditions | None = None
-    """Or intensities; with neither the weather stays."""
+    """Intensities instead of ``weather``; with neither the weather stays."""
     time_of_day_min: Annotated[float, Meta(ge=0, lt=1440)] | None = None
     """Minutes after midnight; None: the time stays."""
 
@@ -187,12 +187,12 @@ class ControlRequest(Struct, frozen=True):
 
     v: int
     id: str
-    """Chosen by the asker; the same one again is answered again and done once."""
+    """Id chosen by the asker; the same one again is answered again and done once."""
     action: Action
     case: str = ""
-    """On a rig's own key: the case id; or:"""
+    """Id of the case, on a rig's own key; empty: ``slot`` names it."""
     slot: int = -1
-    """its slot."""
+    """Slot of the case, on a rig's own key."""
     token: int = 0
     """Attempt that is meant; 0: whichever runs."""
 
@@ -207,7 +207,7 @@ class ObjectState(Struct, frozen=True, array_like=True):
     y_m: float
     yaw_rad: float
     by_hand: bool
-    """Off its script."""
+    """Whether it is off its script."""
 
 
 class InterventionState(Struct, frozen=True):
@@ -228,7 +228,7 @@ class InterventionState(Struct, frozen=True):
     changes: int
     """Actions so far that cost the case its verdict."""
     weather: str
-    """Empty: intensities of one's own."""
+    """Name of the weather; empty: intensities of one's own."""
     time_of_day_min: float
     x_m: float
     y_m: float
@@ -251,14 +251,14 @@ class ControlReply(Struct, frozen=True):
     object: int = -1
     """The object that was brought in."""
     state: InterventionState | None = None
-    """Afterwards."""
+    """State of the case afterwards."""
 
 
 # --- the journal of an attempt -------------------------------------------------------------------
 
 JOURNAL_FILE = "interventions.jsonl"
-"""Beside ``kpi.parquet``: a line :class:`JournalHead`, a line :class:`RecordedAction` per action
-and, if the attempt came to its end, a line :class:`JournalEnd`."""
+"""File beside ``kpi.parquet``: a line :class:`JournalHead`, a line :class:`RecordedAction` per
+action and, if the attempt came to its end, a line :class:`JournalEnd`."""
 
 
 class JournalHead(Struct, frozen=True, tag_field="line", tag="attempt"):
@@ -270,7 +270,7 @@ class JournalHead(Struct, frozen=True, tag_field="line", tag="attempt"):
     """Software digest."""
     device_class: str
     slots: int
-    """Of its rig."""
+    """Slots of its rig."""
     case: Case
 
 
@@ -287,7 +287,7 @@ class JournalEnd(Struct, frozen=True, tag_field="line", tag="end"):
 
     outcome: str
     verdict: str
-    """What it would have been; no verdict of the case."""
+    """Verdict that it would have been; no verdict of the case."""
     kpi_sha256: str
     ticks: int
 
@@ -296,10 +296,10 @@ JournalLine = JournalHead | RecordedAction | JournalEnd
 
 
 def changes_simulation(action: Action) -> bool:
-    """Whether it changes what is simulated."""
+    """Whether an action changes what is simulated."""
     return any(isinstance(part, CHANGING) for part in parts_of(action))
 
 
 def parts_of(action: Action) -> list[Action]:
-    """What it consists of: itself, or its settings."""
+    """Parts of an action: itself, or its settings."""
     return [*action.settings] if isinstance(action, Together) else [action]

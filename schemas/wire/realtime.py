@@ -50,6 +50,6 @@ class Realtime(Struct, frozen=True):
         return line if self.kept_up else f"{line}; {self.warning()}"
 
     def warning(self) -> str:
-        """What is to be said of a machine that did not keep up."""
+        """Warning about a machine that did not keep up."""
         share = 100.0 * self.overruns / max(1, self.ticks)
         return f"{share:.1f} % of the ticks overran: the machine was too slow, do not trust it"

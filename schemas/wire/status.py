@@ -38,7 +38,7 @@ class CampaignStatus(TypedDict, total=False):
 
 
 def counts_of(campaign: CampaignStatus) -> dict[str, int]:
-    """Its whole numbers by name."""
+    """Whole numbers of a campaign's status by name."""
     return {k: v for k, v in campaign.items() if isinstance(v, int) and not isinstance(v, bool)}
 
 
@@ -51,15 +51,15 @@ class WorkerStatus(TypedDict, total=False):
     slots: int
     draining: bool
     held: int
-    """Leases."""
+    """Number of leases held."""
     progress: int
     """Ticks of its leases together."""
     memory_bytes: int | None
     tags: list[str]
     remaining_s: int | float | None
-    """Of its allocation, as it said last; None: without end [s]."""
+    """Time left of its allocation, as it said last; None: without end [s]."""
     age_s: int | float
-    """Since its last word [s]."""
+    """Time since its last word [s]."""
     present: bool
 
 
@@ -73,7 +73,7 @@ class RunningCase(TypedDict, total=False):
     attempt: int
     tick: int
     for_s: int | float
-    """Since it was granted [s]."""
+    """Time since it was granted [s]."""
     by_hand: str
     """What somebody has done to it; empty: nothing."""
 
@@ -82,7 +82,7 @@ class ConductorStatus(TypedDict, total=False):
     """What a reply says beyond leases; which keys there are depends on the request."""
 
     epoch: int
-    """Starts on this folder."""
+    """Number of starts on this folder."""
     draining: bool
     left: int
     """Cases of all campaigns that have not ended."""
@@ -93,18 +93,18 @@ class ConductorStatus(TypedDict, total=False):
     broken_hosts: list[str]
     """A line per host that is avoided."""
     running: list[RunningCase]
-    """If the cases were asked for."""
+    """Cases that run, if they were asked for."""
     storage_error: str
     counters: dict[str, int | float]
     explain: list[str]
-    """Of one case: sentences about why it waits, runs or ended."""
+    """Sentences about why one case waits, runs or ended."""
     changed: int
-    """So many were acted on."""
+    """Number of cases that were acted on."""
     campaign: str
-    """That was submitted."""
+    """Campaign that was submitted."""
     out: str
     """Its folder, as the conductor sees it."""
     cases: int
     digest: str
     resumed: bool
-    """It was here already, and goes on."""
+    """Whether the campaign was here already, and goes on."""

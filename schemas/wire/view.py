@@ -102,9 +102,9 @@ class CaseStart(Struct, frozen=True):
     """All cameras of the ego that see, the main one first; live only."""
     lidars: list[LidarSite] = []
     rig: str = ""
-    """Whose feed it comes from; live only."""
+    """Rig whose feed it comes from; live only."""
     scene_sha256: str = ""
-    """Of the :class:`SceneMesh` that the rig's feed hands out; live only."""
+    """SHA-256 of the :class:`SceneMesh` that the rig's feed hands out; live only."""
     sensors: dict[str, list[str]] = {}
     """Sensors with a row of numbers -> names of their columns."""
     keep: Keep = "all"
@@ -125,13 +125,13 @@ class StateSample(Struct, frozen=True):
     speed_mps: float
     accel_mps2: float
     dtc_m: float | None
-    """None: nothing stands in the lane."""
+    """Distance to collision; None: nothing stands in the lane."""
     ttc_s: float | None
     collisions: int
     controls: Controls | None
-    """None in the last row: the case has ended, nothing was asked."""
+    """Command of the tick; None in the last row: the case has ended, nothing was asked."""
     boxes: list[ImageBox] | None
-    """None: no frame was due."""
+    """Boxes of the tick's frame; None: no frame was due."""
     movers: list[list[float]] = []
     """Objects that move by script: world x, y, z of the ground below, yaw [rad], half length, half
     width, height [m]."""
@@ -164,7 +164,7 @@ class PointsSample(Struct, frozen=True):
     tick: int
     sim_time_ns: int
     stride: int
-    """Every so many rays were looked at."""
+    """Step between the rays that were looked at."""
 
 
 class SceneMesh(Struct, frozen=True):
@@ -176,7 +176,7 @@ class SceneMesh(Struct, frozen=True):
 
     v: int
     sha256: str
-    """Of the uncompressed data, hexadecimal."""
+    """SHA-256 of the uncompressed data, hexadecimal."""
     vertices: int
     faces: int
     data: bytes
@@ -234,10 +234,10 @@ class Thumbnail(Judged, frozen=True):
     sim_time_ns: int
     speed_mps: float
     dtc_m: float | None
-    """None: nothing stands in the lane."""
+    """Distance to collision; None: nothing stands in the lane."""
     aeb: bool
     outcome: str = ""
-    """Empty: the case is running."""
+    """Outcome of the case; empty: it is running."""
     verdict: str = ""
     hand: str = ""
     """Intervention in the case: ``by hand``, ``paused``, ``steered``; empty: nothing."""

@@ -29,7 +29,7 @@ class Level:
     total: int
     """Cases with a verdict."""
     missing: int
-    """Cases without one."""
+    """Cases without a verdict."""
     low: float | None
     """Bounds of the share at 95 % (Wilson), 0 to 1; None: no case has a verdict."""
     high: float | None
@@ -38,7 +38,7 @@ class Level:
 
     @property
     def share(self) -> float | None:
-        """Passed of those with a verdict, 0 to 1."""
+        """Share of passed cases in those with a verdict, 0 to 1."""
         return self.passed / self.total if self.total else None
 
 
@@ -53,14 +53,14 @@ class Effect:
 
 def main_effects(dossier: Dossier) -> list[Effect]:
     """The main effect of every axis that is varied, in the order of the page."""
-    found = []
+    effects = []
     for axis in varied_axes(dossier):
         groups: dict[Any, list[CaseRow]] = {value: [] for value in axis_values(dossier, axis)}
         for row in dossier.rows:
             groups[axis_value(row.case, axis)].append(row)
         levels = [_level(str(value), rows) for value, rows in groups.items()]
-        found.append(Effect(axis, axis_label(axis), levels))
-    return found
+        effects.append(Effect(axis, axis_label(axis), levels))
+    return effects
 
 
 def _level(value: str, rows: list[CaseRow]) -> Level:

@@ -45,7 +45,7 @@ class Finding:
     kind: Kind
     text: str
     p_value: float | None = None
-    """Of the test behind it, corrected for the number of such tests; None: no test."""
+    """P-value of the test behind it, corrected for the number of such tests; None: no test."""
     cases: tuple[str, ...] = ()
     """Ids of the cases it speaks of, in campaign order."""
 
@@ -81,7 +81,7 @@ def p_text(p_value: float) -> str:
 
 def _missing(dossier: Dossier) -> list[Finding]:
     undecided = [row for row in dossier.rows if row.passed is None]
-    found = []
+    results = []
     if undecided:
         kinds = sorted({row.status for row in undecided})
         parts = [f"{sum(row.status == k for row in undecided)} {k}" for k in kinds]
@@ -90,7 +90,7 @@ def _missing(dossier: Dossier) -> list[Finding]:
             f"{agree(len(undecided), 'has', 'have')} no verdict "
             f"({', '.join(parts)}); none of them counts as passed."
         )
-        found.append(Finding("missing", text, cases=_ids(undecided)))
+        results.append(Finding("missing", text, cases=_ids(undecided)))
     decided = [row for row in dossier.rows if row.passed is not None]
     blind = [row for row in decided if row.scalar("dtc_min_m") is None]
     # Where nothing stands in the lane no case has a distance, and none is missing.
@@ -100,12 +100,12 @@ def _missing(dossier: Dossier) -> list[Finding]:
             f"Of {counted(len(blind), 'case', 'cases')} with a verdict the smallest distance is "
             "missing; the figures below leave them out."
         )
-        found.append(Finding("missing", text, cases=_ids(blind)))
-    return found
+        results.append(Finding("missing", text, cases=_ids(blind)))
+    return results
 
 
 def _passed(dossier: Dossier) -> list[Finding]:
-    found = []
+    results = []
     names = system_names(dossier)
     for model in names:
         rows = [row for row in dossier.rows if row.case.variation.model == model]
@@ -115,8 +115,8 @@ def _passed(dossier: Dossier) -> list[Finding]:
             f"{names[model]} passed {passed} of {counted(len(rows), 'case', 'cases')} "
             f"({percent(passed / len(rows))}, 95 % interval {percent(low)} to {percent(high)})."
         )
-        found.append(Finding("passed", text, cases=_ids(r for r in rows if r.passed is not True)))
-    return found
+        results.append(Finding("passed", text, cases=_ids(r for r in rows if r.passed is not True)))
+    return results
 
 
 def _systems(dossier: Dossier) -> list[Finding]:
@@ -137,18 +137,18 @@ def _systems(dossier: Dossier) -> list[Finding]:
         if pairs:
             tests.append((one, two, pairs))
     corrected = holm([mcnemar(*_only(pairs)) for _, _, pairs in tests])
-    found = [
+    results = [
         _pair(names[one], names[two], pairs, p_value)
         for (one, two, pairs), p_value in zip(tests, corrected, strict=True)
         if p_value < ALPHA
     ]
-    if tests and not found:
+    if tests and not results:
         text = (
             f"No difference between the {len(models)} systems under test was found: McNemar's "
             f"test on paired cases, least corrected {p_text(min(corrected))}."
         )
-        found.append(Finding("systems", text, min(corrected)))
-    return found
+        results.append(Finding("systems", text, min(corrected)))
+    return results
 
 
 def _only(pairs: Sequence[tuple[CaseRow, CaseRow]]) -> tuple[int, int]:
@@ -209,17 +209,17 @@ def _axis(
     def share(value: Any) -> float:
         return sum(row.passed is True for row in groups[value]) / len(groups[value])
 
-    def told(value: Any) -> str:
+    def passed_at(value: Any) -> str:
         passed = sum(row.passed is True for row in groups[value])
         return f"{passed} of {len(groups[value])} at {str(value).replace('_', ' ')}"
 
     order = sorted(groups, key=share)
     worst = [value for value in order if share(value) == share(order[0])]
-    shown = ", ".join(told(value) for value in worst[:3])
+    shown = ", ".join(passed_at(value) for value in worst[:3])
     more = f" and {len(worst) - 3} more" if len(worst) > 3 else ""
     text = (
         f"{model}: passing depends on {name} ({how}): fewest passed {shown}{more}; "
-        f"most {told(order[-1])}."
+        f"most {passed_at(order[-1])}."
     )
     lost = [row for value in worst for row in groups[value] if row.passed is not True]
     return Finding("axis", text, p_value, _ids(lost))
@@ -239,10 +239,10 @@ def _hidden(dossier: Dossier) -> list[Finding]:
     for verdict in dict.fromkeys(row.status for row in short):
         rows = [row for row in short if row.status == verdict]
         parts.append(f"{len(rows)} {verdict.replace('_', ' ')}{_by_model(dossier, rows)}")
-    found = [
+    results = [
         Finding("hidden", f"{text}{': ' if parts else ''}{', '.join(parts)}.", cases=_ids(short))
     ]
-    return found + (_braked_early(dossier) if dossier.scenario.stops_for_target else [])
+    return results + (_braked_early(dossier) if dossier.scenario.stops_for_target else [])
 
 
 def _braked_early(dossier: Dossier) -> list[Finding]:

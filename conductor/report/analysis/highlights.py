@@ -21,14 +21,14 @@ class Highlights:
 
     models: list[str]
     false_braking: list[tuple[CaseRow, float | None]]
-    """Each with the distance to the obstacle at which it came to rest, as its verdict says [m];
-    furthest first."""
+    """Cases of false braking, each with the distance to the obstacle at which it came to rest, as
+    its verdict says [m]; furthest first."""
     false_braking_more: int
-    """Cases that are left out of it."""
+    """Number of cases that are left out of ``false_braking``."""
     false_braking_by: list[tuple[str, list[tuple[Any, dict[str, str]]]]]
-    """By axis: per value and model how many of how many."""
+    """Counts of false braking by axis: per value and model how many of how many."""
     closest: list[CaseRow]
-    """Those that :attr:`schemas.kinds.scenario.ScenarioReport.extreme` is about."""
+    """Cases that :attr:`schemas.kinds.scenario.ScenarioReport.extreme` is about."""
     hardest: list[CaseRow]
     slowest: list[CaseRow]
     """Cases that took the most wall time."""

@@ -51,16 +51,16 @@ class LostLine:
     """The cells of one row of the heat map that a model loses."""
 
     value: Any
-    """Of the map's y axis, such as a weather."""
+    """Value of the map's y axis, such as a weather."""
     cells: dict[str, list[str]]
-    """By status: values of the x axis; with several cases in a cell how many of them."""
+    """Values of the x axis by status; with several cases in a cell how many of them."""
 
 
 def lost_lines(dossier: Dossier, rows: list[CaseRow]) -> list[LostLine]:
     """What ``rows`` lose by the axes of the heat map, in its order; lines without a loss are left
     out."""
     x_axis, y_axis = page_axes(dossier)
-    found = []
+    lines = []
     for y in axis_values(dossier, y_axis):
         line = [row for row in rows if axis_value(row.case, y_axis) == y]
         cells: dict[str, list[str]] = {}
@@ -71,19 +71,19 @@ def lost_lines(dossier: Dossier, rows: list[CaseRow]) -> list[LostLine]:
                 many = f" ({count} of {len(cell)})" if len(cell) > 1 else ""
                 cells.setdefault(status, []).append(f"{x}{many}")
         if cells:
-            found.append(LostLine(y, cells))
-    return found
+            lines.append(LostLine(y, cells))
+    return lines
 
 
 def examples(dossier: Dossier, rows: list[CaseRow]) -> list[CaseRow]:
-    """At most :data:`EXAMPLES_MAX` lost cases: kinds in turn, and of each kind other weathers (the
+    """Lost cases, at most :data:`EXAMPLES_MAX`: kinds in turn, and of each kind other weathers (the
     map's y axis) first."""
     _, y_axis = page_axes(dossier)
     kinds: dict[str, list[CaseRow]] = {}
     for row in rows:
         if lost(row):
             kinds.setdefault(kind_of(row), []).append(row)
-    queues = [_varied(found, y_axis) for _, found in sorted(kinds.items())]
+    queues = [_varied(group, y_axis) for _, group in sorted(kinds.items())]
     chosen: list[CaseRow] = []
     for turn in range(max(map(len, queues), default=0)):
         chosen += [queue[turn] for queue in queues if turn < len(queue)]
@@ -91,13 +91,13 @@ def examples(dossier: Dossier, rows: list[CaseRow]) -> list[CaseRow]:
 
 
 def _varied(rows: list[CaseRow], axis: str) -> list[CaseRow]:
-    """One of every value of the axis, then the second ones, and so on."""
-    seen: dict[Any, int] = {}
+    """Rows in turns: one of every value of the axis, then the second ones, and so on."""
+    counts: dict[Any, int] = {}
     turns = []
     for row in rows:
         value = axis_value(row.case, axis)
-        turns.append(seen.get(value, 0))
-        seen[value] = turns[-1] + 1
+        turns.append(counts.get(value, 0))
+        counts[value] = turns[-1] + 1
     order = sorted(range(len(rows)), key=lambda i: (turns[i], i))
     return [rows[i] for i in order]
 
@@ -116,14 +116,14 @@ def page_axes(dossier: Dossier) -> tuple[str, str]:
 def extremes(rows: list[CaseRow], scalar: str, *, largest: bool) -> list[CaseRow]:
     """The cases with the largest or smallest values of a scalar KPI; ties in campaign order."""
     known = [(row.scalar(scalar), row) for row in rows]
-    found = [(value, row) for value, row in known if value is not None and math.isfinite(value)]
-    found.sort(key=lambda pair: -pair[0] if largest else pair[0])
-    return [row for _, row in found[:EXTREMES_MAX]]
+    finite = [(value, row) for value, row in known if value is not None and math.isfinite(value)]
+    finite.sort(key=lambda pair: -pair[0] if largest else pair[0])
+    return [row for _, row in finite[:EXTREMES_MAX]]
 
 
 def counts_by(dossier: Dossier, axis: str, status: str) -> list[tuple[Any, dict[str, str]]]:
-    """Per value of ``axis`` and model: cases with ``status`` of all, as in ``2 of 8``; values of
-    which no model has any are left out. Empty for an axis of too many values to be one of
+    """Counts per value of ``axis`` and model: cases with ``status`` of all, as in ``2 of 8``;
+    values of which no model has any are left out. Empty for an axis of too many values to be one of
     conditions."""
     values, models = axis_values(dossier, axis), axis_values(dossier, "model")
     if len(values) > AXIS_VALUES_MAX:

@@ -15,41 +15,41 @@ class CostRow:
 
     model: str
     name: str
-    """What the page calls it."""
+    """Name of the system under test on the page."""
     perception: str
-    """What it really is."""
+    """What the perception really is."""
     runtime: str
-    """What ran it."""
+    """Runtime that ran it."""
     cases: int
     frames: int
     frame_ms: float | None
     """Mean time per frame; frames that went together share theirs [ms]."""
     rig_share: float | None
-    """Of the wall time of all rigs of the campaign, 0 to 1: the lines add up."""
+    """Share of the wall time of all rigs of the campaign, 0 to 1: the lines add up."""
 
 
 def perception_costs(dossier: Dossier) -> list[CostRow]:
-    """Lines in the order of the campaign; empty: no stack measured it."""
+    """Lines of the table in the order of the campaign; empty: no stack measured it."""
     groups: dict[tuple[str, str], list[tuple[CaseRow, PerceptionCost]]] = {}
     for row in dossier.rows:
         cost = row.end.perception
         if cost is not None:
             groups.setdefault((row.case.variation.model, cost.runtime), []).append((row, cost))
     rigs_s = sum(row.end.rig_wall_s for row in dossier.rows)
-    return [_row(model, runtime, found, rigs_s) for (model, runtime), found in groups.items()]
+    return [_row(model, runtime, measured, rigs_s) for (model, runtime), measured in groups.items()]
 
 
 def _row(
-    model: str, runtime: str, found: list[tuple[CaseRow, PerceptionCost]], rigs_s: float
+    model: str, runtime: str, measured: list[tuple[CaseRow, PerceptionCost]], rigs_s: float
 ) -> CostRow:
-    frames = sum(cost.frames for _, cost in found)
-    wall_s = sum(cost.wall_s for _, cost in found)
+    frames = sum(cost.frames for _, cost in measured)
+    wall_s = sum(cost.wall_s for _, cost in measured)
     return CostRow(
         model=model,
-        name=system_name(found[0][0].case),
-        perception=system_text(found[0][0].case),
+        name=system_name(measured[0][0].case),
+        perception=system_text(measured[0][0].case),
         runtime=runtime,
-        cases=len(found),
+        cases=len(measured),
         frames=frames,
         frame_ms=1e3 * wall_s / frames if frames else None,
         rig_share=wall_s / rigs_s if rigs_s > 0 else None,

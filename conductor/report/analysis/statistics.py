@@ -17,7 +17,7 @@ from statistics import NormalDist, median
 LEVEL = 0.95
 """Confidence of every interval."""
 ALPHA = 0.05
-"""Below this a corrected p-value counts as found."""
+"""Level below which a corrected p-value counts as an effect."""
 EXPECTED_MIN = 5.0
 """Smallest expected count with which the chi-square distribution is trusted (Cochran 1954)."""
 EXACT_STEPS_MAX = 500_000
@@ -45,7 +45,8 @@ class Homogeneity:
     """Pearson's statistic."""
     freedom: int
     exact: bool
-    """From the exact distribution given the sums; else from the chi-square distribution."""
+    """Whether it is from the exact distribution given the sums, else from the chi-square
+    distribution."""
 
 
 def wilson(hits: int, total: int) -> tuple[float, float]:
@@ -163,12 +164,12 @@ def _exact(events: list[int], counts: list[int]) -> float | None:
     ways. In whole numbers, so that ties are ties."""
     scale = math.lcm(*counts)
     weights = [scale // count for count in counts]
-    seen = sum(w * e * e for w, e in zip(weights, events, strict=True))
+    observed = sum(w * e * e for w, e in zip(weights, events, strict=True))
     left = sum(events)
     ways: dict[tuple[int, int], int] = {(0, 0): 1}
     steps = 0
     for count, weight in zip(counts, weights, strict=True):
-        found: dict[tuple[int, int], int] = {}
+        sums: dict[tuple[int, int], int] = {}
         chosen = [math.comb(count, event) for event in range(min(count, left) + 1)]
         for (used, value), number in ways.items():
             most = min(count, left - used)
@@ -177,9 +178,11 @@ def _exact(events: list[int], counts: list[int]) -> float | None:
                 return None
             for event in range(most + 1):
                 key = (used + event, value + weight * event * event)
-                found[key] = found.get(key, 0) + number * chosen[event]
-        ways = found
-    extreme = sum(number for (used, value), number in ways.items() if used == left if value >= seen)
+                sums[key] = sums.get(key, 0) + number * chosen[event]
+        ways = sums
+    extreme = sum(
+        number for (used, value), number in ways.items() if used == left if value >= observed
+    )
     return extreme / math.comb(sum(counts), left)
 
 

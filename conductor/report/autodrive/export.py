@@ -72,7 +72,7 @@ bytes."""
 
 @dataclass(frozen=True, slots=True)
 class Exported:
-    """What was written."""
+    """Files that were written, and notes."""
 
     files: list[Path]
     notes: list[str]
@@ -227,5 +227,5 @@ def _box(case: Case, detections: list[dict[str, Any]]) -> tuple[str, float, int 
 
 
 def _number(value: float | None) -> str:
-    """In full; empty where missing."""
+    """Number in full; empty where missing."""
     return "" if value is None or not math.isfinite(value) else repr(float(value))

@@ -29,10 +29,10 @@ from twin.base.files import write_atomic
 from twin.records.kpi_file import kpi_sha256, kpi_table, write_kpi
 
 SIMULATOR = "autodrive"
-"""Stands in the outcomes of an imported campaign; no case can be run with it."""
+"""Simulator in the outcomes of an imported campaign; no case can be run with it."""
 
 BEGUN_FILE = ".importing"
-"""In the folder while it is made: what a kill leaves behind may be replaced."""
+"""File in the folder while that is made: what a kill leaves behind may be replaced."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,14 +48,14 @@ class _Imported:
 
     @property
     def read(self) -> bool:
-        """Its log was read, and is that of the case."""
+        """Whether its log was read, and is that of the case."""
         return bool(self.log.rows) and not self.log.foreign
 
     @property
     def unexplained(self) -> bool:
-        """It has no log that can be read, and no export says that it has none."""
-        said = self.place.described.exported
-        return bool(self.log.foreign) and (said is None or bool(said.log_sha256))
+        """Whether it has no log that can be read, and no export says that it has none."""
+        exported = self.place.described.exported
+        return bool(self.log.foreign) and (exported is None or bool(exported.log_sha256))
 
 
 def import_autodrive(folder: Path, out: Path) -> ImportNote:
@@ -72,30 +72,30 @@ def import_autodrive(folder: Path, out: Path) -> ImportNote:
     notes = list(source.notes)
     plan = _plan(folder, source, notes)
     _prepare(out)
-    found = [
+    cases = [
         _import_case(out, case, place, source)
         for case, place in zip(plan.cases, source.kept, strict=True)
     ]
-    for one in found:
+    for one in cases:
         notes += one.log.notes
         if one.unexplained:
             notes.append(f"{one.log.name}: {one.log.foreign}")
-    read = [one for one in found if one.read]
+    read = [one for one in cases if one.read]
     imported = ImportNote(
         source=escape(folder.resolve().name),
         sha256=source.sha256,
-        files=sum(bool(one.log.sha256) for one in found),
+        files=sum(bool(one.log.sha256) for one in cases),
         rows=sum(len(one.log.rows) for one in read),
         left_out=[escape(note) for note in notes],
         absent_batches=sorted({x.batch for x in source.places} - {x.batch for x in source.kept}),
-        sources={one.case.id: one.log.name for one in found if one.log.sha256},
-        batches={one.case.id: one.place.batch for one in found},
+        sources={one.case.id: one.log.name for one in cases if one.log.sha256},
+        batches={one.case.id: one.place.batch for one in cases},
         without_aeb=[x.case.id for x in read if all(row.aeb is None for row in x.log.rows)],
         warnings=short_logs([x.log for x in read if x.place.described.exported is None]),
         log_s_min=source.config.log_s_min,
-        no_collision=[x.case.id for x in found if x.no_collision and x.end.outcome == "unresolved"],
+        no_collision=[x.case.id for x in cases if x.no_collision and x.end.outcome == "unresolved"],
     )
-    _write_campaign(out, plan, {one.case.id: one.end for one in found}, imported)
+    _write_campaign(out, plan, {one.case.id: one.end for one in cases}, imported)
     return imported
 
 

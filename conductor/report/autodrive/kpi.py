@@ -38,7 +38,8 @@ class LogEnd:
     verdict: str
     reason: str
     no_collision: bool | None
-    """By the study's rule; None: the log was cut off, so nobody knows."""
+    """Whether there was no collision, by the study's rule; None: the log was cut off, so nobody
+    knows."""
 
 
 def kpi_columns(rows: list[LogRow]) -> dict[str, list[Any]]:

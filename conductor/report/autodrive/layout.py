@@ -20,7 +20,8 @@ from schemas.sections.scenario import Scenario
 from twin.base.errors import InfrastructureError, UsageError, storage_error
 
 IMPORT_FILE = "imported.json"
-"""In a campaign folder that was made from logs: where they came from, and what was left out."""
+"""File in a campaign folder that was made from logs: where they came from, and what was left
+out."""
 
 BATCH_SIZE = 32
 """Instances of a batch in the study."""
@@ -44,7 +45,7 @@ class ExportedEnd(msgspec.Struct, frozen=True):
     verdict: Annotated[str, Meta(max_length=10_000)] = ""
     reasons: Annotated[list[Annotated[str, Meta(max_length=10_000)]], Meta(max_length=1000)] = []
     log_sha256: str = ""
-    """Of the log's bytes; empty: the case has no log."""
+    """SHA-256 of the log's bytes; empty: the case has no log."""
 
 
 class Instance(msgspec.Struct, frozen=True, omit_defaults=True):
@@ -57,11 +58,11 @@ class Instance(msgspec.Struct, frozen=True, omit_defaults=True):
     model: Annotated[str, Meta(min_length=1, max_length=200)]
     """Perception model."""
     exported: ExportedEnd | None = None
-    """Written by an export."""
+    """End of the case, written by an export."""
 
     @property
     def weather(self) -> str:
-        """Its weather's name here."""
+        """Name of its weather here."""
         return WEATHERS[self.weather_id - 1]
 
 
@@ -70,7 +71,7 @@ class StudyConfig(msgspec.Struct, frozen=True, omit_defaults=True):
 
     simulation_instances: Annotated[list[Instance], Meta(min_length=1, max_length=100_000)]
     batch_size: Annotated[int, Meta(ge=1)] = BATCH_SIZE
-    """Written by an export whose batches have another size than the study's."""
+    """Size of a batch, written by an export whose batches have another size than the study's."""
     campaign: Annotated[str, Meta(max_length=200)] = ""
     """Name of the campaign; written by an export. Empty: the folder's name."""
     log_s_min: Annotated[float, Meta(ge=0, le=86_400)] = LOG_S_MIN
@@ -85,7 +86,7 @@ class ImportNote(msgspec.Struct, frozen=True):
     source: str
     """Name of the folder of logs."""
     sha256: str
-    """Over names and bytes of the configuration and every log that was read."""
+    """SHA-256 over names and bytes of the configuration and every log that was read."""
     files: int
     """Logs that were read."""
     rows: int
@@ -103,7 +104,7 @@ class ImportNote(msgspec.Struct, frozen=True):
     warnings: list[str] = []
     """What makes the logs doubtful, a line each."""
     log_s_min: float = LOG_S_MIN
-    """As of the configuration [s]."""
+    """Duration below which a log without a collision was cut off, as of the configuration [s]."""
     no_collision: list[str] = []
     """Unresolved cases whose complete log tells of no collision: free of one by the study's rule,
     though nobody knows how they would have ended."""

@@ -61,10 +61,10 @@ class LogRow:
     """Wall time since the log's first row [us]."""
     label: str
     numbers: dict[str, float]
-    """By column; NaN where missing."""
+    """Numbers by column; NaN where missing."""
     aeb: bool | None
     collisions: int
-    """Collisions so far."""
+    """Number of collisions so far."""
 
 
 @dataclass(slots=True)
@@ -73,7 +73,7 @@ class Log:
 
     name: str
     sha256: str = ""
-    """Of its bytes; empty: it was not read."""
+    """SHA-256 of its bytes; empty: it was not read."""
     rows: list[LogRow] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     """What was left out, a line each."""
@@ -214,9 +214,9 @@ def _foreign(row: dict[str, str], instance: Instance, line: int) -> str:
     """Why a row belongs to another case; empty: it does not."""
     expected = (instance.model, str(instance.time_of_day), str(instance.weather_id))
     for column, value in zip(_IDENTITY, expected, strict=True):
-        given = row.get(column, "")
-        if given and given != value:
-            named = [escape(text, SHOWN_CHARS_MAX) for text in (given, value)]
+        logged = row.get(column, "")
+        if logged and logged != value:
+            named = [escape(text, SHOWN_CHARS_MAX) for text in (logged, value)]
             return f"line {line} is of another case: {column} '{named[0]}', not '{named[1]}'"
     return ""
 

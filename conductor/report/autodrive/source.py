@@ -34,7 +34,7 @@ class StudyCase:
 
     @property
     def file(self) -> str:
-        """Its log."""
+        """Log of the case."""
         return log_name(self.batch, self.instance)
 
 
@@ -46,13 +46,13 @@ class LogFolder:
     places: list[StudyCase]
     """Every case of the configuration, in its order."""
     logs: dict[tuple[int, int], Log] = field(default_factory=dict)
-    """By batch and instance; also those that could not be read, with the reason."""
+    """Logs by batch and instance; also those that could not be read, with the reason."""
     damaged: dict[int, str] = field(default_factory=dict)
-    """By batch: its folder or archive that could not be read to its end, and why."""
+    """Damage by batch: its folder or archive that could not be read to its end, and why."""
     notes: list[str] = field(default_factory=list)
     """What is no log of a case, or is damaged, a line each, escaped."""
     sha256: str = ""
-    """Over names and bytes of the configuration and every log that was read."""
+    """SHA-256 over names and bytes of the configuration and every log that was read."""
 
     @property
     def kept(self) -> list[StudyCase]:

@@ -68,7 +68,7 @@ class Side:
     stack: str | None
     """Digest of the stack; empty: a shipped one, or not known; None: nothing was run here."""
     device_classes: list[str] | None
-    """None: nothing was run here."""
+    """Device classes; None: nothing was run here."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +80,7 @@ class Flip:
     after: str
     change: Change
     reasons: list[str]
-    """Of the second run."""
+    """Reasons of the second run."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,11 +92,11 @@ class Shift:
     pairs: int
     changed: int
     median: Interval | None
-    """Of the differences; the bounds are infinite for fewer than six pairs."""
+    """Median of the differences; the bounds are infinite for fewer than six pairs."""
     mean: Interval | None
-    """Of the differences: moved by a few large ones, which the median is not."""
+    """Mean of the differences: moved by a few large ones, which the median is not."""
     largest_case: str
-    """Where the difference is largest; empty: nothing changed."""
+    """Case where the difference is largest; empty: nothing changed."""
     largest: float | None
     lost: int
     """Pairs that have it in the first run only."""
@@ -115,14 +115,14 @@ class AxisLine:
     passed_before: int
     passed_after: int
     difference: Interval
-    """Of the shares that passed."""
+    """Difference of the shares that passed."""
     p_value: float
     """McNemar's exact test, corrected for all lines."""
 
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """What changed."""
+    """Changes between two runs."""
 
     before: Side
     after: Side
@@ -140,7 +140,7 @@ class Comparison:
     won: int
     """Pairs that passed in the second run only."""
     passed_before: int
-    """Of the pairs."""
+    """Pairs that passed in the first run."""
     passed_after: int
     p_value: float
     difference: Interval
@@ -191,8 +191,8 @@ def compare(
 
 
 def rank(row: CaseRow) -> int:
-    """2: verdict ``pass``; 1: another one without a collision, such as false braking; 0: a
-    collision, or no verdict."""
+    """Rank of a verdict: 2 for ``pass``, 1 for another one without a collision, such as false
+    braking, 0 for a collision or no verdict."""
     return (row.passed is True) + (row.no_collision is True)
 
 
@@ -217,7 +217,7 @@ def _pairs(before: Dossier, after: Dossier) -> list[tuple[CaseRow, CaseRow]]:
     return pairs
 
 
-def _side(dossier: Dossier, found: Fingerprint) -> Side:
+def _side(dossier: Dossier, fingerprint: Fingerprint) -> Side:
     outcomes = dossier.outcomes
     return Side(
         folder=dossier.folder.absolute().name,
@@ -225,7 +225,7 @@ def _side(dossier: Dossier, found: Fingerprint) -> Side:
         cases=len(dossier.rows),
         passed=dossier.passed,
         no_collision=dossier.no_collision,
-        fingerprint=found.sha256,
+        fingerprint=fingerprint.sha256,
         software=outcomes.software or None,
         stack=None if dossier.imported else dossier.campaign.stack_identity.digest,
         device_classes=None if dossier.imported else outcomes.device_classes,
@@ -233,7 +233,7 @@ def _side(dossier: Dossier, found: Fingerprint) -> Side:
 
 
 def _counts(passed: Sequence[tuple[bool, bool]]) -> tuple[int, int, int, int]:
-    """Both, second only, first only, neither: the second run is what is looked at."""
+    """Counts of both, second only, first only, neither: the second run is what is looked at."""
     return (
         sum(a and b for a, b in passed),
         sum(b and not a for a, b in passed),
@@ -255,7 +255,7 @@ def _same_bytes(a: CaseRow, b: CaseRow) -> bool:
 
 def _axes(dossier: Dossier, pairs: list[tuple[CaseRow, CaseRow]]) -> list[AxisLine]:
     """One line per value of every axis of the first run."""
-    found: list[tuple[str, Any, tuple[int, int, int, int]]] = []
+    rows: list[tuple[str, Any, tuple[int, int, int, int]]] = []
     for axis in varied_axes(dossier):
         values = axis_values(dossier, axis)
         if len(values) > AXIS_VALUES_MAX:
@@ -263,8 +263,8 @@ def _axes(dossier: Dossier, pairs: list[tuple[CaseRow, CaseRow]]) -> list[AxisLi
         groups: dict[Any, list[tuple[bool, bool]]] = {value: [] for value in values}
         for a, b in pairs:
             groups[axis_value(a.case, axis)].append((a.passed is True, b.passed is True))
-        found += [(axis, value, _counts(group)) for value, group in groups.items() if group]
-    corrected = holm([mcnemar(won, lost) for _, _, (_, won, lost, _) in found])
+        rows += [(axis, value, _counts(group)) for value, group in groups.items() if group]
+    corrected = holm([mcnemar(won, lost) for _, _, (_, won, lost, _) in rows])
     return [
         AxisLine(
             axis=axis,
@@ -276,19 +276,19 @@ def _axes(dossier: Dossier, pairs: list[tuple[CaseRow, CaseRow]]) -> list[AxisLi
             difference=newcombe_paired(*counts),
             p_value=p_value,
         )
-        for (axis, value, counts), p_value in zip(found, corrected, strict=True)
+        for (axis, value, counts), p_value in zip(rows, corrected, strict=True)
     ]
 
 
 def _compared(dossier: Dossier) -> list[KpiKind]:
     """Scalars that are compared: those of the scenario's case table first, in its order."""
     table = dossier.scenario.report.table
-    found = [kind for kind in scalars_by_name().values() if kind.compared]
-    return sorted(found, key=lambda k: table.index(k.name) if k.name in table else len(table))
+    compared = [kind for kind in scalars_by_name().values() if kind.compared]
+    return sorted(compared, key=lambda k: table.index(k.name) if k.name in table else len(table))
 
 
 def _shift(kind: KpiKind, pairs: list[tuple[CaseRow, CaseRow]]) -> Shift | None:
-    """None: neither run has it anywhere."""
+    """Shift of a KPI; None: neither run has it anywhere."""
     lost = gained = 0
     name, known = kind.name, list[tuple[float, str]]()
     for a, b in pairs:
@@ -351,7 +351,7 @@ def _notes(
             f"{stacks[1].digest[:12] or 'none'} after)"
         )
     if one.device_classes != two.device_classes:
-        shown = [", ".join(each.device_classes) or "none" for each in (one, two)]
+        shown = [", ".join(run.device_classes) or "none" for run in (one, two)]
         notes.append(f"device classes differ ({shown[0]}; {shown[1]}): so may the last bits")
     elif one.software and (one.software, one.digest) == (two.software, two.digest):
         if not identical and len(one.device_classes) == 1 and one.clock == "lockstep":

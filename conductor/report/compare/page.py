@@ -70,53 +70,54 @@ def told(found: Comparison) -> ComparisonWords:
     return ComparisonWords(title, _result(found, kind), kind, _lines(found), tables)
 
 
-def _result(found: Comparison, kind: str) -> str:
+def _result(comparison: Comparison, kind: str) -> str:
     if kind == "identical":
         return (
-            f"identical (bytes): {counted(found.pairs, 'case', 'cases')}, "
-            f"fingerprint {found.after.fingerprint}"
+            f"identical (bytes): {counted(comparison.pairs, 'case', 'cases')}, "
+            f"fingerprint {comparison.after.fingerprint}"
         )
     if kind == "regression":
-        many = counted(len(found.regressions), "case has", "cases have")
+        many = counted(len(comparison.regressions), "case has", "cases have")
         return f"regression: {many} become worse"
-    better = sum(flip.change == "better" for flip in found.flips)
+    better = sum(flip.change == "better" for flip in comparison.flips)
     return f"no regression: no case has become worse, {better} better"
 
 
-def _lines(found: Comparison) -> list[str]:
+def _lines(comparison: Comparison) -> list[str]:
     lines = []
-    if not found.identical:
-        gap = found.difference
+    if not comparison.identical:
+        gap = comparison.difference
         lines.append(
-            f"Of {counted(found.pairs, 'pair', 'pairs')} {found.passed_before} passed before and "
-            f"{found.passed_after} after ({percent(found.passed_before / found.pairs)} and "
-            f"{percent(found.passed_after / found.pairs)}): {found.lost} lost, {found.won} won. "
-            f"Difference {_interval(gap, points)} percentage points; McNemar's exact test: "
-            f"{p_text(found.p_value)}."
+            f"Of {counted(comparison.pairs, 'pair', 'pairs')} {comparison.passed_before} passed "
+            f"before and {comparison.passed_after} after "
+            f"({percent(comparison.passed_before / comparison.pairs)} and "
+            f"{percent(comparison.passed_after / comparison.pairs)}): {comparison.lost} lost, "
+            f"{comparison.won} won. Difference {_interval(gap, points)} percentage points; "
+            f"McNemar's exact test: {p_text(comparison.p_value)}."
         )
         lines.append(
-            f"{found.same_bytes} of {counted(found.pairs, 'pair', 'pairs')} are the same to the "
-            "last bit."
+            f"{comparison.same_bytes} of {counted(comparison.pairs, 'pair', 'pairs')} are the same "
+            "to the last bit."
         )
-        hit = [line for line in found.axes if line.p_value < ALPHA]
+        hit = [line for line in comparison.axes if line.p_value < ALPHA]
         lines += [
             f"{line.label.partition(' [')[0]} {_words(line.value)}: {line.passed_before} of "
             f"{line.pairs} passed before, {line.passed_after} after (corrected "
             f"{p_text(line.p_value)})."
             for line in hit
         ]
-    for names, where in ((found.only_before, "first"), (found.only_after, "second")):
+    for names, where in ((comparison.only_before, "first"), (comparison.only_after, "second")):
         if names:
             more = f" and {len(names) - NAMES_MAX} more" if len(names) > NAMES_MAX else ""
             lines.append(
                 f"{counted(len(names), 'case', 'cases')} only in the {where} run, not compared: "
                 f"{', '.join(names[:NAMES_MAX])}{more}."
             )
-    return lines + [f"Note: {note}." for note in found.notes]
+    return lines + [f"Note: {note}." for note in comparison.notes]
 
 
-def _runs(found: Comparison) -> TextTable:
-    sides = (found.before, found.after)
+def _runs(comparison: Comparison) -> TextTable:
+    sides = (comparison.before, comparison.after)
     rows = [
         ["folder", *(side.folder for side in sides)],
         ["campaign", *(side.campaign for side in sides)],
@@ -132,19 +133,19 @@ def _runs(found: Comparison) -> TextTable:
     return TextTable("Runs", "", ["", "before", "after"], rows, 3)
 
 
-def _flips(found: Comparison) -> TextTable:
+def _flips(comparison: Comparison) -> TextTable:
     def line(flip: Flip) -> list[str]:
         reason = "; ".join(flip.reasons)
         short = reason if len(reason) <= TEXT_MAX else reason[: TEXT_MAX - 1] + "…"
         change = _CHANGES[flip.change]
         return [flip.case, change, _words(flip.before), _words(flip.after), short]
 
-    more = len(found.flips) - FLIPS_MAX
+    more = len(comparison.flips) - FLIPS_MAX
     return TextTable(
         "Verdicts that changed",
         f"The first {FLIPS_MAX}; {more} more." if more > 0 else "",
         ["case", "change", "before", "after", "reason after"],
-        [line(flip) for flip in found.flips[:FLIPS_MAX]],
+        [line(flip) for flip in comparison.flips[:FLIPS_MAX]],
         5,
     )
 
@@ -198,10 +199,10 @@ def _shifts(shifts: list[Shift]) -> TextTable:
     )
 
 
-def _interval(found: Interval, shown: Callable[[float], str]) -> str:
-    if not math.isfinite(found.low):
-        return f"{shown(found.estimate)} (too few for an interval)"
-    return f"{shown(found.estimate)} ({shown(found.low)} to {shown(found.high)})"
+def _interval(interval: Interval, shown: Callable[[float], str]) -> str:
+    if not math.isfinite(interval.low):
+        return f"{shown(interval.estimate)} (too few for an interval)"
+    return f"{shown(interval.estimate)} ({shown(interval.low)} to {shown(interval.high)})"
 
 
 def _signed(value: float) -> str:
@@ -213,7 +214,7 @@ def _words(text: str) -> str:
 
 
 def as_markdown(found: Comparison) -> str:
-    """For a pull request."""
+    """Comparison as Markdown, for a pull request."""
     jinja = environment(autoescape=False)
     jinja.filters["md"] = escaped
     text: str = jinja.get_template("compare.md.j2").render(told=told(found))
@@ -221,7 +222,7 @@ def as_markdown(found: Comparison) -> str:
 
 
 def as_html(found: Comparison) -> str:
-    """A page of its own; needs neither scripts nor a network."""
+    """Comparison as a page of its own; needs neither scripts nor a network."""
     style = Markup((ASSETS / "page.css").read_text(encoding="utf-8"))
     template = environment(autoescape=True).get_template("compare.html.j2")
     page: str = template.render(told=told(found), style=style)
@@ -229,13 +230,13 @@ def as_html(found: Comparison) -> str:
 
 
 def as_json(found: Comparison) -> dict[str, Any]:
-    """For programs; an interval that has no bounds has none."""
+    """Comparison as plain data, for programs; an interval that has no bounds has none."""
 
     def plain(value: Any) -> Any:
         if isinstance(value, dict):
-            return {name: plain(each) for name, each in value.items()}
+            return {name: plain(item) for name, item in value.items()}
         if isinstance(value, list):
-            return [plain(each) for each in value]
+            return [plain(item) for item in value]
         return None if isinstance(value, float) and not math.isfinite(value) else value
 
     words = told(found)

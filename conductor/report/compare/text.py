@@ -40,5 +40,5 @@ def print_comparison(found: Comparison) -> None:
 
 
 def _plain(text: str) -> str:
-    """Without what a terminal would take for a command."""
+    """Text without what a terminal would take for a command."""
     return "".join(char if char.isprintable() else "?" for char in text)

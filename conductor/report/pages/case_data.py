@@ -23,12 +23,10 @@ _MEASURES_MAX = 4
 
 def map_axes(dossier: Dossier) -> list[str]:
     """Axes that maps and plots may be drawn over: the varied ones, and two in any case."""
-    found = varied_axes(dossier)
+    axes = varied_axes(dossier)
     return (
-        found
-        + [a for a in ("time_of_day", "weather", "model") if a not in found][
-            : max(0, 2 - len(found))
-        ]
+        axes
+        + [a for a in ("time_of_day", "weather", "model") if a not in axes][: max(0, 2 - len(axes))]
     )
 
 
@@ -66,13 +64,13 @@ def _axis(dossier: Dossier, axis: str) -> dict[str, Any]:
 
 def _measures(dossier: Dossier) -> list[dict[str, Any]]:
     """Numbers whose medians can be drawn over the axes; those that some case has."""
-    found = []
+    measures = []
     for label, name in case_columns(dossier):
         values = [row.scalar(name) for row in dossier.rows]
         if any(value is not None for value in values):
             plain = [float(f"{v:.4g}") if _is_number(v) else None for v in values]
-            found.append({"label": label, "values": plain})
-    return found[:_MEASURES_MAX]
+            measures.append({"label": label, "values": plain})
+    return measures[:_MEASURES_MAX]
 
 
 def _is_number(value: float | int | None) -> TypeGuard[float | int]:

@@ -34,7 +34,7 @@ class Content:
     """Cases with a table row and curves, in campaign order."""
     curves: dict[str, KpiCurve]
     rests_m: dict[str, list[float]]
-    """By case, where the ego came to rest: distances to the obstacle in order [m]."""
+    """Distances to the obstacle where the ego came to rest, in order, by case [m]."""
     damaged: int
     """KPI files that could not be read."""
     read: int
@@ -48,7 +48,7 @@ class Content:
     as_of: str
     """When the outcomes were written, for people."""
     signature: str
-    """Who has signed the run, or that nobody has."""
+    """Words about who has signed the run, or that nobody has."""
 
     @property
     def unchanged(self) -> int:
@@ -104,15 +104,15 @@ def read_content(
 
 
 def first_screen(dossier: Dossier) -> list[str]:
-    """What is told before anything else. Of a campaign: what its stack knew beyond its needs. Of
-    imported logs: why they are doubtful, how their cases ended, and how many pass by the study's
-    rule alone."""
+    """Lines that are told before anything else. Of a campaign: what its stack knew beyond its
+    needs. Of imported logs: why they are doubtful, how their cases ended, and how many pass by the
+    study's rule alone."""
     imported, rows = dossier.imported, dossier.rows
     if imported is None:
         tell = ", ".join(dossier.outcomes.tell)
         return [f"The stack was told more than it needs: {tell} (autonomy.tell)."] if tell else []
     limit_m = dossier.campaign.scenario.false_braking_m
-    told = {
+    remarks = {
         "false_braking": f" (stopped further than {limit_m:g} m from the obstacle)",
         "unresolved": " (the log does not decide the case)",
     }
@@ -120,7 +120,7 @@ def first_screen(dossier: Dossier) -> list[str]:
     for status in statuses(dossier):
         number = sum(row.status == status for row in rows)
         if number and status != "pass":
-            parts.append(f"{number} {status.replace('_', ' ')}{told.get(status, '')}")
+            parts.append(f"{number} {status.replace('_', ' ')}{remarks.get(status, '')}")
     unknown = sum(row.no_collision is None for row in rows)
     more = f", not known of {unknown}" if unknown else ""
     return [

@@ -28,7 +28,7 @@ PAGE_FILE = "report.html"
 
 @dataclass(frozen=True, slots=True)
 class WrittenReport:
-    """What :func:`make_report` has made."""
+    """Report that :func:`make_report` has made."""
 
     page: Path
     plots: list[Path]
@@ -131,13 +131,13 @@ def tables_of(content: Content) -> dict[str, Any]:
     }
 
 
-def _speed(found: SpeedUp) -> dict[str, Any]:
+def _speed(speed_up: SpeedUp) -> dict[str, Any]:
     return {
-        "run": asdict(found.run),
-        "serial": asdict(found.serial) if found.serial else None,
-        "speed_up": found.factor,
-        "efficiency": found.efficiency,
-        "missing": found.missing or None,
+        "run": asdict(speed_up.run),
+        "serial": asdict(speed_up.serial) if speed_up.serial else None,
+        "speed_up": speed_up.factor,
+        "efficiency": speed_up.efficiency,
+        "missing": speed_up.missing or None,
     }
 
 

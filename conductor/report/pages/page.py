@@ -66,7 +66,7 @@ def render(content: Content, failures: list[Failure]) -> str:
         leases=content.leases,
         leases_left_out=max(0, len(content.leases.spans) - SPANS_MAX),
         failures=failures,
-        replay=lambda each: "\n".join(_replay(each)),
+        replay=lambda failure: "\n".join(_replay(failure)),
         notices=first_screen(content.dossier),
         time_label=time_label(dossier),
         highlights=highlights(dossier, content.rests_m),
@@ -108,8 +108,8 @@ def _columns(content: Content) -> list[tuple[str, str]]:
 
 
 def prepare() -> None:
-    """Do before the first page what it would do: the template is compiled, and Plotly loads its
-    parts when they are first used."""
+    """Preparation of the first page: the template is compiled, and Plotly loads its parts when they
+    are first used."""
     _template()
     curve_frame(("dtc_m", "aeb"), "")
     for trace in (go.Scatter(x=[0], y=[0], marker={"size": 1}), go.Bar(x=[0], y=[0])):
@@ -164,23 +164,23 @@ def _spreads(content: Content, models: list[str]) -> Iterator[tuple[str, dict[st
     """Distributions of the systems under test that have many cases."""
     for model in models:
         rows = [row for row in content.shown if row.case.variation.model == model]
-        found = spread_of([content.curves[r.case.id] for r in rows if r.case.id in content.curves])
-        if found is not None:
-            values = {name: [_packed(row) for row in part] for name, part in found.values.items()}
-            yield model, {"cases": found.cases, "time_s": _packed(found.time_s), "values": values}
+        spread = spread_of([content.curves[r.case.id] for r in rows if r.case.id in content.curves])
+        if spread is not None:
+            values = {name: [_packed(row) for row in part] for name, part in spread.values.items()}
+            yield model, {"cases": spread.cases, "time_s": _packed(spread.time_s), "values": values}
 
 
 def _ranges(content: Content, names: tuple[str, ...]) -> dict[str, tuple[float, float]]:
     """Least and most value of each curve over all cases; curves without a number are left out."""
-    found = {}
+    ranges = {}
     for name in names:
         values = [curve.values[name] for curve in content.curves.values()]
         known = [part[np.isfinite(part)] for part in values]
         joined = np.concatenate(known) if known else np.zeros(0)
         if len(joined):
             low, high = float(joined.min()), float(joined.max())
-            found[name] = (low, max(high, low + 1.0) if LOOKS[name].scale != "signed" else high)
-    return found
+            ranges[name] = (low, max(high, low + 1.0) if LOOKS[name].scale != "signed" else high)
+    return ranges
 
 
 def _replay(failure: Failure) -> list[str]:

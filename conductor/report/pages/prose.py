@@ -42,23 +42,23 @@ def read_texts(page: Path) -> dict[str, str]:
         return {}
     except (OSError, UnicodeDecodeError) as error:
         raise UsageError(f"{page}: cannot be read as text: {error}") from None
-    found: dict[str, str] = {}
+    texts: dict[str, str] = {}
     for begin in _BEGIN.finditer(content):
         name = begin[1]
         end = content.find(end_mark(name), begin.end())
         following = _BEGIN.search(content, begin.end())
-        if end < 0 or (following is not None and following.start() < end) or name in found:
+        if end < 0 or (following is not None and following.start() < end) or name in texts:
             line = content.count("\n", 0, begin.start()) + 1
             raise UsageError(
                 f"{page}: line {line}: the text '{name}' has no line '{end_mark(name)}' of its own "
                 "after it; restore it, so that nothing written is lost"
             )
-        found[name] = content[begin.end() : end].strip()
-    if not found and content.strip():
+        texts[name] = content[begin.end() : end].strip()
+    if not texts and content.strip():
         raise UsageError(
             f"{page}: exists and was not made by this command; give another name, or remove it"
         )
-    return found
+    return texts
 
 
 def check_known(page: Path, texts: dict[str, str], names: list[str]) -> None:

@@ -50,7 +50,7 @@ from twin.base.errors import UsageError, storage_error
 from twin.base.files import write_atomic
 
 _QUALITY = 88
-"""Of the pictures: a page is kept with the sources, and noise makes PNG files large."""
+"""Quality of the pictures: a page is kept with the sources, and noise makes PNG files large."""
 _MARKDOWN = re.compile(r"([\\`*_{}\[\]<>|~#$&])")
 
 
@@ -64,7 +64,7 @@ class Shown:
     picture: str
     """File in the folder of pictures; empty: there is none."""
     missing: str
-    """Why there is none."""
+    """Reason why there is no picture."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,8 +169,8 @@ def _render(
     )
     text = re.sub(r"\n{3,}", "\n\n", text).strip() + "\n"
     # Only now: what people have written keeps its blank lines.
-    for name, said in texts.items():
-        text = text.replace(block(name, ""), block(name, said), 1)
+    for name, written in texts.items():
+        text = text.replace(block(name, ""), block(name, written), 1)
     return text
 
 
@@ -203,28 +203,28 @@ def _counted(dossier: Dossier, status: str) -> list[tuple[str, list[tuple[Any, d
 def _sections(dossier: Dossier, models: list[str], beside: Path) -> list[ModelSection]:
     chosen: dict[str, list[CaseRow]] = {}
     for model in models:
-        own = [row for row in dossier.rows if row.case.variation.model == model]
-        chosen[model] = examples(dossier, own)
+        model_rows = [row for row in dossier.rows if row.case.variation.model == model]
+        chosen[model] = examples(dossier, model_rows)
     flat = [row for rows in chosen.values() for row in rows]
     with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
         missing = list(pool.map(lambda row: _take_picture(dossier, row, beside), flat))
     reasons = {row.case.id: reason for row, reason in zip(flat, missing, strict=True)}
     sections = []
     for model in models:
-        own = [row for row in dossier.rows if row.case.variation.model == model]
-        lines = lost_lines(dossier, own)
-        found = {status for line in lines for status in line.cells}
+        model_rows = [row for row in dossier.rows if row.case.variation.model == model]
+        lines = lost_lines(dossier, model_rows)
+        occurring = {status for line in lines for status in line.cells}
         sections.append(
             ModelSection(
                 model=model,
-                name=system_name(own[0].case),
-                perception=system_text(own[0].case),
-                passed=sum(row.passed is True for row in own),
-                no_collision=sum(row.no_collision is True for row in own),
-                ended=sum(bool(row.end.outcome) for row in own),
-                total=len(own),
+                name=system_name(model_rows[0].case),
+                perception=system_text(model_rows[0].case),
+                passed=sum(row.passed is True for row in model_rows),
+                no_collision=sum(row.no_collision is True for row in model_rows),
+                ended=sum(bool(row.end.outcome) for row in model_rows),
+                total=len(model_rows),
                 text_name=model_block(model),
-                statuses=[status for status in statuses(dossier) if status in found],
+                statuses=[status for status in statuses(dossier) if status in occurring],
                 lost=lines,
                 shown=[_shown(dossier, row, reasons[row.case.id]) for row in chosen[model]],
             )

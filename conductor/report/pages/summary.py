@@ -40,7 +40,7 @@ def write_summary(folder: Path) -> pa.Table:
 
 
 def write_summary_of(dossier: Dossier) -> pa.Table:
-    """As :func:`write_summary`, for a folder that has been read already."""
+    """Write the summary as :func:`write_summary` does, for a folder that has been read already."""
     table = summary_table(dossier)
     parquet = io.BytesIO()
     pq.write_table(table, parquet, compression="zstd")
@@ -123,8 +123,8 @@ def inert(text: str | None) -> str | None:
 def _of_one_type(values: list[Any]) -> list[Any]:
     """Values of an axis for a column: nothing where it is left out, and texts where a parameter has
     values of several types."""
-    given = [None if value in LEFT_OUT else value for value in values]
-    types = {type(value) for value in given if value is not None}
+    cells = [None if value in LEFT_OUT else value for value in values]
+    types = {type(value) for value in cells if value is not None}
     if len(types) < 2 or types == {int, float}:
-        return given
-    return [None if value is None else str(value) for value in given]
+        return cells
+    return [None if value is None else str(value) for value in cells]

@@ -32,9 +32,9 @@ class SystemRow:
 
     model: str
     name: str
-    """What the page calls it, see :func:`conductor.report.reading.systems.system_name`."""
+    """Name on the page, see :func:`conductor.report.reading.systems.system_name`."""
     perception: str
-    """What it really is: its perception, or whose stack it is."""
+    """What the system really is: its perception, or whose stack it is."""
     batches: list[int]
     passed: int
     """Cases with the verdict ``pass``."""
@@ -65,10 +65,10 @@ class SystemRow:
 
 def statuses(dossier: Dossier) -> list[str]:
     """Statuses that occur, in the order of the report; ``pass`` and ``collision`` always."""
-    found = {row.status for row in dossier.rows} | {"pass", "collision"}
-    new = sorted(found - set(KNOWN_STATUSES))
+    occurring = {row.status for row in dossier.rows} | {"pass", "collision"}
+    new = sorted(occurring - set(KNOWN_STATUSES))
     order = [*KNOWN_STATUSES[:_VERDICTS], *new, *KNOWN_STATUSES[_VERDICTS:]]
-    return [status for status in order if status in found]
+    return [status for status in order if status in occurring]
 
 
 def verdict_table(dossier: Dossier) -> list[SystemRow]:

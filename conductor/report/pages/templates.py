@@ -11,15 +11,15 @@ ASSETS = Path(__file__).parents[1] / "assets"
 
 def environment(*, autoescape: bool) -> jinja2.Environment:
     """Jinja for the templates of reports; ``autoescape`` for HTML."""
-    found = jinja2.Environment(
+    jinja = jinja2.Environment(
         loader=jinja2.FileSystemLoader(ASSETS),
         autoescape=autoescape,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    found.filters |= {"number": number, "words": words, "short": short}
-    return found
+    jinja.filters |= {"number": number, "words": words, "short": short}
+    return jinja
 
 
 def number(value: float | int | None, digits: int = 2) -> str:
@@ -33,9 +33,9 @@ def words(value: object) -> str:
 
 
 def short(text: object, most: int) -> str:
-    """At most ``most`` characters, with what was left out told; on one line."""
-    given = str(text)
-    line = " ".join(given[: 4 * most].split())
-    if len(line) <= most and len(given) <= 4 * most:
+    """Text of at most ``most`` characters, with what was left out told; on one line."""
+    whole = str(text)
+    line = " ".join(whole[: 4 * most].split())
+    if len(line) <= most and len(whole) <= 4 * most:
         return line
-    return f"{line[:most]}… ({len(given)} characters)"
+    return f"{line[:most]}… ({len(whole)} characters)"

@@ -31,15 +31,15 @@ class Cells:
 def cells_of(dossier: Dossier, rows: list[CaseRow], x_axis: str, y_axis: str) -> Cells:
     """``rows`` by two axes, with all values that the campaign has."""
     xs, ys = axis_values(dossier, x_axis), axis_values(dossier, y_axis)
-    found: dict[tuple[Any, Any], list[CaseRow]] = {}
+    groups: dict[tuple[Any, Any], list[CaseRow]] = {}
     for row in rows:
         key = (axis_value(row.case, x_axis), axis_value(row.case, y_axis))
-        found.setdefault(key, []).append(row)
-    return Cells(xs, ys, [[found.get((x, y), []) for x in xs] for y in ys])
+        groups.setdefault(key, []).append(row)
+    return Cells(xs, ys, [[groups.get((x, y), []) for x in xs] for y in ys])
 
 
 def severity(row: CaseRow) -> int:
-    """Smaller is worse."""
+    """Severity of a row's status; smaller is worse."""
     status = row.status if row.status in _WORST_FIRST else _OTHER
     return _WORST_FIRST.index(status)
 
@@ -50,7 +50,7 @@ def worst(cell: list[CaseRow]) -> CaseRow:
 
 
 def cell_number(cell: list[CaseRow]) -> str:
-    """What stands beside the symbol: see :func:`case_number`; of several cases how many passed."""
+    """Text beside the symbol: see :func:`case_number`; of several cases how many passed."""
     if len(cell) > 1:
         return f"{sum(r.passed is True for r in cell)}/{len(cell)}"
     return case_number(cell[0])

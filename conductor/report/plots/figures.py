@@ -66,7 +66,7 @@ def grid_frame(
                 span = [min(low, 0.0), high + 0.04 * (high - low)]
                 figure.update_yaxes(range=span, row=row, col=col)
             if look.safety_m:
-                _safety_line(figure, row, col, look.safety_m, told=number == 0)
+                _safety_line(figure, row, col, look.safety_m, labelled=number == 0)
     if not stacked:
         figure.update_xaxes(title={"text": time_label}, row=len(models))
     figure.update_layout(
@@ -114,23 +114,23 @@ def curve_frame(
 
     Axis ``y<n>`` belongs to the n-th of ``curves``. ``spread``: of many cases.
     """
-    told = titles(spread=spread)
+    headings = titles(spread=spread)
     figure = make_subplots(
         rows=len(curves),
         cols=1,
         shared_xaxes=True,
         vertical_spacing=0.035,
         row_heights=[LOOKS[name].height for name in curves],
-        subplot_titles=[told[name][0] for name in curves],
+        subplot_titles=[headings[name][0] for name in curves],
     )
     # make_subplots centres the titles; a reader looks for them at the left.
     for note in figure.layout.annotations:
         note.update(x=0, xanchor="left", font={"size": 13, "weight": 600})
     for index, name in enumerate(curves, 1):
-        figure.update_yaxes(title={"text": told[name][1]}, row=index, col=1)
+        figure.update_yaxes(title={"text": headings[name][1]}, row=index, col=1)
         _set_range(figure, name, index, 1, spread=spread)
         if LOOKS[name].safety_m:
-            _safety_line(figure, index, 1, LOOKS[name].safety_m, told=True)
+            _safety_line(figure, index, 1, LOOKS[name].safety_m, labelled=True)
     figure.update_xaxes(title={"text": time_label}, row=len(curves), col=1)
     figure.update_layout(
         template=go.layout.Template(),
@@ -171,7 +171,7 @@ _AXES: dict[str, dict[str, Any]] = {
 """Axes by the scale of a curve."""
 
 
-def _safety_line(figure: Any, row: int, column: int, safety_m: float, *, told: bool) -> None:
+def _safety_line(figure: Any, row: int, column: int, safety_m: float, *, labelled: bool) -> None:
     figure.add_shape(
         type="line",
         xref="x domain",
@@ -183,7 +183,7 @@ def _safety_line(figure: Any, row: int, column: int, safety_m: float, *, told: b
         row=row,
         col=column,
     )
-    if told:
+    if labelled:
         figure.add_annotation(
             text=f"factor of safety {safety_m:g} m",
             xref="x domain",

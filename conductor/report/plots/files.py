@@ -113,10 +113,10 @@ def _outcomes(content: Content, sheet: Figure) -> bool:
             axes.barh(places, counts, left=left, color=status_color(status), label=words(status))
         left += counts
     for place, line, total in zip(places, lines, left, strict=True):
-        told = f" {line.passed}/{line.total} passed"
+        label = f" {line.passed}/{line.total} passed"
         if line.interval:
-            told += f" ({100 * line.interval[0]:.0f} to {100 * line.interval[1]:.0f} %)"
-        axes.text(total, place, told, va="center", fontsize=8)
+            label += f" ({100 * line.interval[0]:.0f} to {100 * line.interval[1]:.0f} %)"
+        axes.text(total, place, label, va="center", fontsize=8)
     axes.set_yticks(places, [wrapped(line.name, _NAME_IN) for line in lines])
     axes.set_xlim(0, max(left) * 1.6)
     axes.invert_yaxis()
@@ -155,8 +155,8 @@ def _heat(content: Content, sheet: Figure) -> bool:
     sheet.set_size_inches((1.6 + wide_in) * columns, (1.5 + high_in) * rows + LEGEND_ROW_IN)
     panels = sheet.subplots(rows, columns, squeeze=False).flat
     for panel, (model, name) in zip(panels, names.items(), strict=False):
-        own = [row for row in dossier.rows if row.case.variation.model == model]
-        cells = cells_of(dossier, own, x_axis, y_axis)
+        model_rows = [row for row in dossier.rows if row.case.variation.model == model]
+        cells = cells_of(dossier, model_rows, x_axis, y_axis)
         _fill(panel, cells, known)
         label_x(panel, [words(x) for x in cells.xs], wide_in)
         panel.set_yticks(range(len(cells.ys)), [words(y) for y in cells.ys])

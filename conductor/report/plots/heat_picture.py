@@ -29,7 +29,7 @@ _MARKS = {
     "failed": "F",
     "unresolved": "?",
 }
-"""Before the number, for those who do not tell the colours apart; in the fonts of Pillow."""
+"""Marks before the number, for those who do not tell the colours apart; in the fonts of Pillow."""
 
 Font = ImageFont.FreeTypeFont | ImageFont.ImageFont
 
@@ -39,8 +39,8 @@ def heat_picture(dossier: Dossier) -> bytes:
     x_axis, y_axis = page_axes(dossier)
     maps = []
     for model, name in system_names(dossier).items():
-        own = [row for row in dossier.rows if row.case.variation.model == model]
-        maps.append((name, cells_of(dossier, own, x_axis, y_axis)))
+        model_rows = [row for row in dossier.rows if row.case.variation.model == model]
+        maps.append((name, cells_of(dossier, model_rows, x_axis, y_axis)))
     labels = (axis_label(x_axis), axis_label(y_axis))
     first = maps[0][1]
     font, large = ImageFont.load_default(_FONT_PX), ImageFont.load_default(_TITLE_PX)

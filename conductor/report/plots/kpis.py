@@ -47,9 +47,9 @@ def kpis_plot(content: Content, sheet: Figure) -> bool:
     sheet.set_size_inches(wide_in * len(names), 0.6 + LEGEND_ROW_IN + high_in * len(systems))
     panels = sheet.subplots(len(systems), len(names), squeeze=False, sharex=True, sharey="col")
     for line, (model, system) in enumerate(systems.items()):
-        own = by_model[model][: LINES_MAX // len(systems)]
-        colors = [styles[str(axis_value(row.case, axis))][0] for row in own]
-        curves = [content.curves[row.case.id] for row in own]
+        shown_rows = by_model[model][: LINES_MAX // len(systems)]
+        colors = [styles[str(axis_value(row.case, axis))][0] for row in shown_rows]
+        curves = [content.curves[row.case.id] for row in shown_rows]
         spread = spreads[model]
         for name, panel in zip(names, panels[line], strict=True):
             if spread is not None and name in spread.values:
@@ -57,7 +57,11 @@ def kpis_plot(content: Content, sheet: Figure) -> bool:
             else:
                 _draw_lines(panel, name, curves, colors)
         total = sum(row.case.variation.model == model for row in dossier.rows)
-        cut = f"\n{len(own)} of {total} cases" if len(own) < len(by_model[model]) else ""
+        cut = (
+            f"\n{len(shown_rows)} of {total} cases"
+            if len(shown_rows) < len(by_model[model])
+            else ""
+        )
         panels[line][0].set_ylabel(f"{wrapped(system, high_in)}{cut}")
     for name, top, bottom in zip(names, panels[0], panels[-1], strict=True):
         top.set_title(column_title(name, spread=many), fontsize=9)

@@ -39,16 +39,16 @@ def lanes_of(spans: list[LeaseSpan]) -> tuple[list[tuple[str, int]], list[int]]:
     count: dict[str, int] = {}
     slots = []
     for span in spans:
-        own = held.setdefault(span.worker, [])
+        leases = held.setdefault(span.worker, [])
         empty = free.setdefault(span.worker, [])
-        while own and own[0][0] <= span.start_s:
-            heapq.heappush(empty, heapq.heappop(own)[1])
+        while leases and leases[0][0] <= span.start_s:
+            heapq.heappush(empty, heapq.heappop(leases)[1])
         if empty:
             slot = heapq.heappop(empty)
         else:
             slot = count.get(span.worker, 0)
             count[span.worker] = slot + 1
-        heapq.heappush(own, (span.end_s, slot))
+        heapq.heappush(leases, (span.end_s, slot))
         slots.append(slot)
     lanes = [(worker, slot) for worker, total in count.items() for slot in range(total)]
     index = {lane: number for number, lane in enumerate(lanes)}
@@ -120,21 +120,21 @@ def _lease_traces(
     order = statuses(dossier)
     kinds = {kind: kinds[kind] for kind in (*order, *kinds) if kind in kinds}
     traces = []
-    for kind, found in kinds.items():
+    for kind, placed in kinds.items():
         x: list[float | None] = []
         y: list[int | None] = []
         text: list[str] = []
-        for span, place in found:
+        for span, place in placed:
             start, end = span.start_s / per_unit_s, span.end_s / per_unit_s
             # A small gap keeps neighbours apart, and the middle can be hovered over.
             x += [start, (start + end) / 2, max(start, end - 0.002 * (end - start)), None]
             y += [place, place, place, None]
-            told = (
+            label = (
                 f"<b>{html.escape(span.case, quote=False)}</b><br>attempt {span.attempt}, "
                 f"{span.end_s - span.start_s:.1f} s, {kind.replace('_', ' ')}"
             )
-            text += [told, told, told, ""]
-        results = all(span.how == COMMITTED for span, _ in found)
+            text += [label, label, label, ""]
+        results = all(span.how == COMMITTED for span, _ in placed)
         color = status_color(kind) if results else _OTHER_COLORS.get(kind, _GIVEN_BACK)
         traces.append(
             go.Scatter(
@@ -143,7 +143,7 @@ def _lease_traces(
                 text=text,
                 mode="lines",
                 connectgaps=False,
-                name=f"{kind.replace('_', ' ')} ({len(found)})",
+                name=f"{kind.replace('_', ' ')} ({len(placed)})",
                 line={"color": color, "width": max(2.0, 0.7 * lane_px)},
                 hovertemplate=f"%{{text}}<br>%{{x:.1f}} {unit}<extra></extra>",
             )

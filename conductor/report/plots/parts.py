@@ -10,7 +10,8 @@ Figure = Any
 """A figure of matplotlib, or a part of one; it has no stubs that name what is used here."""
 
 RASTER_LINES = 64
-"""Above this, curves are pixels in the SVG file too: a hundred thousand paths open nowhere."""
+"""Number of curves above which they are pixels in the SVG file too: a hundred thousand paths open
+nowhere."""
 LEGEND_ROW_IN = 0.25
 """Height of a row of a legend [inches]."""
 _CHAR_IN = 0.075

@@ -18,7 +18,7 @@ LEVELS = (0.05, 0.25, 0.5, 0.75, 0.95)
 SHARES = tuple(name for name, look in LOOKS.items() if look.share)
 """Columns of which the share of cases is drawn instead of quantiles."""
 _LEAST = 0.25
-"""Where fewer of the cases still run, nothing is drawn of them [-]."""
+"""Least share of cases that still run; where fewer do, nothing is drawn of them [-]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,10 +29,10 @@ class Spread:
     time_s: Floats
     """Middles of the stretches of time."""
     values: dict[str, Floats]
-    """By column of :data:`~conductor.report.reading.curves.SHARED`. ``aeb``: share of the running
-    cases [1, BINS]; ``collisions``: share of all cases that have collided by then [1, BINS];
-    ``throttle`` and ``brake``: the quantiles :data:`LEVELS` over the running cases [5, BINS].
-    All 0 to 1; NaN: too few cases run."""
+    """Values by column of :data:`~conductor.report.reading.curves.SHARED`. ``aeb``: share of the
+    running cases [1, BINS]; ``collisions``: share of all cases that have collided by then [1,
+    BINS]; ``throttle`` and ``brake``: the quantiles :data:`LEVELS` over the running cases [5,
+    BINS]. All 0 to 1; NaN: too few cases run."""
 
 
 def spread_of(curves: Sequence[KpiCurve]) -> Spread | None:
@@ -46,7 +46,7 @@ def spread_of(curves: Sequence[KpiCurve]) -> Spread | None:
     return Spread(
         cases=len(timed),
         time_s=(0.5 * (edges[1:] + edges[:-1])).astype(np.float32),
-        values={name: found.astype(np.float32) for name, found in values.items()},
+        values={name: rows.astype(np.float32) for name, rows in values.items()},
     )
 
 
@@ -59,19 +59,19 @@ def _over_cases(
     few = np.isfinite(rows).sum(axis=0) < max(1.0, _LEAST * len(rows))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # a stretch in which nothing is known
-        found = (
+        distribution = (
             np.nanmean(rows, axis=0)[None]
             if name in SHARES
             else np.nanquantile(rows, LEVELS, axis=0)
         )
-    found[:, few] = np.nan
-    return found
+    distribution[:, few] = np.nan
+    return distribution
 
 
 def _row(curve: KpiCurve, name: str, edges: NDArray[np.float64]) -> NDArray[np.float64]:
     """Means of a case over the stretches that all cases share."""
-    own = np.linspace(float(curve.time_s[0]), float(curve.time_s[-1]), BINS + 1)
-    return binned(own, curve.means[name].astype(np.float64), edges)
+    case_edges = np.linspace(float(curve.time_s[0]), float(curve.time_s[-1]), BINS + 1)
+    return binned(case_edges, curve.means[name].astype(np.float64), edges)
 
 
 def _collided(curves: list[KpiCurve], edges: NDArray[np.float64]) -> NDArray[np.float64]:

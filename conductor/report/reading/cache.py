@@ -22,8 +22,8 @@ from twin.base.files import write_atomic
 FOLDER = ".report"
 _FILE = "read.msgpack"
 _VERSION = 3
-"""Of the entries' meaning, together with the columns that are drawn and the package's version: the
-byte stream of a fingerprint and the thinning of curves are code too."""
+"""Version of the entries' meaning, together with the columns that are drawn and the package's
+version: the byte stream of a fingerprint and the thinning of curves are code too."""
 
 
 def _package() -> str:
@@ -69,12 +69,12 @@ class Cache(Struct):
 def load(folder: Path) -> Cache:
     """The cache of a campaign folder; empty where there is none that can be used."""
     try:
-        found = msgspec.msgpack.decode(
+        cache = msgspec.msgpack.decode(
             read_regular(folder / FOLDER / _FILE, RUN_FILE_BYTES_MAX), type=Cache
         )
     except (OSError, msgspec.MsgspecError):
         return Cache()
-    return found if found.version == Cache().version else Cache()
+    return cache if cache.version == Cache().version else Cache()
 
 
 def store(folder: Path, cache: Cache) -> None:
@@ -87,10 +87,10 @@ def store(folder: Path, cache: Cache) -> None:
 def stamp(path: Path, kpi_sha256: str) -> Stamp | None:
     """Size and times of a file as it is; None: it is not there."""
     try:
-        found = path.stat()
+        status = path.stat()
     except OSError:
         return None
-    return Stamp(kpi_sha256, found.st_size, found.st_mtime_ns)
+    return Stamp(kpi_sha256, status.st_size, status.st_mtime_ns)
 
 
 def packed(curve: KpiCurve) -> tuple[bytes, bytes]:

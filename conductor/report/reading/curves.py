@@ -29,7 +29,7 @@ BINS = 100
 """Stretches of equal length into which the time of a case is cut for distributions."""
 
 Floats = NDArray[np.float32]
-"""As precise as a screen; half the size."""
+"""Numbers as precise as a screen, in half the size."""
 _Column = NDArray[np.float64]
 
 
@@ -39,11 +39,11 @@ class KpiCurve:
 
     time_s: Floats
     values: dict[str, Floats]
-    """By column of :data:`CURVES`."""
+    """Values by column of :data:`CURVES`."""
     ticks: int
     """Rows before thinning."""
     means: dict[str, Floats] = field(default_factory=dict)
-    """By column of :data:`SHARED`: means over each of the :data:`BINS` stretches of the case's
+    """Means by column of :data:`SHARED`, over each of the :data:`BINS` stretches of the case's
     time, of all rows; NaN where nothing is known."""
 
 
@@ -53,7 +53,7 @@ def drawn(dossier: Dossier) -> tuple[str, ...]:
 
 
 def overview(dossier: Dossier, curves: Sequence[str]) -> tuple[str, ...]:
-    """Those of ``curves`` that are drawn side by side for all systems under test."""
+    """Columns of ``curves`` that are drawn side by side for all systems under test."""
     chosen = dossier.scenario.report.overview
     return tuple(name for name in curves if name in chosen)
 
@@ -69,7 +69,7 @@ def points_for(cases: int) -> int:
 
 
 def thin(table: pa.Table, points_max: int) -> KpiCurve:
-    """At most about ``points_max`` rows of a KPI table.
+    """Rows of a KPI table, about ``points_max`` at most.
 
     Kept whatever the number: the first and last row, the row of the smallest distance, both sides
     of every change of a stepped column and of every gap. Between them, the rows that lie furthest
@@ -143,11 +143,11 @@ def _kept(values: dict[str, _Column], points_max: int) -> NDArray[np.intp]:
             changed |= (np.diff(column) != 0) & ~missing[1:] & ~missing[:-1]
         edges[:-1] |= changed
         edges[1:] |= changed
-    found = np.flatnonzero(edges)
-    if len(found) > points_max // 2:
+    changes = np.flatnonzero(edges)
+    if len(changes) > points_max // 2:
         # A column that flickers at every tick: an even choice is all that fits.
-        found = found[np.linspace(0, len(found) - 1, points_max // 2).astype(np.intp)]
-    must = np.union1d(found, [0, rows - 1])
+        changes = changes[np.linspace(0, len(changes) - 1, points_max // 2).astype(np.intp)]
+    must = np.union1d(changes, [0, rows - 1])
     if not np.isnan(values["dtc_m"]).all():
         must = np.union1d(must, [np.nanargmin(values["dtc_m"])])
     free = max(points_max - len(must), 2)
@@ -155,7 +155,7 @@ def _kept(values: dict[str, _Column], points_max: int) -> NDArray[np.intp]:
 
 
 def _bent(values: dict[str, _Column], count: int) -> NDArray[np.intp]:
-    """About ``count`` rows: evenly spaced ones, and between each two the one furthest from the
+    """Rows, about ``count``: evenly spaced ones, and between each two the one furthest from the
     straight line between them."""
     rows = len(values["dtc_m"])
     anchors = np.unique(np.linspace(0, rows - 1, max(count // 2, 2)).astype(np.intp))

@@ -34,7 +34,8 @@ class CaseRow:
     aeb_logged: bool = True
     """Whether a case without an AEB trigger is known to have had none."""
     collision_free: bool = False
-    """Without a verdict, but its imported log is complete and tells of no collision."""
+    """Whether the case has no verdict, but its imported log is complete and tells of no
+    collision."""
 
     @property
     def status(self) -> str:
@@ -45,7 +46,7 @@ class CaseRow:
 
     @property
     def passed(self) -> bool | None:
-        """None without a verdict: missing is never a pass."""
+        """Whether the case passed; None without a verdict: missing is never a pass."""
         return self.end.passed if self.end.outcome == "verdict" else None
 
     @property

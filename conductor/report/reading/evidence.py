@@ -62,20 +62,20 @@ def gather(dossier: Dossier, broken: Iterable[str], found: Fingerprint | None) -
         )
     if warning := too_slow(dossier.outcomes):
         alarms.append(warning)
-    steered = [f"{row.case.id}, {each}" for row in dossier.rows for each in row.end.steered]
+    steered = [f"{row.case.id}, {touch}" for row in dossier.rows for touch in row.end.steered]
     missing = "" if found else _missing(dossier)
     return Evidence(found, missing, alarms, audits, disagreements, steered)
 
 
 def versions() -> dict[str, str]:
     """Versions of what made the report (what made the results is in the software digest)."""
-    found = {"python": platform.python_version()}
+    by_package = {"python": platform.python_version()}
     for name in _PACKAGES:
         try:
-            found[name] = importlib.metadata.version(name)
+            by_package[name] = importlib.metadata.version(name)
         except importlib.metadata.PackageNotFoundError:
-            found[name] = "not installed as a package"
-    return found
+            by_package[name] = "not installed as a package"
+    return by_package
 
 
 def commands(dossier: Dossier) -> list[str]:

@@ -26,24 +26,24 @@ from twin.base.errors import InfrastructureError
 
 @dataclass(frozen=True, slots=True)
 class KpiReading:
-    """What was found in the KPI files."""
+    """Content of the KPI files."""
 
     curves: dict[str, KpiCurve]
-    """By case, of those that are drawn."""
+    """Curves by case, of the cases that are drawn."""
     broken: list[str]
     """Mistakes, one line each."""
     rests_m: dict[str, list[float]]
-    """By case, where the ego came to rest: distances to the obstacle in order [m]."""
+    """Distances to the obstacle where the ego came to rest, in order, by case [m]."""
     damaged: int
     """KPI files that could not be read."""
     fingerprint: Fingerprint | None
-    """None: cases have not ended, or files are damaged."""
+    """Fingerprint; None: cases have not ended, or files are damaged."""
     read: int
     """Files that were read; the others had been read before and have not changed."""
 
 
 Known = Mapping[str, tuple[Entry, bytes]]
-"""By case, what was read ahead, and its canonical byte stream."""
+"""Entries by case that were read ahead, each with its canonical byte stream."""
 NOTHING_KNOWN: Known = MappingProxyType({})
 
 
@@ -69,8 +69,8 @@ def read_cases(
     old = Cache() if anew else caching.load(dossier.folder)
     new = Cache()
     wanted = _outcomes_digest(dossier) if dossier.outcomes.complete else ""
-    told = old.fingerprint if wanted and old.fingerprint_of == wanted else None
-    total = Fingerprinter() if wanted and told is None else None
+    kept_fingerprint = old.fingerprint if wanted and old.fingerprint_of == wanted else None
+    total = Fingerprinter() if wanted and kept_fingerprint is None else None
     curves: dict[str, KpiCurve] = {}
     rests_m: dict[str, list[float]] = {}
     broken: dict[str, str] = {}
@@ -90,7 +90,7 @@ def read_cases(
                 read += bool(rows)
         except InfrastructureError as error:
             broken[name] = str(error)
-            total = told = None
+            total = kept_fingerprint = None
             continue
         rests_m[name] = entry.rests_m
         if entry.curve and name in drawn:
@@ -99,7 +99,7 @@ def read_cases(
             new.entries[name] = entry
         if total is not None:
             total.add(name, row.end, rows)
-    new.fingerprint = told or (total.result(dossier.outcomes) if total else None)
+    new.fingerprint = kept_fingerprint or (total.result(dossier.outcomes) if total else None)
     new.fingerprint_of = wanted
     if read or len(new.entries) != len(old.entries):
         caching.store(dossier.folder, new)
@@ -112,7 +112,8 @@ _NOTHING = Entry(caching.Stamp("", 0, 0), 0)
 
 
 def _kept(dossier: Dossier, row: CaseRow, old: Cache, points: int) -> Entry | None:
-    """What an earlier report found, if it still holds; a case without rows needs no reading."""
+    """Entry that an earlier report has made, if it still holds; a case without rows needs no
+    reading."""
     if not row.end.kpi_sha256:
         if row.end.outcome == "verdict":
             raise InfrastructureError(f"case {row.case.id}: a verdict without KPI rows")

@@ -37,7 +37,7 @@ class LeaseSpan:
     worker: str
     attempt: int
     start_s: float
-    """Since the first lease of the campaign [s]."""
+    """Time since the first lease of the campaign [s]."""
     end_s: float
     how: str
     """``committed``, ``superseded`` (another lease of the case brought the result), ``case_ended``,
@@ -54,7 +54,8 @@ class Leases:
 
     @property
     def busy_s(self) -> float:
-        """For how long at least one lease was held: pauses between two starts are left out [s]."""
+        """Time for which at least one lease was held: pauses between two starts are left out
+        [s]."""
         total, until = 0.0, 0.0
         for span in self.spans:
             total += max(0.0, span.end_s - max(span.start_s, until))
@@ -105,7 +106,7 @@ def leases_of(events: list[TimelineEvent]) -> Leases:
     first_s = next((event.at_s for event in events if event.event == LEASED), 0.0)
     live: dict[str, dict[int, TimelineEvent]] = {}
     seen_s: dict[int, float] = {}
-    """By token, of leases that were held over a start: the last event before it."""
+    """Last sign of leases that were held over a start, by token: the last event before it."""
     spans: list[LeaseSpan] = []
     commits: list[float] = []
 

@@ -18,9 +18,9 @@ def file_digests(dossier: Dossier) -> list[tuple[str, str]]:
     The digest of a shipped model is left out if other software is installed here than was run.
     """
     stack = dossier.campaign.stack_identity.digest
-    given = [("Stack digest", stack)] if stack else []
-    given += [(_shown(name), digest) for name, digest in sorted(dossier.campaign.files.items())]
-    return [*given, *_shipped_models(dossier)]
+    digests = [("Stack digest", stack)] if stack else []
+    digests += [(_shown(name), digest) for name, digest in sorted(dossier.campaign.files.items())]
+    return [*digests, *_shipped_models(dossier)]
 
 
 def _shown(name: str) -> str:

@@ -25,14 +25,14 @@ from twin.base.files import write_atomic
 STRIPS_MAX = 24
 """Most cases with a strip of pictures, of all models together."""
 TOGETHER = 6
-"""So many strips are made by one viewer before another is started beside it."""
+"""Number of strips that are made by one viewer before another is started beside it."""
 LOG_LINES = 6
 """Last lines of a log that are shown of a case without a verdict."""
 LOG_BYTES = 4000
-"""So much of a log's end is looked at, however long it is."""
+"""Size of a log's end that is looked at, however long the log is [bytes]."""
 
 VIEWER_MAX_S = 120.0
-"""So long a picture, or some strips, may take, on a slow disk and a busy machine [s]."""
+"""Longest time that a picture, or some strips, may take, on a slow disk and a busy machine [s]."""
 
 _NOT_RECORDED = "the case was not recorded; run it again as below to see it"
 _NO_PICTURES = "logs hold none"
@@ -96,8 +96,8 @@ def _run_viewer(arguments: list[str], asked: str) -> tuple[list[str], str]:
         return [], f"{name} took longer than {VIEWER_MAX_S:g} s"
     why = ""
     if done.returncode:
-        said = done.stderr.strip().splitlines()
-        why = said[-1] if said else f"{name} ended with exit code {done.returncode}"
+        lines = done.stderr.strip().splitlines()
+        why = lines[-1] if lines else f"{name} ended with exit code {done.returncode}"
     return done.stdout.splitlines(), why
 
 
@@ -110,7 +110,7 @@ def failures(dossier: Dossier) -> list[Failure]:
     # In turn: of many models each has some before one has all.
     turns = [row for turn in itertools.zip_longest(*by_model) for row in turn if row is not None]
     chosen = {row.case.id for row in turns[:STRIPS_MAX]}
-    rows = [row for own in by_model for row in own if row.case.id in chosen]
+    rows = [row for group in by_model for row in group if row.case.id in chosen]
     strips = _strips(dossier, rows)
     return [_failure(dossier, row, *strips[row.case.id]) for row in rows]
 
@@ -122,25 +122,25 @@ def _failure(dossier: Dossier, row: CaseRow, data: bytes, missing: str) -> Failu
 
 
 def _strips(dossier: Dossier, rows: list[CaseRow]) -> dict[str, tuple[bytes, str]]:
-    """By case: JPEG of the strip, from an earlier report if the recording is the same; or why
-    there is none."""
-    found: dict[str, tuple[bytes, str]] = {}
+    """Strips by case: the JPEG, from an earlier report if the recording is the same; or why there
+    is none."""
+    strips: dict[str, tuple[bytes, str]] = {}
     asked = []
     for row in rows:
         kept = _kept(dossier, row)
         if kept is None:
-            found[row.case.id] = b"", _NO_PICTURES if dossier.imported else _NOT_RECORDED
+            strips[row.case.id] = b"", _NO_PICTURES if dossier.imported else _NOT_RECORDED
             continue
         try:
-            found[row.case.id] = kept.read_bytes(), ""
+            strips[row.case.id] = kept.read_bytes(), ""
         except OSError:
             asked.append((row, kept))
     if asked:
         turns = min(len(os.sched_getaffinity(0)), -(-len(asked) // TOGETHER))
         with ThreadPoolExecutor(turns) as pool:
             for made in pool.map(lambda i: make_strips(dossier, asked[i::turns]), range(turns)):
-                found.update(made)
-    return found
+                strips.update(made)
+    return strips
 
 
 def _kept(dossier: Dossier, row: CaseRow) -> Path | None:
@@ -148,8 +148,8 @@ def _kept(dossier: Dossier, row: CaseRow) -> Path | None:
     recording = recording_of(dossier, row)
     if recording is None:
         return None
-    found = recording.stat()
-    parts = (row.case.id, row.end.kpi_sha256, found.st_size, found.st_mtime_ns, _AROUND)
+    status = recording.stat()
+    parts = (row.case.id, row.end.kpi_sha256, status.st_size, status.st_mtime_ns, _AROUND)
     key = hashlib.sha256(repr(parts).encode()).hexdigest()[:24]
     return dossier.folder / FOLDER / f"strip-{key}.jpg"
 
@@ -170,8 +170,8 @@ def make_strips(
             )
             for number, (row, _) in enumerate(asked)
         ]
-        said, why = _run_viewer(["strips", str(dossier.folder), *_AROUND], "\n".join(lines))
-        errors = {answer["case"]: answer["error"] for answer in map(json.loads, said)}
+        answers, why = _run_viewer(["strips", str(dossier.folder), *_AROUND], "\n".join(lines))
+        errors = {answer["case"]: answer["error"] for answer in map(json.loads, answers)}
         for number, (row, kept) in enumerate(asked):
             if error := errors.get(row.case.id, why or "viewer strips did not say"):
                 made[row.case.id] = b"", error

@@ -51,10 +51,10 @@ class UseSeries:
     moment: NDArray[np.int64]
     """Wall clock since 1970 [periods]."""
     values: dict[str, Floats]
-    """By name of :data:`QUANTITIES`."""
+    """Values by name of :data:`QUANTITIES`."""
 
     def span(self, name: str) -> UseSpan | None:
-        """Over the moments at which it was measured; None: never."""
+        """Span over the moments at which it was measured; None: never."""
         known = self.values[name][~np.isnan(self.values[name])]
         if not len(known):
             return None
@@ -74,7 +74,7 @@ class Use:
     gpu_memory_gb: float | None
     """Memory that the GPUs have [GB]."""
     spans: dict[str, UseSpan | None]
-    """By name of :data:`QUANTITIES`."""
+    """Spans by name of :data:`QUANTITIES`."""
     models: tuple[str, ...] = ()
     """Systems under test of a batch."""
     gpu_names: tuple[str, ...] = ()
@@ -101,7 +101,7 @@ class Resources:
 
     @property
     def workers_shown(self) -> list[Use]:
-        """Those with a line on the page."""
+        """Workers with a line on the page."""
         return self.workers[:WORKERS_MAX]
 
     def mean_of_batches(self, name: str) -> float | None:
@@ -170,7 +170,7 @@ def series_of(table: pa.Table) -> UseSeries:
         ["gpu_percent", "gpu_memory_bytes", "gpu_power_w"],
     )
     moment = np.unique(table.column("moment").to_numpy())
-    found = {
+    columns = {
         "cpu_cores": _net(workers, "cpu_cores", moment),
         "ram_gb": _net(workers, "ram_bytes", moment) / GB,
         "node_cpu_cores": _net(nodes, "node_cpu_cores", moment),
@@ -179,13 +179,13 @@ def series_of(table: pa.Table) -> UseSeries:
         "gpu_memory_gb": _net(gpus, "gpu_memory_bytes", moment) / GB,
         "gpu_power_w": _net(gpus, "gpu_power_w", moment),
     }
-    return UseSeries(moment, found)
+    return UseSeries(moment, columns)
 
 
 def _most(table: pa.Table, keys: list[str], columns: list[str]) -> pa.Table:
     """The largest value of each group, under its old name."""
-    found = table.group_by(keys).aggregate([(name, "max") for name in columns])
-    return found.rename_columns([name.removesuffix("_max") for name in found.column_names])
+    largest = table.group_by(keys).aggregate([(name, "max") for name in columns])
+    return largest.rename_columns([name.removesuffix("_max") for name in largest.column_names])
 
 
 def _net(table: pa.Table, name: str, moment: NDArray[np.int64], how: str = "sum") -> Floats:

@@ -105,8 +105,8 @@ class Track:
     def end_dtc_m(self) -> float:
         """Distance to the obstacle where the ego rests at the end, from the last row of that rest
         that holds one [m]; NaN where none does."""
-        told = np.flatnonzero(~np.isnan(self.x_m + self.y_m) | ~np.isnan(self.dtc_m))
-        rest = self.resting()[: int(told[-1]) + 1 if len(told) else 0]
+        measured = np.flatnonzero(~np.isnan(self.x_m + self.y_m) | ~np.isnan(self.dtc_m))
+        rest = self.resting()[: int(measured[-1]) + 1 if len(measured) else 0]
         moving = np.flatnonzero(~rest)
         dtc_m = self.dtc_m[int(moving[-1]) if len(moving) else 0 :]
         known = dtc_m[~np.isnan(dtc_m)]

@@ -20,7 +20,7 @@ SERIAL_HINT = "conductor run campaign.yaml --workers 1 --slots 1 --out serial"
 
 @dataclass(frozen=True, slots=True)
 class RunPace:
-    """What a run took; None: it was not measured."""
+    """Time that a run took; None: it was not measured."""
 
     cases: int
     """Cases with a result."""
@@ -147,6 +147,6 @@ def _sum(rows: list[CaseRow], scalar: str) -> float | None:
 
 
 def _median(rows: list[CaseRow], value: Callable[[CaseRow], float | int | None]) -> float | None:
-    """Of a value per second of a case's wall time."""
-    known = [found / row.end.wall_s for row in rows if (found := value(row)) is not None]
+    """Median of a value per second of a case's wall time."""
+    known = [amount / row.end.wall_s for row in rows if (amount := value(row)) is not None]
     return statistics.median(known) if known else None

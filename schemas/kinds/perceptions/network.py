@@ -35,7 +35,7 @@ class NetworkPerception(
     across_classes: bool = False
     """Boxes of different classes suppress each other, too, as in the AutoDRIVE script."""
     order: Literal["confidence", "place"] = "confidence"
-    """Of the boxes in a frame: the most confident first, or by their place in the network's
+    """Order of the boxes in a frame: the most confident first, or by their place in the network's
     output, which `rules: autodrive` looks at."""
     runtime: Literal["auto", "opencv", "onnxruntime"] = "auto"
     """What runs it. `auto`: OpenCV on workers that simulate on the CPU, ONNX Runtime on those with
@@ -59,9 +59,9 @@ def is_model_path(model: str) -> bool:
 
 
 def _files(variant: NetworkPerception) -> dict[str, str]:
-    found = {"model": variant.model} if is_model_path(variant.model) else {}
-    found.update((name, getattr(variant, name)) for name in _PATHS if getattr(variant, name))
-    return found
+    files = {"model": variant.model} if is_model_path(variant.model) else {}
+    files.update((name, getattr(variant, name)) for name in _PATHS if getattr(variant, name))
+    return files
 
 
 def _shipped(variant: NetworkPerception) -> dict[str, str]:

@@ -12,7 +12,7 @@ from schemas.kinds.sensor import MadeUpDrive, SensorConfig, SensorKind
 COLUMNS = ("front_left_ticks", "front_right_ticks", "rear_left_ticks", "rear_right_ticks")
 """Columns of the wheel encoders, int64 [S, 4]: ticks since reset, falling in reverse."""
 _WHEEL_RADIUS_M = 0.36
-"""Of the made-up drive's car [m]."""
+"""Wheel radius of the made-up drive's car [m]."""
 
 
 class Encoders(SensorConfig, frozen=True):
