@@ -93,6 +93,7 @@ def drawn_box(studio, street, shot, eye):
     return (*px.min(axis=0), *px.max(axis=0)), nearest_m
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("eye", [PINHOLE, BROWN, FISHEYE])
 @pytest.mark.parametrize("pose", [EGO, VehiclePose(40.0, 0.3, 0.12, 0.2, 0.04, -0.03)])
 def test_box_edges_are_those_of_the_projected_mesh(studio, street, eye, pose):

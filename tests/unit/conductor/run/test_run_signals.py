@@ -68,6 +68,7 @@ def ended(tmp_path, monkeypatch):
         found.stop()
 
 
+@pytest.mark.slow
 def test_a_signal_before_any_line_leaves_no_conductor_serving(ended):
     plan, options = ended
     codes = []

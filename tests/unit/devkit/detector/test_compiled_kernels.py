@@ -7,6 +7,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from twin.base.gpu.compiled_kernels import VARIABLE
 
 LOAD = """
@@ -22,6 +24,7 @@ print(wp.config.kernel_cache_dir)
 """
 
 
+@pytest.mark.slow
 def test_a_process_without_a_cache_finds_compiled_kernels_and_compiles_what_is_missing(
     tmp_path: Path,
 ) -> None:

@@ -91,6 +91,7 @@ def same_boxes(found: list[Detection], expected: list[Detection]) -> bool:
     )
 
 
+@pytest.mark.slow
 def test_constant_batches_give_what_the_network_gives_alone(model):
     images = pictures(MICRO_BATCH + 5)
     expected = on_cpu(model).raw(images)

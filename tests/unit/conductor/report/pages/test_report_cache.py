@@ -60,6 +60,7 @@ def test_nothing_new_means_nothing_read_and_the_same_page(tmp_path: Path) -> Non
     assert text_of(tmp_path) == first
 
 
+@pytest.mark.slow
 def test_what_a_command_has_just_read_is_not_read_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

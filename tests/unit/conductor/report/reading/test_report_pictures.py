@@ -44,6 +44,7 @@ def strips(page: str) -> list[str]:
     return re.findall(r'<img src="data:image/jpeg;base64,([^"]+)"', page)
 
 
+@pytest.mark.slow
 def test_a_recorded_failure_has_a_strip_that_is_made_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
