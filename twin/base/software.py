@@ -16,6 +16,7 @@ from twin.base.gpu.nvml import gpu_handle, library
 _PACKAGES = ("schemas", "twin", "devkit")
 _LIBRARIES = (
     *("numpy", "warp-lang", "opencv-python-headless", "pillow", "trimesh"),
+    *("dracopy", "meshopt", "opengl-basisu"),
     *("onnx", "onnxruntime", "onnxruntime-gpu"),
 )
 _GPU_LIBRARIES = ("nvidia-cudnn-cu13", "nvidia-cublas", "nvidia-cuda-runtime")

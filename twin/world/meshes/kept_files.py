@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.metadata
 from pathlib import Path
 
 import msgspec
@@ -47,7 +46,7 @@ def _contents(scene: Scene) -> bytes | None:
         rows += [_rows(path) for path in meshes]
     except (OSError, ValueError):
         return None
-    return msgspec.json.encode([len(heightmaps), rows, _decoders()])
+    return msgspec.json.encode([len(heightmaps), rows])
 
 
 def _rows(mesh: Path) -> list[tuple[str, str]]:
@@ -55,15 +54,3 @@ def _rows(mesh: Path) -> list[tuple[str, str]]:
     named = [(str(file), file) for file in mesh_files(mesh)[1:] if file.is_file()]
     short = [(name.removeprefix(f"{mesh.parent}/"), file_digest(file)) for name, file in named]
     return [(mesh.name, file_digest(mesh)), *short]
-
-
-def _decoders() -> list[str]:
-    """Versions of the optional decoders; the other readers are part of the software's digest."""
-    return [_version(name) for name in ("dracopy", "meshopt", "opengl-basisu")]
-
-
-def _version(distribution: str) -> str:
-    try:
-        return importlib.metadata.version(distribution)
-    except importlib.metadata.PackageNotFoundError:
-        return ""
