@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from functools import cache
+from typing import Any
+
 import warp as wp
 
+from twin.render.build import Features
 from twin.render.light.lamps import (
     SODIUM,
     WARM_WHITE,
@@ -14,8 +18,9 @@ from twin.render.light.lamps import (
     vehicles_lux,
 )
 from twin.render.light.light import SlotLight
+from twin.render.look_surface import Shine, bent_normal, color_of, shine_of, with_look
 from twin.render.surface import SurfacePoint, surface_at
-from twin.render.texture import texture_at
+from twin.render.texture import sample, texture_at
 from twin.render.trace import traverse
 from twin.render.trace.geometry import Face, RayScene, turned
 from twin.render.trace.rays import Optics, SlotPose
@@ -183,45 +188,85 @@ def _object_lamps(scene: RayScene, slot: wp.int32, m: wp.int32) -> wp.vec2:
     return on
 
 
-@wp.func
-def surface_of(
-    scene: RayScene,
-    slot: wp.int32,
-    optics: Optics,
-    at: ShadedPoint,
-    direction: wp.vec3,
-    light: SlotLight,
-) -> SurfacePoint:
-    """Reflectance and own light at a place seen along ``direction``."""
-    face = scene.faces[at.face]
-    slope = wp.max(0.2, wp.abs(wp.dot(at.n, direction)))
-    albedo = albedo_at(scene, face, at.face, at.u, at.v, at.distance * optics.pixel / slope)
-    on = _object_lamps(scene, slot, at.object)
-    ground = wp.vec2(at.p[0], at.p[1])
-    along = at.p[0]
-    if wp.abs(at.n[0]) > 0.7:
-        along = at.p[1] + 0.7
-    if face.texture == _UV_METRES:
-        ground = _uv_at(scene, at.face, at.u, at.v)
-        along = ground[0]
-    return surface_at(face, albedo, on, ground, along, at.p, at.n, at.distance, light)
+@cache
+def surface_functions(features: Features) -> tuple[Any, Any]:
+    """``surface_of`` and ``matt_light`` for worlds with such ``features``."""
+    looks = features.looks
 
+    @wp.func
+    def surface_of(
+        scene: RayScene,
+        slot: wp.int32,
+        optics: Optics,
+        at: ShadedPoint,
+        direction: wp.vec3,
+        light: SlotLight,
+    ) -> SurfacePoint:
+        """Reflectance and own light at a place seen along ``direction``."""
+        face = scene.faces[at.face]
+        slope = wp.max(0.2, wp.abs(wp.dot(at.n, direction)))
+        footprint = at.distance * optics.pixel / slope
+        if wp.static(looks):
+            uv = _uv_at(scene, at.face, at.u, at.v)
+            texels = footprint * face.uv_per_m
+            row = scene.looks.row[at.face]
+            albedo = color_of(scene, face.color, row, at.u, at.v)
+            share = Shine()
+            if face.texture >= 0:
+                albedo = wp.cw_mul(albedo, sample(scene.textures, face.texture, uv, texels))
+            if row >= 0:
+                share = shine_of(scene, scene.looks.look[row], albedo, uv, texels)
+                albedo = albedo * share.matt
+        else:
+            albedo = albedo_at(scene, face, at.face, at.u, at.v, footprint)
+        on = _object_lamps(scene, slot, at.object)
+        ground = wp.vec2(at.p[0], at.p[1])
+        along = at.p[0]
+        if wp.abs(at.n[0]) > 0.7:
+            along = at.p[1] + 0.7
+        if face.texture == _UV_METRES:
+            ground = _uv_at(scene, at.face, at.u, at.v)
+            along = ground[0]
+        s = surface_at(face, albedo, on, ground, along, at.p, at.n, at.distance, light)
+        if wp.static(looks):
+            s.tint = wp.vec3(1.0, 1.0, 1.0)
+            if row >= 0:
+                s = with_look(
+                    s,
+                    scene,
+                    slot,
+                    at.face,
+                    at.object,
+                    at.n,
+                    at.u,
+                    at.v,
+                    uv,
+                    texels,
+                    share,
+                    direction,
+                    light,
+                )
+        return s
 
-@wp.func
-def matt_light(
-    scene: RayScene,
-    slot: wp.int32,
-    lamps: StreetLamps,
-    beams: wp.array2d(dtype=LampBeams),
-    optics: Optics,
-    pose: SlotPose,
-    at: ShadedPoint,
-    s: SurfacePoint,
-    light: SlotLight,
-) -> wp.vec3:
-    """What a place reflects in all directions and what it emits [cd/m^2]."""
-    n = at.n
-    if scene.faces[at.face].material == _FOLIAGE:  # leaves face every way
-        n = wp.normalize(n + s.ruffle)
-    lux = irradiance(scene, slot, lamps, beams, optics, pose, at, n, s.retro, light)
-    return wp.cw_mul(s.albedo, lux) * PI_INVERSE + s.emission
+    @wp.func
+    def matt_light(
+        scene: RayScene,
+        slot: wp.int32,
+        lamps: StreetLamps,
+        beams: wp.array2d(dtype=LampBeams),
+        optics: Optics,
+        pose: SlotPose,
+        at: ShadedPoint,
+        s: SurfacePoint,
+        light: SlotLight,
+    ) -> wp.vec3:
+        """What a place reflects in all directions and what it emits [cd/m^2]."""
+        n = at.n
+        if scene.faces[at.face].material == _FOLIAGE:  # leaves face every way
+            n = wp.normalize(n + s.ruffle)
+        elif wp.static(looks):
+            n = bent_normal(scene, at.face, n, s)
+        lux = irradiance(scene, slot, lamps, beams, optics, pose, at, n, s.retro, light)
+        return wp.cw_mul(s.albedo, lux) * PI_INVERSE + s.emission
+
+    return surface_of, matt_light

@@ -10,10 +10,13 @@ import numpy as np
 
 from twin.world.content import MeshFile
 from twin.world.meshes import materials
+from twin.world.meshes.details import FaceLook, Mask
 from twin.world.meshes.mesh import MeshBuilder
-from twin.world.meshes.mesh_file import Part, load_mesh
+from twin.world.meshes.mesh_file import load_mesh
 from twin.world.meshes.mesh_header import FACES_MAX
+from twin.world.meshes.part import Part
 from twin.world.meshes.terrain import add_terrain
+from twin.world.meshes.world_looks import WorldLooks
 from twin.world.scene import Scene
 from twin.world.street.layout import Hull
 
@@ -29,6 +32,10 @@ class ImportedMeshes:
     """Object classes of the new instances."""
     hulls: list[Hull]
     textures: tuple[np.ndarray, ...]
+    kinds: tuple[int, ...]
+    """Of the textures; empty: all are of the usual kind."""
+    masks: tuple[Mask, ...]
+    looks: tuple[FaceLook, ...]
     notes: tuple[str, ...]
 
 
@@ -43,7 +50,7 @@ def add_imports(mesh: MeshBuilder, scene: Scene, first_instance: int) -> Importe
     classes: list[str] = []
     hulls: list[Hull] = []
     notes: list[str] = []
-    textures: list[np.ndarray] = []
+    looks = WorldLooks()
     faces = 0
     for number, item in enumerate(scene.meshes):
         try:
@@ -58,20 +65,27 @@ def add_imports(mesh: MeshBuilder, scene: Scene, first_instance: int) -> Importe
             raise ValueError(f"meshes[{number}]: {error}") from None
         for part, points in zip(data.parts, moved, strict=True):
             faces += len(part.faces)
-            _add(mesh, part, points, item, instance, textures)
+            _add(mesh, part, points, item, instance, looks)
         if faces > FACES_MAX:
             raise ValueError(f"meshes: together more than {FACES_MAX} faces; simplify them first")
         if item.solid:
             hulls.append(_hull(data.parts, item))
         notes += data.notes
-    return ImportedMeshes(classes, hulls, tuple(textures), tuple(notes))
+    return ImportedMeshes(
+        classes,
+        hulls,
+        tuple(looks.textures),
+        tuple(looks.kinds) if any(looks.kinds) else (),
+        tuple(looks.masks),
+        tuple(looks.looks),
+        tuple(notes),
+    )
 
 
 def _upright(points: np.ndarray, item: MeshFile) -> np.ndarray:
     """Scaled, with z up, and turned by roll and pitch."""
-    up = item.up or ("y" if Path(item.file).suffix.lower() in (".glb", ".gltf") else "z")
     p = points * item.scale
-    if up == "y":  # x stays, y becomes z, z becomes -y
+    if _up(item) == "y":  # x stays, y becomes z, z becomes -y
         p = np.stack([p[:, 0], -p[:, 2], p[:, 1]], axis=1)
     roll, pitch, _ = np.radians(item.rotation_deg)
     about_x = np.array(
@@ -83,12 +97,22 @@ def _upright(points: np.ndarray, item: MeshFile) -> np.ndarray:
     return p @ (about_y @ about_x).T
 
 
+def _up(item: MeshFile) -> str:
+    return item.up or ("y" if Path(item.file).suffix.lower() in (".glb", ".gltf") else "z")
+
+
 def _placed(points: np.ndarray, item: MeshFile) -> np.ndarray:
     p = _upright(points, item)
     yaw = math.radians(item.rotation_deg[2])
     c, s = math.cos(yaw), math.sin(yaw)
     turned = np.stack([c * p[:, 0] - s * p[:, 1], s * p[:, 0] + c * p[:, 1], p[:, 2]], axis=1)
     return turned + np.array(item.position_m)
+
+
+def _turn(item: MeshFile) -> np.ndarray:
+    """Rotation from the file to the world [3, 3]."""
+    axes = _placed(np.vstack([np.zeros(3), np.eye(3)]), item)
+    return (axes[1:] - axes[0]).T / item.scale
 
 
 def _check_reach(moved: list[np.ndarray], item: MeshFile) -> None:
@@ -117,15 +141,13 @@ def _add(
     points: np.ndarray,
     item: MeshFile,
     instance: int,
-    textures: list[np.ndarray],
+    looks: WorldLooks,
 ) -> None:
     own_look = item.material is None and item.color is None
-    texture = -1
-    if part.image is not None and own_look:
-        known = [i for i, image in enumerate(textures) if image is part.image]
-        texture = known[0] if known else len(textures)
-        if not known:
-            textures.append(part.image)
+    texture = looks.image(part.image, part.wrap) if own_look else -1
+    details = looks.details(
+        part, _turn(item), own_look=own_look, emission_cd_m2=item.emission_cd_m2
+    )
     color = part.color
     if item.color is not None:
         color = np.broadcast_to(np.array(item.color), color.shape)
@@ -136,6 +158,7 @@ def _add(
             part.faces,
             material,
             color,
-            uv=part.uv if texture >= 0 else None,
+            uv=part.uv if texture >= 0 or details is not None else None,
             texture=texture,
+            details=details,
         )
