@@ -151,6 +151,9 @@ def _add(
     color = part.color
     if item.color is not None:
         color = np.broadcast_to(np.array(item.color), color.shape)
+    elif texture >= 0:  # what the image is multiplied with
+        corners = None if part.colors is None else part.colors[part.faces]
+        color = np.ones_like(color) if corners is None else corners.mean(axis=1)
     material = materials.PLAIN if item.material is None else materials.NAMES[item.material]
     with mesh.label(item.semantic, instance):
         mesh.add(

@@ -46,7 +46,7 @@ class Mesh:
     semantic: np.ndarray
     """int32 [F], index into :data:`schemas.messages.SEMANTIC_CLASSES`"""
     texture: np.ndarray
-    """int32 [F], image of the world's list, which takes the place of the colour; -1 for none;
+    """int32 [F], image of the world's list, which is multiplied with the colour; -1 for none;
     :data:`UV_METRES`"""
     uv: np.ndarray
     """float32 [V, 2], u to the right and v up in the image (row = (1 - v) * height), repeating;

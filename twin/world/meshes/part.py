@@ -66,7 +66,7 @@ def simplify(part: Part) -> list[str]:
         part.image, part.alpha, part.maps = None, None, [None] * MAPS
     if part.alpha is not None and part.alpha.min() >= part.cutoff:
         part.alpha = None
-    if part.colors is not None:
+    if part.colors is not None and part.image is None:
         corners = part.colors[part.faces]
         if np.array_equal(corners, np.broadcast_to(corners[:, :1], corners.shape)):
             part.colors = None
