@@ -60,7 +60,7 @@ def pack_textures(
         data = bool(kinds) and bool(kinds[number] & DATA)
         key = (id(texture), data)
         if key in places:  # the same image, which goes on otherwise beyond its borders
-            row[...] = places[key]
+            rows[number] = places[key]
             continue
         row["first"], row["height"], row["width"] = first, *texture.shape[:2]
         level = texture

@@ -74,12 +74,7 @@ class WorldLooks:
             self.looks.append(look)
         normals, tangents = part.normals, None
         if look.maps[NORMAL] >= 0:
-            tangents = part.tangents
-            if tangents is None or normals is None:
-                assert part.uv is not None
-                flat = vertex_normals(part.points, part.faces) if normals is None else normals
-                tangents = tangents_of(part.points, part.faces, part.uv, flat)
-            tangents = np.concatenate([tangents[:, :3] @ turn.T, tangents[:, 3:]], axis=1)
+            tangents = _unit_tangents(part) @ _with_sign(turn)
         return CornerDetails(
             number,
             None if normals is None else normals @ turn.T,
@@ -118,6 +113,26 @@ class WorldLooks:
             map_from_uv=tuple(m if n >= 0 else SAME for m, n in zip(matrices, maps, strict=True)),
             mirrors=shines and _mirror_most(part) >= MIRROR_MIN,
         )
+
+
+def _unit_tangents(part: Part) -> np.ndarray:
+    """Tangents of a part with a normal map [V, 4]: those of the file, or those of its texture
+    coordinates."""
+    if part.tangents is None:
+        assert part.uv is not None
+        own = part.normals
+        normals = vertex_normals(part.points, part.faces) if own is None else own
+        return tangents_of(part.points, part.faces, part.uv, normals)
+    length = np.linalg.norm(part.tangents[:, :3], axis=1, keepdims=True)
+    unit = part.tangents[:, :3] / np.maximum(length, 1e-12)
+    return np.concatenate([unit, np.sign(part.tangents[:, 3:])], axis=1)
+
+
+def _with_sign(turn: Turn) -> np.ndarray:
+    """What turns rows of x, y, z and a sign [4, 4]."""
+    found = np.eye(4)
+    found[:3, :3] = turn.T
+    return found
 
 
 def _mirror_most(part: Part) -> float:
