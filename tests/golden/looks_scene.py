@@ -78,14 +78,14 @@ def fence(file):
         np.minimum((x - y) % 32, (y - x) % 32) < 3
     )
     pixels = np.zeros((64, 64, 4), np.uint8)
-    pixels[..., :3] = (150, 155, 160)
+    pixels[..., :3] = (60, 66, 72)
     pixels[..., 3] = 255 * wires
     wire = material(file, {"baseColorTexture": {"index": texture(file, pixels)}}, alphaMode="MASK")
-    quad(file, (9, 7.5, 0), (9, 3.5, 0), (0, 0, 2), uv_max=(8, 4), material=wire)
+    quad(file, (9, 6.2, 0), (9, 3.2, 0), (0, 0, 2), uv_max=(6, 4), material=wire)
     stripes = np.zeros((1, 32, 3), np.uint8)
     stripes[0, :16], stripes[0, 16:] = (190, 30, 25), (225, 225, 220)
     behind = material(file, {"baseColorTexture": {"index": texture(file, stripes)}})
-    quad(file, (12, 9.5, 0), (12, 4.5, 0), (0, 0, 2.6), uv_max=(4, 1), material=behind)
+    quad(file, (12, 8.5, 0), (12, 4.5, 0), (0, 0, 2.6), uv_max=(4, 1), material=behind)
 
 
 def ball(file):
