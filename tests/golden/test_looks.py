@@ -10,11 +10,16 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+import warp as wp
 from golden.looks_scene import write_yard
 from golden.test_pictures import MEAN_MAX, PERCENTILE_99_MAX, SEEN, difference
 
 from schemas.campaign import Camera
+from twin.render.memory import material_bytes
+from twin.render.trace.geometry import Geometry
 from twin.snapshot import contact_sheet
+from twin.world.scene import load_scene
+from twin.world.street.build import build_world
 
 FILE = Path(__file__).with_name("yard.png")
 HOURS, WEATHERS = ("13:00", "22:30"), ("clear", "light_snow")
@@ -74,3 +79,16 @@ def test_the_sign_is_green_by_day_and_glares_at_night(sheet):
     day, night = (found[hour, "clear"].astype(int)[40, 205] for hour in HOURS)
     assert day[1] > day[0] + 60
     assert night.min() > 200
+
+
+def test_the_plan_of_memory_counts_what_materials_take(tmp_path):
+    """All arrays of images, holes and details on a device, and a few bytes of tables."""
+    world = build_world(load_scene(str(write_yard(tmp_path))))
+    scene = Geometry(world, 1, wp.get_device("cpu")).scene
+    arrays = [scene.textures.texels, scene.cuts.of_face, scene.cuts.alpha]
+    looks = scene.looks
+    arrays += [looks.row, looks.look, looks.normal, looks.rise, looks.color, looks.tangent]
+    assert all(array.size for array in arrays)
+    taken = sum(array.size * wp.types.type_size_in_bytes(array.dtype) for array in arrays)
+    assert material_bytes(world) == taken
+    assert material_bytes(build_world(load_scene("crossing"))) == 0

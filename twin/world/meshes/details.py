@@ -99,8 +99,8 @@ class FaceDetails:
 
     @property
     def bytes(self) -> int:
-        """Memory that the arrays take on a device, with what is derived from them [bytes]."""
-        arrays = (self.row, self.look, self.normal, self.color, self.tangent)
+        """Memory that the rows take on a device, with what is derived from them [bytes]."""
+        arrays = (self.look, self.normal, self.color, self.tangent)
         return sum(array.nbytes for array in arrays) + self.normal.nbytes * 2 // 3
 
 
