@@ -6,7 +6,7 @@ import warp as wp
 from masks import alpha_at
 from pictures import CPU, camera_in, flat, joined, light_slot, mesh_of, quad, world_of
 
-from twin.render.look_surface import shine_of, smooth_point
+from twin.render.look_surface import look_point, smooth_point
 from twin.render.texture import Textures, pack_textures, sample
 from twin.render.trace.geometry import Geometry, RayScene
 from twin.world.meshes.details import (
@@ -101,14 +101,14 @@ def empty(width):
     return np.zeros((0, 3, width), np.float32)
 
 
-def detailed(points, faces, look, *, normal=None, color=None, tangent=None, **values):
+def detailed(points, faces, look, *, normal=None, corner=None, tangent=None, **values):
     """A world of one mesh all of whose faces have a look."""
     count = len(faces)
     details = FaceDetails(
         np.arange(count, dtype=np.int32),
         np.zeros(count, np.int32),
         empty(3) if normal is None else np.asarray(normal, np.float32),
-        empty(3) if color is None else np.asarray(color, np.float32),
+        empty(3) if corner is None else np.asarray(corner, np.float32),
         empty(4) if tangent is None else np.asarray(tangent, np.float32),
     )
     more = {k: values.pop(k) for k in ("textures", "texture_kinds", "masks") if k in values}
@@ -194,7 +194,7 @@ def test_colours_between_corners():
         share = (k + 0.5) / 32
         colors += [ends[0] * (1 - share) + ends[1] * share] * 2
     strip_points, strip_faces = joined(*strips)
-    mixed = detailed(points, faces, FaceLook(colored=True), color=ends[faces])
+    mixed = detailed(points, faces, FaceLook(colored=True), corner=ends[faces])
     cut = world_of(mesh_of(strip_points, strip_faces, color=np.array(colors, np.float32)))
     one, other = (
         camera_in(world).render(flat((0, 0, 0)))[0].astype(int)[8:28, 16:48]
@@ -216,10 +216,7 @@ def test_own_light_is_a_luminance(minute):
         # An upright wall in the open: sky times 0.78 / 4 + 0.05, over pi.
         glow = tuple(emission * 0.5 * s * (0.78 * 0.25 + 0.05) / np.pi for s in sky)
         color = np.full((2, 3), albedo, np.float32)
-        camera = camera_in(detailed(points, faces, FaceLook(emission=glow), color=None))
-        mesh = camera.geometry.scene.faces.numpy()
-        mesh["color"] = color
-        camera.geometry.scene.faces.assign(mesh)
+        camera = camera_in(detailed(points, faces, FaceLook(emission=glow), color=color))
         light_slot(camera, 0, minute=minute, exposure=exposure, **lit)
         pictures.append(camera.render(flat((0, 0, 0)))[0].astype(int))
     matt, own = pictures
@@ -259,18 +256,14 @@ def test_a_normal_map_bends_normals_along_u_and_v():
 
 
 @wp.kernel(module="unique", enable_backward=False)
-def shine_kernel(
-    scene: RayScene,
-    base: wp.vec3,
-    uv: wp.array(dtype=wp.vec2),
-    out: wp.array2d(dtype=wp.float32),
-):
+def shine_kernel(scene: RayScene, uv: wp.array(dtype=wp.vec2), out: wp.array2d(dtype=wp.float32)):
     i = wp.tid()
-    found = shine_of(scene, 0, base, uv[i], 0.0)
-    out[i, 0] = found.matt
-    out[i, 1] = found.mirror
+    front = wp.vec3(0.0, 0.0, 1.0)
+    found = look_point(scene, 0, 0, -1, front, 0.3, 0.3, uv[i], 0.0, -front)
+    out[i, 3] = found.mirror
     for k in range(3):
-        out[i, 2 + k] = found.tint[k]
+        out[i, k] = found.albedo[k]
+        out[i, 4 + k] = found.tint[k]
 
 
 def test_metal_and_roughness_divide_the_light():
@@ -278,26 +271,27 @@ def test_metal_and_roughness_divide_the_light():
     texels = np.array([(0, 0, 0), (0, 0, 255), (0, 128, 255), (0, 255, 255), (0, 64, 128)])
     image = texels[None].astype(np.uint8)
     look = FaceLook(metallic=0.9, roughness=0.8, maps=(-1, -1, 0))
+    assert look.maps[SHINE] == 0
     world = detailed(
-        np.eye(3),
+        np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]),
         [[0, 1, 2]],
         look,
+        color=np.array([base], np.float32),
         textures=(image,),
-        texture_kinds=(texture_kind(1, 1, data=True),),
+        texture_kinds=(texture_kind(CLAMP, CLAMP, data=True),),
     )
     uv = np.stack([(np.arange(5) + 0.5) / 5, np.full(5, 0.5)], axis=1)
-    out = wp.zeros((5, 5), dtype=wp.float32, device=CPU)
-    inputs = [Geometry(world, 1, CPU).scene, wp.vec3(*base), wp.array(uv, dtype=wp.vec2)]
+    out = wp.zeros((5, 7), dtype=wp.float32, device=CPU)
+    inputs = [Geometry(world, 1, CPU).scene, wp.array(uv, dtype=wp.vec2)]
     wp.launch(shine_kernel, 5, inputs, [out], device=CPU)
-    assert look.maps[SHINE] == 0
     for row, (_, green, blue) in zip(out.numpy(), texels / 255.0, strict=True):
         rough, metal = 0.8 * green, 0.9 * blue
         sharp = np.clip((0.6 - rough) / 0.5, 0, 1) ** 2
         color = (metal * base + 0.04 * (1 - metal)) * sharp
-        assert row[0] == pytest.approx(1 - metal * sharp, abs=1e-4)
-        assert row[1] == pytest.approx(color.max(), abs=1e-4)
+        np.testing.assert_allclose(row[:3], base * (1 - metal * sharp), atol=1e-4)
+        assert row[3] == pytest.approx(color.max(), abs=1e-4)
         if color.max() > 0:
-            np.testing.assert_allclose(row[2:], color / color.max(), atol=1e-3)
+            np.testing.assert_allclose(row[4:], color / color.max(), atol=1e-3)
 
 
 @pytest.mark.parametrize("way", ["followed", "sky alone"])

@@ -5,13 +5,13 @@ from __future__ import annotations
 import warp as wp
 
 from twin.render.light.light import SlotLight
-from twin.render.looks import MapUse
 from twin.render.surface import SurfacePoint, snow_share
 from twin.render.texture import sample
 from twin.render.trace.geometry import RayScene, turned
-from twin.world.meshes.details import DIELECTRIC, MATT_FROM, SHARP_TO
+from twin.world.meshes.details import DIELECTRIC, EMISSION, MATT_FROM, NORMAL, SHARP_TO
 
 _DIELECTRIC = wp.constant(DIELECTRIC)
+_EMISSION, _NORMAL = wp.constant(EMISSION), wp.constant(NORMAL)
 _MATT_FROM = wp.constant(MATT_FROM)
 _SHARP_SPAN = wp.constant(MATT_FROM - SHARP_TO)
 # A normal that looks away from the viewer is bent back until it does so no more, by this cosine.
@@ -29,15 +29,19 @@ class SmoothPoint:
 
 
 @wp.struct
-class Shine:
-    """How a surface divides light."""
+class LookPoint:
+    """What a face's material says of a point of it."""
 
-    matt: wp.float32
-    """Share of the base colour that is reflected in all directions."""
+    albedo: wp.vec3
+    """Diffuse reflectance, linear RGB [-]."""
     mirror: wp.float32
     """Reflectance of the mirror part at normal incidence [-]."""
     tint: wp.vec3
     """Colour of the mirror part, 1 at most."""
+    emission: wp.vec3
+    """Own luminance [cd/m^2]."""
+    ruffle: wp.vec3
+    """Added to the face's normal, on the side of the viewer."""
 
 
 @wp.func
@@ -68,9 +72,9 @@ def smooth_point(
     """
     point = SmoothPoint()
     point.n = flat
-    row = scene.looks.row[face]
-    if row < 0:
+    if scene.faces[face].uv_per_m >= 0.0:
         return point
+    row = scene.looks.row[face]
     if scene.looks.table[scene.looks.look[row]].smooth == 0:
         return point
     first = 3 * row
@@ -98,81 +102,49 @@ def smooth_point(
 @wp.func
 def look_mirrors(scene: RayScene, face: wp.int32) -> wp.bool:
     """Whether a face's material can be a mirror that is worth a ray."""
-    row = scene.looks.row[face]
-    if row < 0:
+    if scene.faces[face].uv_per_m >= 0.0:
         return False
+    row = scene.looks.row[face]
     return scene.looks.table[scene.looks.look[row]].mirrors != 0
 
 
 @wp.func
-def color_of(
-    scene: RayScene, color: wp.vec3, row: wp.int32, u: wp.float32, v: wp.float32
-) -> wp.vec3:
-    """Colour of a face: ``color``, or that between the corners of its row of details."""
-    if row < 0:
-        return color
-    if scene.looks.table[scene.looks.look[row]].colored == 0:
-        return color
-    first = 3 * row
-    mean = scene.looks.color[first] * u + scene.looks.color[first + 1] * v
-    return mean + scene.looks.color[first + 2] * (1.0 - u - v)
-
-
-@wp.func
-def bent_normal(scene: RayScene, face: wp.int32, n: wp.vec3, s: SurfacePoint) -> wp.vec3:
+def bent_normal(n: wp.vec3, s: SurfacePoint) -> wp.vec3:
     """``n`` as the face's material bends it."""
-    if scene.looks.row[face] < 0:
+    if wp.dot(s.ruffle, s.ruffle) == 0.0:
         return n
     return wp.normalize(n + s.ruffle)
 
 
 @wp.func
-def _map_at(scene: RayScene, use: MapUse, uv: wp.vec2, footprint: wp.float32) -> wp.vec3:
-    at = wp.vec3(uv[0], uv[1], 1.0)
-    there = wp.vec2(wp.dot(use.u, at), wp.dot(use.v, at))
-    return sample(scene.textures, use.texture, there, footprint * use.scale)
-
-
-@wp.func
-def shine_of(
-    scene: RayScene, look: wp.int32, base: wp.vec3, uv: wp.vec2, footprint: wp.float32
-) -> Shine:
-    """Metalness and roughness as this renderer knows them.
+def divided(at: LookPoint, base: wp.vec3, metallic: wp.float32, roughness: wp.float32) -> LookPoint:
+    """``at`` with metalness and roughness as this renderer knows them.
 
     A metal mirrors its base colour, anything else 0.04 (glTF 2.0, B.3.1). The rougher, the less of
     a metal's mirrored light makes an image; the rest is reflected as by a matt surface.
     """
-    metallic = scene.looks.table[look].metallic
-    roughness = scene.looks.table[look].roughness
-    use = scene.looks.table[look].shine_map
-    if use.texture >= 0:
-        texel = _map_at(scene, use, uv, footprint)
-        roughness = roughness * texel[1]
-        metallic = metallic * texel[2]
     sharp = wp.clamp((_MATT_FROM - roughness) / _SHARP_SPAN, 0.0, 1.0)
     sharp = sharp * sharp
-    share = Shine()
-    share.matt = 1.0 - metallic * sharp
     plain = _DIELECTRIC * (1.0 - metallic)
     color = (base * metallic + wp.vec3(plain, plain, plain)) * sharp
-    share.mirror = wp.max(color[0], wp.max(color[1], color[2]))
-    share.tint = color / wp.max(share.mirror, 1.0e-6)
-    return share
+    at.albedo = base * (1.0 - metallic * sharp)
+    at.mirror = wp.max(color[0], wp.max(color[1], color[2]))
+    at.tint = color / wp.max(at.mirror, 1.0e-6)
+    return at
 
 
 @wp.func
-def _mapped_normal(
+def _mapped(
     scene: RayScene,
-    row: wp.int32,
-    look: wp.int32,
+    first: wp.int32,
     front: wp.vec3,
     u: wp.float32,
     v: wp.float32,
-    uv: wp.vec2,
-    footprint: wp.float32,
+    texel: wp.vec3,
+    scale: wp.float32,
 ) -> wp.vec3:
-    """``front``, in the mesh's axes, as the normal map bends it."""
-    first = 3 * row
+    """``front``, in the mesh's axes, as a texel of the normal map bends it; ``first``: row of the
+    first of the face's corners."""
     w = 1.0 - u - v
     mean = scene.looks.tangent[first] * u + scene.looks.tangent[first + 1] * v
     mean = mean + scene.looks.tangent[first + 2] * w
@@ -183,8 +155,6 @@ def _mapped_normal(
     along = wp.normalize(along)
     turn = wp.where(mean[3] < 0.0, wp.float32(-1.0), wp.float32(1.0))
     up = wp.cross(front, along) * turn
-    texel = _map_at(scene, scene.looks.table[look].normal_map, uv, footprint)
-    scale = scene.looks.table[look].normal_scale
     x = (2.0 * texel[0] - 1.0) * scale
     y = (2.0 * texel[1] - 1.0) * scale
     z = 2.0 * texel[2] - 1.0
@@ -195,8 +165,7 @@ def _mapped_normal(
 
 
 @wp.func
-def with_look(
-    s: SurfacePoint,
+def look_point(
     scene: RayScene,
     slot: wp.int32,
     face: wp.int32,
@@ -206,15 +175,63 @@ def with_look(
     v: wp.float32,
     uv: wp.vec2,
     footprint: wp.float32,
-    share: Shine,
     direction: wp.vec3,
-    light: SlotLight,
-) -> SurfacePoint:
-    """``s`` with the normal, mirror and own light of the face's material."""
+) -> LookPoint:
+    """The point of a face that has a row of details.
+
+    Args:
+        scene: what is seen.
+        slot: of the case.
+        face: row of the table of faces.
+        m: object that it belongs to; -1: static.
+        flat: normal of the face on the side of the viewer.
+        u: weight of the first corner.
+        v: weight of the second one.
+        uv: texture coordinates there.
+        footprint: width of the pixel in texture coordinates.
+        direction: along which it is seen.
+    """
     row = scene.looks.row[face]
     look = scene.looks.look[row]
+    at = LookPoint()
+    base = scene.faces[face].color
+    if scene.looks.table[look].colored != 0:
+        base = scene.looks.color[3 * row] * u + scene.looks.color[3 * row + 1] * v
+        base = base + scene.looks.color[3 * row + 2] * (1.0 - u - v)
+    metallic = scene.looks.table[look].metallic
+    roughness = scene.looks.table[look].roughness
+    emission = scene.looks.table[look].emission
+    bump = wp.vec3(0.5, 0.5, 1.0)
+    bumpy = wp.bool(False)
+    # One loop over all images, so that the code of an image stands there once.
+    for k in range(scene.looks.table[look].images):
+        texture = scene.faces[face].texture
+        there = uv
+        wide = footprint
+        if k > 0:
+            texture = scene.looks.maps[look, k - 1].texture
+            if texture >= 0:
+                one = wp.vec3(uv[0], uv[1], 1.0)
+                x = wp.dot(scene.looks.maps[look, k - 1].u, one)
+                y = wp.dot(scene.looks.maps[look, k - 1].v, one)
+                there = wp.vec2(x, y)
+                wide = footprint * scene.looks.maps[look, k - 1].scale
+        if texture >= 0:
+            texel = sample(scene.textures, texture, there, wide)
+            if k == 0:
+                base = wp.cw_mul(base, texel)
+            elif k == 1 + _EMISSION:
+                emission = wp.cw_mul(emission, texel)
+            elif k == 1 + _NORMAL:
+                bump = texel
+                bumpy = wp.bool(True)
+            else:
+                roughness = roughness * texel[1]
+                metallic = metallic * texel[2]
+    at.emission = emission
+    at = divided(at, base, metallic, roughness)
     n = smooth_point(scene, slot, face, m, u, v, flat).n
-    if scene.looks.table[look].normal_map.texture >= 0:
+    if bumpy:
         # In the mesh's axes, before it: objects only turn about z.
         own = n
         front = flat
@@ -224,21 +241,24 @@ def with_look(
             own = turned(n, cosine, -sine)
             front = turned(flat, cosine, -sine)
         side = wp.where(wp.dot(front, scene.faces[face].normal) < 0.0, -1.0, 1.0)
-        own = _mapped_normal(scene, row, look, own * side, u, v, uv, footprint) * side
+        scale = scene.looks.table[look].normal_scale
+        own = _mapped(scene, 3 * row, own * side, u, v, bump, scale) * side
         n = object_turned(own, scene, slot, m)
     away = wp.dot(n, direction)
     if away > -_FACING:
         n = wp.normalize(n - direction * (away + _FACING))
-    s.ruffle = n - flat
-    if share.mirror > 0.0:
-        s.mirror = share.mirror * (1.0 - snow_share(flat, light))
-        s.tint = share.tint
-    glow = scene.looks.table[look].emission
-    if glow[0] + glow[1] + glow[2] > 0.0:
-        use = scene.looks.table[look].emission_map
-        if use.texture >= 0:
-            glow = wp.cw_mul(glow, _map_at(scene, use, uv, footprint))
-        s.emission = s.emission + glow
+    at.ruffle = n - flat
+    return at
+
+
+@wp.func
+def with_look(s: SurfacePoint, at: LookPoint, flat: wp.vec3, light: SlotLight) -> SurfacePoint:
+    """``s``, a surface of ``at``'s albedo, with the rest of what the material says."""
+    s.ruffle = at.ruffle
+    s.emission = s.emission + at.emission
+    if at.mirror > 0.0:
+        s.mirror = at.mirror * (1.0 - snow_share(flat, light))
+        s.tint = at.tint
     return s
 
 

@@ -12,22 +12,9 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from twin.world.meshes.details import EMISSION, NORMAL, SHINE, FaceLook
+from twin.world.meshes.details import MAPS, FaceLook
 from twin.world.meshes.mesh import Mesh
 from twin.world.street.build import World
-
-
-@wp.struct
-class MapUse:
-    """A map as a material uses it."""
-
-    texture: wp.int32
-    """Image; -1: there is none."""
-    u: wp.vec3
-    """Its u from those of the face and 1."""
-    v: wp.vec3
-    scale: wp.float32
-    """Its texture coordinates per one of the face."""
 
 
 @wp.struct
@@ -40,14 +27,26 @@ class LookRow:
     """1: corners have colours, which take the place of the face's."""
     mirrors: wp.int32
     """1: it mirrors strongly enough to be worth a ray."""
+    images: wp.int32
+    """Images to look at, that of the face's colour included."""
     emission: wp.vec3
     """Own luminance [cd/m^2]."""
     metallic: wp.float32
     roughness: wp.float32
     normal_scale: wp.float32
-    emission_map: MapUse
-    normal_map: MapUse
-    shine_map: MapUse
+
+
+@wp.struct
+class MapRow:
+    """A map of a material."""
+
+    texture: wp.int32
+    """Image; -1: there is none."""
+    u: wp.vec3
+    """Its u from those of the face and 1."""
+    v: wp.vec3
+    scale: wp.float32
+    """Its texture coordinates per one of the face."""
 
 
 @wp.struct
@@ -59,6 +58,9 @@ class LookTables:
     look: wp.array(dtype=wp.int32)
     """Material of each row [R]."""
     table: wp.array(dtype=LookRow)
+    """Materials [L]."""
+    maps: wp.array2d(dtype=MapRow)
+    """Their maps [L, 3], by their places in :mod:`twin.world.meshes.details`."""
     normal: wp.array(dtype=wp.vec3)
     """Of corners [3 R or 0], unit, in the mesh's own axes."""
     rise: wp.array(dtype=wp.vec2)
@@ -72,9 +74,7 @@ class LookTables:
 
 def has_looks(world: World) -> bool:
     """Whether pictures of a world need the details of faces; masks alone do not."""
-    return bool(world.texture_kinds) or any(
-        look != FaceLook(mask=look.mask) for look in world.looks
-    )
+    return any(look != FaceLook(mask=look.mask) for look in world.looks)
 
 
 def pack_looks(meshes: Sequence[Mesh], world: World, device: wp.Device) -> LookTables:
@@ -97,9 +97,10 @@ def pack_looks(meshes: Sequence[Mesh], world: World, device: wp.Device) -> LookT
         corners = mesh.points_m[mesh.faces[order]].astype(float)
         parts.append((details, rises(corners, details.normal)))
         count += len(details.look)
-    table = np.zeros(max(1, len(world.looks)), LookRow.numpy_dtype())
-    for row, look in zip(table, world.looks, strict=False):
-        _fill(row, look)
+    table = np.zeros(len(world.looks), LookRow.numpy_dtype())
+    maps = np.zeros((len(world.looks), MAPS), MapRow.numpy_dtype())
+    for row, own, look in zip(table, maps, world.looks, strict=True):
+        _fill(row, own, look)
 
     def corner_array(values: list[np.ndarray], width: int, dtype: Any) -> wp.array:
         wanted = any(len(value) for value in values)
@@ -107,13 +108,13 @@ def pack_looks(meshes: Sequence[Mesh], world: World, device: wp.Device) -> LookT
             value if len(value) or not wanted else np.zeros((len(d.look), 3, width), np.float32)
             for value, (d, _) in zip(values, parts, strict=True)
         ]
-        flat = np.concatenate(whole).reshape(-1, width) if whole else np.zeros((0, width))
+        flat = np.concatenate(whole).reshape(-1, width)
         return wp.array(flat.astype(np.float32), dtype=dtype, device=device)
 
     packed.row = wp.array(np.concatenate(rows), dtype=wp.int32, device=device)
-    none = [np.zeros(0, np.int32)]
-    packed.look = wp.array(np.concatenate(looks or none), dtype=wp.int32, device=device)
+    packed.look = wp.array(np.concatenate(looks), dtype=wp.int32, device=device)
     packed.table = wp.array(table, dtype=LookRow, device=device)
+    packed.maps = wp.array(maps, dtype=MapRow, device=device)
     packed.normal = corner_array([d.normal for d, _ in parts], 3, wp.vec3)
     packed.rise = corner_array([rise for _, rise in parts], 2, wp.vec2)
     packed.color = corner_array([d.color for d, _ in parts], 3, wp.vec3)
@@ -130,14 +131,13 @@ def rises(corners: np.ndarray, normals: np.ndarray) -> np.ndarray:
     return np.stack([(way * normals).sum(axis=2) for way in to], axis=2).astype(np.float32)
 
 
-def _fill(row: Any, look: FaceLook) -> None:
+def _fill(row: Any, maps: Any, look: FaceLook) -> None:
     row["smooth"], row["colored"], row["mirrors"] = look.smooth, look.colored, look.mirrors
+    row["images"] = 1 + max(place + 1 if look.maps[place] >= 0 else 0 for place in range(MAPS))
     row["emission"] = look.emission
     row["metallic"], row["roughness"] = look.metallic, look.roughness
     row["normal_scale"] = look.normal_scale
-    for name, place in (("emission", EMISSION), ("normal", NORMAL), ("shine", SHINE)):
-        use = row[f"{name}_map"]
-        use["texture"] = look.maps[place]
-        a, b, c, d, e, f = look.map_from_uv[place]
-        use["u"], use["v"] = (a, b, c), (d, e, f)
-        use["scale"] = abs(a * e - b * d) ** 0.5
+    for own, texture, matrix in zip(maps, look.maps, look.map_from_uv, strict=True):
+        a, b, c, d, e, f = matrix
+        own["texture"], own["u"], own["v"] = texture, (a, b, c), (d, e, f)
+        own["scale"] = abs(a * e - b * d) ** 0.5

@@ -49,6 +49,7 @@ def second_light_of(features: Features) -> Any:
     looks = features.looks
     trace, occluded = rays_of(features)
     surface_of, matt_light = surface_functions(features)
+    far_surface_of = surface_functions(features, 1)[0] if looks else surface_of
 
     @wp.func
     def far_light(
@@ -91,7 +92,7 @@ def second_light_of(features: Features) -> Any:
         if light.shadows != 0 and wp.dot(facing, light.sun_direction) > 0.0:
             dark = occluded(scene, slot, place + at.n * 0.02, light.sun_direction, RANGE_M)
             at.lit = wp.where(dark, 0.0, sun_through_clouds(at.p, light))
-        s = surface_of(scene, slot, optics, at, direction, light)
+        s = far_surface_of(scene, slot, optics, at, direction, light)
         color = matt_light(scene, slot, lamps, beams, optics, pose, at, s, light)
         return through_air(color, light.air_rgb, light.extinction, hit.t)
 
@@ -119,7 +120,7 @@ def second_light_of(features: Features) -> Any:
             y = value_noise(at.p[0] * 5.0, at.p[1] * 5.0, 22) - 0.5
             n = wp.normalize(n + wp.vec3(x, y, 0.0) * _RIPPLE)
         if wp.static(looks):
-            n = bent_normal(scene, at.face, n, s)
+            n = bent_normal(n, s)
         cosine = wp.clamp(-wp.dot(n, direction), 0.0, 1.0)
         fresnel = fresnel_of(s.mirror, cosine)
         # One loop over both rays, so that the code of a ray stands there once.

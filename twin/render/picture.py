@@ -164,7 +164,6 @@ def _mirrored_sky(features: Features) -> Any:
 
     @wp.func
     def mirrored_sky(
-        scene: RayScene,
         at: ShadedPoint,
         s: SurfacePoint,
         direction: wp.vec3,
@@ -175,7 +174,7 @@ def _mirrored_sky(features: Features) -> Any:
         cosine = wp.clamp(-wp.dot(at.n, direction), 0.0, 1.0)
         bounce = direction + at.n * (2.0 * cosine)
         if wp.static(looks):
-            n = bent_normal(scene, at.face, at.n, s)
+            n = bent_normal(at.n, s)
             cosine = wp.clamp(-wp.dot(n, direction), 0.0, 1.0)
             bounce = bounced(direction, n, at.n)
         back = smooth_sky(bounce, slot, light, sky_table)
@@ -290,7 +289,7 @@ def picture_kernel(
                         wp.float32(seen.second[thread, 2]),
                     )
                 if s.mirror > 0.0 and not followed:
-                    color += mirrored_sky(scene, at, s, direction, slot, light, sky_table)
+                    color += mirrored_sky(at, s, direction, slot, light, sky_table)
                 color = through_air(color, light.air_rgb, light.extinction, distance)
             else:
                 if wp.static(skies):

@@ -18,9 +18,9 @@ from twin.render.light.lamps import (
     vehicles_lux,
 )
 from twin.render.light.light import SlotLight
-from twin.render.look_surface import Shine, bent_normal, color_of, shine_of, with_look
+from twin.render.look_surface import LookPoint, bent_normal, look_point, with_look
 from twin.render.surface import SurfacePoint, surface_at
-from twin.render.texture import sample, texture_at
+from twin.render.texture import texture_at
 from twin.render.trace import traverse
 from twin.render.trace.geometry import Face, RayScene, turned
 from twin.render.trace.rays import Optics, SlotPose
@@ -189,8 +189,13 @@ def _object_lamps(scene: RayScene, slot: wp.int32, m: wp.int32) -> wp.vec2:
 
 
 @cache
-def surface_functions(features: Features) -> tuple[Any, Any]:
-    """``surface_of`` and ``matt_light`` for worlds with such ``features``."""
+def surface_functions(features: Features, copy: int = 0) -> tuple[Any, Any]:
+    """``surface_of`` and ``matt_light`` for worlds with such ``features``.
+
+    Another ``copy`` is another pair of functions of the same text. A compiler inlines what is
+    called once; what is not inlined gets its structs copied at every call.
+    """
+    assert copy >= 0
     looks = features.looks
 
     @wp.func
@@ -207,16 +212,16 @@ def surface_functions(features: Features) -> tuple[Any, Any]:
         slope = wp.max(0.2, wp.abs(wp.dot(at.n, direction)))
         footprint = at.distance * optics.pixel / slope
         if wp.static(looks):
-            uv = _uv_at(scene, at.face, at.u, at.v)
-            texels = footprint * face.uv_per_m
-            row = scene.looks.row[at.face]
-            albedo = color_of(scene, face.color, row, at.u, at.v)
-            share = Shine()
-            if face.texture >= 0:
-                albedo = wp.cw_mul(albedo, sample(scene.textures, face.texture, uv, texels))
-            if row >= 0:
-                share = shine_of(scene, scene.looks.look[row], albedo, uv, texels)
-                albedo = albedo * share.matt
+            own = LookPoint()
+            if face.uv_per_m < 0.0:
+                uv = _uv_at(scene, at.face, at.u, at.v)
+                texels = footprint * -face.uv_per_m
+                own = look_point(
+                    scene, slot, at.face, at.object, at.n, at.u, at.v, uv, texels, direction
+                )
+                albedo = own.albedo
+            else:
+                albedo = albedo_at(scene, face, at.face, at.u, at.v, footprint)
         else:
             albedo = albedo_at(scene, face, at.face, at.u, at.v, footprint)
         on = _object_lamps(scene, slot, at.object)
@@ -230,22 +235,8 @@ def surface_functions(features: Features) -> tuple[Any, Any]:
         s = surface_at(face, albedo, on, ground, along, at.p, at.n, at.distance, light)
         if wp.static(looks):
             s.tint = wp.vec3(1.0, 1.0, 1.0)
-            if row >= 0:
-                s = with_look(
-                    s,
-                    scene,
-                    slot,
-                    at.face,
-                    at.object,
-                    at.n,
-                    at.u,
-                    at.v,
-                    uv,
-                    texels,
-                    share,
-                    direction,
-                    light,
-                )
+            if face.uv_per_m < 0.0:
+                s = with_look(s, own, at.n, light)
         return s
 
     @wp.func
@@ -265,7 +256,7 @@ def surface_functions(features: Features) -> tuple[Any, Any]:
         if scene.faces[at.face].material == _FOLIAGE:  # leaves face every way
             n = wp.normalize(n + s.ruffle)
         elif wp.static(looks):
-            n = bent_normal(scene, at.face, n, s)
+            n = bent_normal(n, s)
         lux = irradiance(scene, slot, lamps, beams, optics, pose, at, n, s.retro, light)
         return wp.cw_mul(s.albedo, lux) * PI_INVERSE + s.emission
 

@@ -49,7 +49,8 @@ class Face:
     normal: wp.vec3
     """Unit, in the mesh's own axes."""
     uv_per_m: wp.float32
-    """Texture coordinates per metre, the square root of the ratio of areas [1/m]."""
+    """Texture coordinates per metre, the square root of the ratio of areas [1/m]; below 0: the face
+    has a row of details (:class:`twin.render.looks.LookTables`), which is at hand here."""
 
 
 @wp.struct
@@ -275,15 +276,15 @@ class Geometry:
         nodes, leaves, self._roots = _hierarchies_of(world, shape)
         scene.nodes = wp.array(nodes, dtype=wp.float32, device=device)
         scene.leaves = wp.array(leaves, dtype=wp.float32, device=device)
-        rows = np.concatenate([_face_rows(mesh) for mesh in meshes])
+        self.features = Features(holes=bool(world.masks), looks=has_looks(world))
+        """What the materials of the world ask of kernels."""
+        rows = np.concatenate([_face_rows(mesh, self.features) for mesh in meshes])
         scene.faces = wp.array(rows, dtype=Face, device=device)
         corners = [mesh.faces.ravel() for mesh in meshes]
         uv = np.concatenate([m.uv[c] for m, c in zip(meshes, corners, strict=True)])
         ambient = np.concatenate([m.ambient[c] for m, c in zip(meshes, corners, strict=True)])
         scene.uv = wp.array(uv, dtype=wp.vec2, device=device)
         scene.ambient = wp.array(ambient, dtype=wp.float32, device=device)
-        self.features = Features(holes=bool(world.masks), looks=has_looks(world))
-        """What its worlds' materials ask of kernels."""
         masks = [look.mask for look in world.looks]
         scene.textures = pack_textures(world.textures, device, world.texture_kinds)
         scene.cuts = pack_cutouts(meshes, masks, world.masks, device)
@@ -368,7 +369,7 @@ def _hierarchies(
     return np.concatenate(nodes), np.concatenate(leaves), np.array(roots)
 
 
-def _face_rows(mesh: Mesh) -> np.ndarray:
+def _face_rows(mesh: Mesh, features: Features) -> np.ndarray:
     rows = np.zeros(len(mesh.faces), Face.numpy_dtype())
     rows["material"], rows["tag"] = mesh.material, mesh.tag
     rows["instance"], rows["color"] = mesh.instance, mesh.color
@@ -381,6 +382,9 @@ def _face_rows(mesh: Mesh) -> np.ndarray:
     d, e = q - p, r - p
     area = np.abs(d[:, 0] * e[:, 1] - d[:, 1] * e[:, 0])
     rows["uv_per_m"] = np.sqrt(area / np.maximum(length[:, 0], 1e-30))
+    if features.looks and mesh.details is not None:
+        there = mesh.details.row >= 0
+        rows["uv_per_m"][there] = -np.maximum(rows["uv_per_m"][there], 1e-30)
     return rows
 
 

@@ -63,6 +63,8 @@ class FaceLook:
 
     mask: int = -1
     """Number in the world's list of masks."""
+    bordered: bool = False
+    """Its image of colours does something else than repeat."""
     smooth: bool = False
     """Its faces have normals at their corners."""
     colored: bool = False

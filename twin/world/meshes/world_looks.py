@@ -13,6 +13,7 @@ from twin.world.meshes.details import (
     MATT_FROM,
     MIRROR_MIN,
     NORMAL,
+    REPEAT,
     SAME,
     SHINE,
     CornerDetails,
@@ -103,6 +104,7 @@ class WorldLooks:
         matrices = [tuple(m.ravel().tolist()) for m in part.map_from_uv]
         return FaceLook(
             mask=look.mask,
+            bordered=part.image is not None and part.wrap != [REPEAT, REPEAT],
             smooth=look.smooth,
             colored=part.colors is not None,
             emission=(red, green, blue),
