@@ -157,7 +157,7 @@ def nothing_left(marked: Marked) -> Iterator[None]:
     yield
     wait_for(lambda: not marked.processes(), "the end of every process")
     left = [str(path) for path in marked.temporary.rglob("*")]
-    assert left == []
+    assert not left, left  # the list is what a log shows
     # Others on this machine may share memory as well, for a while.
     wait_for(lambda: _shared() <= before, f"the end of {_shared() - before} in /dev/shm")
 

@@ -1,5 +1,7 @@
 """LiDAR ranges against closed forms and against an independent ray caster."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import trimesh
@@ -30,6 +32,7 @@ from twin.actors.motion import ObjectKind, Placement
 from twin.sensors.lidar import cast as lidar_cast
 from twin.sensors.lidar.lidar import LidarSensor
 from twin.world.meshes import materials
+from twin.world.meshes.details import FaceDetails, FaceLook, Mask
 from twin.world.meshes.mesh import MeshBuilder
 from twin.world.street.build import World
 
@@ -149,10 +152,20 @@ def box_kind() -> ObjectKind:
     return ObjectKind("box", mesh.build(), 2.0, 1.0)
 
 
-def moving(script: Script, lidar: Lidar, kind, **mounted) -> LidarSensor:
-    scene = world(
-        wall(150.0), kinds=(box_kind(),), motion=script, mover_classes=(0,) * script.count
-    )
+def moving(script: Script, lidar: Lidar, kind, *, holes=False, **mounted) -> LidarSensor:
+    """``holes``: the boxes are full of them."""
+    box, more = box_kind(), {}
+    if holes:
+        count = len(box.mesh.faces)
+        none = [np.zeros((0, 3, width), np.float32) for width in (3, 3, 4)]
+        details = FaceDetails(np.arange(count, dtype=np.int32), np.zeros(count, np.int32), *none)
+        uv = 3.0 * box.mesh.points_m[:, :2] + box.mesh.points_m[:, 2:]
+        mesh = replace(box.mesh, uv=uv, details=details)
+        box = replace(box, mesh=mesh)
+        checks = np.array([(0, 255), (255, 0)], np.uint8)
+        more = {"masks": (Mask(checks, 128.0),), "looks": (FaceLook(mask=0),)}
+    movers = (0,) * script.count
+    scene = world(wall(150.0), kinds=(box,), motion=script, mover_classes=movers, **more)
     eye = sensor(scene, kind, lidar, **mounted)
     eye.geometry.place(script.at(np.zeros(1)))
     return eye
@@ -171,7 +184,8 @@ def test_an_object_is_seen_where_it_was_when_the_column_was_fired():
     assert np.abs(still[:, X] - 28.0).max() < 1e-3
 
 
-def test_packets_and_single_rays_meet_the_same():
+@pytest.mark.parametrize("holes", [False, True])
+def test_packets_and_single_rays_meet_the_same(holes):
     """The kernel of GPUs against that of the CPU, with many moving and turning objects."""
     rng = np.random.default_rng(3)
     m = 45
@@ -180,7 +194,7 @@ def test_packets_and_single_rays_meet_the_same():
                     rng.normal(0, 0.8, m))  # fmt: skip
     kind = profile(theta_min_deg=0, theta_max_deg=360, theta_res_deg=0.7, divergence_mrad=[3, 2],
                    sub_rays=5, phi_res_deg=1.1)  # fmt: skip
-    eye = moving(script, Lidar(noise=False), kind, position_m=(0.0, 0.0, 1.0))
+    eye = moving(script, Lidar(noise=False), kind, holes=holes, position_m=(0.0, 0.0, 1.0))
     eye.reset(0, 3)
     scan(eye, pose((0.0, 0.0, 0.0)))
     scan(eye, pose((1.5, 0.4, 0.1), yawed(0.2)))
@@ -188,7 +202,8 @@ def test_packets_and_single_rays_meet_the_same():
     eye._hits.zero_()
     tiles = eye._tiles_x * eye._tiles_y * kind.sub_rays
     inputs = [eye.geometry.scene, eye._beams, eye.air.device, eye._poses, eye._mask]
-    wp.launch(lidar_cast.cast_kernel, tiles * 32, inputs=inputs, outputs=[eye._hits], device=CPU)
+    kernel = lidar_cast.cast_kernel_of(eye.geometry.features)
+    wp.launch(kernel, tiles * 32, inputs=inputs, outputs=[eye._hits], device=CPU)
     single = eye._hits.numpy()[0]
     assert len(np.unique(packets["owner"])) > 20
     same = packets["face"] == single["face"]

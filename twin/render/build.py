@@ -32,6 +32,20 @@ class KernelOptions:
 
 
 @dataclass(frozen=True, slots=True)
+class Features:
+    """What the materials of a world ask of the kernels; compiled in only where it is needed."""
+
+    holes: bool = False
+    """Some faces have holes that rays pass."""
+    looks: bool = False
+    """Some faces have normals or colours at their corners, maps, or images that do not repeat."""
+
+
+NONE = Features()
+"""Those of a generated street."""
+
+
+@dataclass(frozen=True, slots=True)
 class Tuning:
     """Compile options of a camera's kernels."""
 

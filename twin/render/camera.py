@@ -97,10 +97,11 @@ class RayCamera:
         )
         self._effects = _effects_of(camera, mount, slots, device)
         self._tuning = tuning or tuning_for(device)
+        features = geometry.features
         self._kernels = (
             self._first_kernel(mount, table, camera.hfov_deg),
-            mirror_kernel(self._tuning.mirror) if self._wanted.second else None,
-            picture_kernel(self._wanted, self._tuning.picture, self._tuning.without),
+            mirror_kernel(self._tuning.mirror, features) if self._wanted.second else None,
+            picture_kernel(self._wanted, self._tuning.picture, self._tuning.without, features),
         )
         self._allocate(camera, image_out, outputs_out or {})
         for module in (rays, lamps):
@@ -113,10 +114,11 @@ class RayCamera:
         """Rays to what is seen; where drawing is faster, only those to the sun are left."""
         build = self._tuning.visibility
         self._raster = raster_of(mount.lens, table, hfov_deg, self._device)
+        features = self.geometry.features
         if self._raster is None:
-            return visibility.visibility_kernel(build, self._wanted.second)
-        wp.load_module(raster, device=self._device)
-        return visibility.sun_kernel(build, self._wanted.second)
+            return visibility.visibility_kernel(build, self._wanted.second, features)
+        raster.raster_kernel(features).module.load(self._device)
+        return visibility.sun_kernel(build, self._wanted.second, features)
 
     def _launches(self) -> tuple[tuple[wp.Kernel | None, KernelOptions], ...]:
         """What goes over all pixels, in order: visibility, second rays if asked for, shading."""
@@ -220,7 +222,7 @@ class RayCamera:
             count = visibility.threads(chunk, height, width)
             if self._raster is not None:
                 wp.launch(
-                    raster.raster_kernel,
+                    raster.raster_kernel(self.geometry.features),
                     chunk,
                     inputs=[scene, optics, self._raster, lights, poses, first],
                     outputs=[seen],

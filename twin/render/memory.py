@@ -17,9 +17,12 @@ import warp as wp
 from schemas.campaign import Camera
 from twin.render.camera import wanted_of
 from twin.render.light.light import SlotLight
+from twin.render.looks import has_looks
 from twin.render.outputs import bytes_per_pixel
 from twin.render.post.chain import bytes_needed
 from twin.render.trace.visibility import BYTES_PER_PIXEL, CHUNK_PIXELS
+from twin.world.meshes.details import DATA
+from twin.world.street.build import World
 
 SLOTS_MAX = 1_000_000
 """Largest number of slots that is looked for."""
@@ -130,7 +133,7 @@ def plan(
         lidars: every LiDAR of the campaign.
         slots: cases at once.
         triangles: of the street and of every kind of object.
-        texture_bytes: of all textures on the device [bytes].
+        texture_bytes: of images and details of faces, see :func:`material_bytes` [bytes].
         instances: things that get a box.
         objects: movable objects in a slot.
         sky_bytes: a slot's table of the sky [bytes].
@@ -144,6 +147,31 @@ def plan(
         rows += camera_rows(camera, instances=instances, sky_bytes=sky_bytes)
     rows += [lidar.row for lidar in lidars]
     return MemoryPlan(slots, tuple(rows))
+
+
+def material_bytes(world: World) -> int:
+    """Memory of images, masks and details of faces on a device [bytes]."""
+    kinds = world.texture_kinds or (0,) * len(world.textures)
+    images = {
+        (id(image), kind & DATA): image for image, kind in zip(world.textures, kinds, strict=True)
+    }
+    # With their halves; an odd edge is rounded up in each.
+    total = sum(_with_halves(*image.shape[:2]) for image in images.values())
+    total += sum({id(mask.alpha): mask.alpha.size for mask in world.masks}.values())
+    meshes = [world.mesh, *(kind.mesh for kind in world.kinds)]
+    faces = sum(len(mesh.faces) for mesh in meshes)
+    total += 4 * faces if world.masks else 0
+    if has_looks(world):
+        total += 4 * faces + sum(mesh.details.bytes for mesh in meshes if mesh.details is not None)
+    return total
+
+
+def _with_halves(height: int, width: int) -> int:
+    total = 3 * height * width
+    while max(height, width) > 1:
+        height, width = -(-height // 2), -(-width // 2)
+        total += 3 * height * width
+    return total
 
 
 def camera_rows(camera: Camera, *, instances: int, sky_bytes: int = _SKY_BYTES) -> list[MemoryRow]:

@@ -7,24 +7,25 @@ threads of a warp are all busy, and the other pixels are not held up.
 from __future__ import annotations
 
 from functools import cache
+from typing import Any
 
 import warp as wp
 
-from twin.render.build import KernelOptions
+from twin.render.build import NONE, Features, KernelOptions
 from twin.render.light.air import through_air
 from twin.render.light.lamps import LampBeams, StreetLamps
 from twin.render.light.light import SlotLight
 from twin.render.light.sky import smooth_sky, sun_through_clouds
+from twin.render.look_surface import bent_normal, bounced, smooth_point
 from twin.render.noise import value_noise
 from twin.render.shading import (
     PI_INVERSE,
     ShadedPoint,
     fresnel_of,
-    matt_light,
     place_of,
-    surface_of,
+    surface_functions,
 )
-from twin.render.trace.geometry import RayScene, occluded, trace
+from twin.render.trace.geometry import RayScene, rays_of
 from twin.render.trace.rays import Optics, SlotPose
 from twin.render.trace.visibility import MIRRORED, PixelsSeen, pixel_of
 
@@ -42,94 +43,128 @@ STRIDE = 1 << 17
 """Threads of a launch on a GPU at most: about two to every place for one."""
 
 
-@wp.func
-def far_light(
-    scene: RayScene,
-    slot: wp.int32,
-    lamps: StreetLamps,
-    beams: wp.array2d(dtype=LampBeams),
-    optics: Optics,
-    pose: SlotPose,
-    start: wp.vec3,
-    direction: wp.vec3,
-    before: wp.float32,
-    glass: wp.bool,
-    light: SlotLight,
-    table: wp.array3d(dtype=wp.vec3),
-) -> wp.vec3:
-    """What comes along a ray that is mirrored, or passes ``glass`` [cd/m^2].
+@cache
+def second_light_of(features: Features) -> Any:
+    """The function of what a place mirrors and lets through, for worlds with such ``features``."""
+    looks = features.looks
+    trace, occluded = rays_of(features)
+    surface_of, matt_light = surface_functions(features)
+    far_surface_of = surface_functions(features, 1)[0] if looks else surface_of
 
-    ``before``: length of the way to its start [m].
-    """
-    hit = trace(scene, slot, start, direction, RANGE_M)
-    if not hit.found:
-        return smooth_sky(direction, slot, light, table)
-    if glass and hit.t < _SHELL_M:
-        return wp.cw_mul(_CABIN, light.sky_rgb) * PI_INVERSE
-    at = ShadedPoint()
-    at.p = start + direction * hit.t
-    at.n = hit.normal
-    at.face = hit.face
-    at.object = hit.object
-    at.u = hit.u
-    at.v = hit.v
-    at.distance = before + hit.t
-    if light.shadows != 0 and wp.dot(at.n, light.sun_direction) > 0.0:
-        dark = occluded(scene, slot, at.p + at.n * 0.02, light.sun_direction, RANGE_M)
-        at.lit = wp.where(dark, 0.0, sun_through_clouds(at.p, light))
-    s = surface_of(scene, slot, optics, at, direction, light)
-    color = matt_light(scene, slot, lamps, beams, optics, pose, at, s, light)
-    return through_air(color, light.air_rgb, light.extinction, hit.t)
+    @wp.func
+    def far_light(
+        scene: RayScene,
+        slot: wp.int32,
+        lamps: StreetLamps,
+        beams: wp.array2d(dtype=LampBeams),
+        optics: Optics,
+        pose: SlotPose,
+        start: wp.vec3,
+        direction: wp.vec3,
+        before: wp.float32,
+        glass: wp.bool,
+        light: SlotLight,
+        table: wp.array3d(dtype=wp.vec3),
+    ) -> wp.vec3:
+        """What comes along a ray that is mirrored, or passes ``glass`` [cd/m^2].
 
+        ``before``: length of the way to its start [m].
+        """
+        hit = trace(scene, slot, start, direction, RANGE_M)
+        if not hit.found:
+            return smooth_sky(direction, slot, light, table)
+        if glass and hit.t < _SHELL_M:
+            return wp.cw_mul(_CABIN, light.sky_rgb) * PI_INVERSE
+        at = ShadedPoint()
+        at.p = start + direction * hit.t
+        at.n = hit.normal
+        at.face = hit.face
+        at.object = hit.object
+        at.u = hit.u
+        at.v = hit.v
+        at.distance = before + hit.t
+        facing = at.n
+        place = at.p
+        if wp.static(looks):
+            smooth = smooth_point(scene, slot, at.face, at.object, at.u, at.v, at.n)
+            facing = smooth.n
+            place = place + smooth.lift
+        if light.shadows != 0 and wp.dot(facing, light.sun_direction) > 0.0:
+            dark = occluded(scene, slot, place + at.n * 0.02, light.sun_direction, RANGE_M)
+            at.lit = wp.where(dark, 0.0, sun_through_clouds(at.p, light))
+        s = far_surface_of(scene, slot, optics, at, direction, light)
+        color = matt_light(scene, slot, lamps, beams, optics, pose, at, s, light)
+        return through_air(color, light.air_rgb, light.extinction, hit.t)
 
-@wp.func
-def _second_light(
-    scene: RayScene,
-    slot: wp.int32,
-    lamps: StreetLamps,
-    beams: wp.array2d(dtype=LampBeams),
-    optics: Optics,
-    pose: SlotPose,
-    at: ShadedPoint,
-    direction: wp.vec3,
-    light: SlotLight,
-    table: wp.array3d(dtype=wp.vec3),
-) -> wp.vec3:
-    """What a place mirrors and lets through [cd/m^2]; Fresnel after Schlick (1994)."""
-    color = wp.vec3(0.0, 0.0, 0.0)
-    s = surface_of(scene, slot, optics, at, direction, light)
-    if s.mirror <= 0.0:
+    @wp.func
+    def second_light(
+        scene: RayScene,
+        slot: wp.int32,
+        lamps: StreetLamps,
+        beams: wp.array2d(dtype=LampBeams),
+        optics: Optics,
+        pose: SlotPose,
+        at: ShadedPoint,
+        direction: wp.vec3,
+        light: SlotLight,
+        table: wp.array3d(dtype=wp.vec3),
+    ) -> wp.vec3:
+        """What a place mirrors and lets through [cd/m^2]; Fresnel after Schlick (1994)."""
+        color = wp.vec3(0.0, 0.0, 0.0)
+        s = surface_of(scene, slot, optics, at, direction, light)
+        if s.mirror <= 0.0:
+            return color
+        n = at.n
+        if n[2] > 0.9 and light.wetness > 0.0:  # water is never quite level
+            x = value_noise(at.p[0] * 5.0, at.p[1] * 5.0, 21) - 0.5
+            y = value_noise(at.p[0] * 5.0, at.p[1] * 5.0, 22) - 0.5
+            n = wp.normalize(n + wp.vec3(x, y, 0.0) * _RIPPLE)
+        if wp.static(looks):
+            n = bent_normal(n, s)
+        cosine = wp.clamp(-wp.dot(n, direction), 0.0, 1.0)
+        fresnel = fresnel_of(s.mirror, cosine)
+        # One loop over both rays, so that the code of a ray stands there once.
+        rays = wp.int32(1)
+        if s.clear > 0.0:
+            rays = 2
+        ahead = direction + n * (2.0 * cosine)
+        if wp.static(looks):
+            ahead = bounced(direction, n, at.n)
+        start = at.p + at.n * 0.02
+        weight = fresnel
+        glass = wp.bool(False)
+        for i in range(rays):
+            if i == 1:
+                ahead = direction
+                start = at.p - at.n * 0.004
+                weight = s.clear * (1.0 - fresnel)
+                glass = True
+            far = weight * far_light(
+                scene,
+                slot,
+                lamps,
+                beams,
+                optics,
+                pose,
+                start,
+                ahead,
+                at.distance,
+                glass,
+                light,
+                table,
+            )
+            if wp.static(looks):
+                far = wp.cw_mul(far, wp.where(glass, wp.vec3(1.0, 1.0, 1.0), s.tint))
+            color += far
         return color
-    n = at.n
-    if n[2] > 0.9 and light.wetness > 0.0:  # water is never quite level
-        x = value_noise(at.p[0] * 5.0, at.p[1] * 5.0, 21) - 0.5
-        y = value_noise(at.p[0] * 5.0, at.p[1] * 5.0, 22) - 0.5
-        n = wp.normalize(n + wp.vec3(x, y, 0.0) * _RIPPLE)
-    cosine = wp.clamp(-wp.dot(n, direction), 0.0, 1.0)
-    fresnel = fresnel_of(s.mirror, cosine)
-    # One loop over both rays, so that the code of a ray stands there once.
-    rays = wp.int32(1)
-    if s.clear > 0.0:
-        rays = 2
-    ahead = direction + n * (2.0 * cosine)
-    start = at.p + at.n * 0.02
-    weight = fresnel
-    glass = wp.bool(False)
-    for i in range(rays):
-        if i == 1:
-            ahead = direction
-            start = at.p - at.n * 0.004
-            weight = s.clear * (1.0 - fresnel)
-            glass = True
-        color += weight * far_light(
-            scene, slot, lamps, beams, optics, pose, start, ahead, at.distance, glass, light, table
-        )
-    return color
+
+    return second_light
 
 
 @cache
-def mirror_kernel(build: KernelOptions) -> wp.Kernel:
-    """The kernel, compiled as ``build`` says."""
+def mirror_kernel(build: KernelOptions, features: Features = NONE) -> wp.Kernel:
+    """The kernel, compiled as ``build`` says for worlds with such ``features``."""
+    second_light = second_light_of(features)
 
     @wp.kernel(**build.arguments())
     def second_kernel(
@@ -161,7 +196,7 @@ def mirror_kernel(build: KernelOptions) -> wp.Kernel:
             ray = rays[pixel.row, pixel.column]
             direction = pose.right * ray[0] + pose.down * ray[1] + pose.ahead * ray[2]
             at = place_of(scene, slot, seen, thread, pose.eye, direction)
-            color = _second_light(
+            color = second_light(
                 scene, slot, lamps, beams, optics, pose, at, direction, light, sky_table
             )
             for k in range(3):

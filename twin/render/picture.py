@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 from functools import cache
+from typing import Any
 
 import warp as wp
 
 from twin.render.boxes import gather_box
-from twin.render.build import KernelOptions
+from twin.render.build import NONE, Features, KernelOptions
 from twin.render.flow import PosesBefore, Projection, flow_at
 from twin.render.light.air import sky_path, through_air
 from twin.render.light.lamps import WARM_WHITE, LampBeams, StreetLamps, headlamp_glow, lamps_glow
 from twin.render.light.light import SlotLight
 from twin.render.light.precipitation import cover
 from twin.render.light.sky import sky, smooth_sky, sun_through_clouds
+from twin.render.look_surface import bent_normal, bounced
 from twin.render.outputs import Buffers, Wanted
 from twin.render.sensor_noise import sensor_noise
-from twin.render.shading import ShadedPoint, fresnel_of, matt_light, place_of, surface_of
+from twin.render.shading import ShadedPoint, fresnel_of, place_of, surface_functions
 from twin.render.surface import SurfacePoint
 from twin.render.tone import tone
 from twin.render.trace.geometry import DECAL_TAG, RayScene
@@ -88,10 +90,42 @@ def _camera_axes(v: wp.vec3, pose: SlotPose) -> wp.vec3:
 
 
 @cache
+def _mirrored_sky(features: Features) -> Any:
+    """The function of what a place mirrors whose second rays are not followed [cd/m^2]."""
+    looks = features.looks
+
+    @wp.func
+    def mirrored_sky(
+        at: ShadedPoint,
+        s: SurfacePoint,
+        direction: wp.vec3,
+        slot: wp.int32,
+        light: SlotLight,
+        sky_table: wp.array3d(dtype=wp.vec3),
+    ) -> wp.vec3:
+        cosine = wp.clamp(-wp.dot(at.n, direction), 0.0, 1.0)
+        bounce = direction + at.n * (2.0 * cosine)
+        if wp.static(looks):
+            n = bent_normal(at.n, s)
+            cosine = wp.clamp(-wp.dot(n, direction), 0.0, 1.0)
+            bounce = bounced(direction, n, at.n)
+        back = smooth_sky(bounce, slot, light, sky_table)
+        if wp.static(looks):
+            back = wp.cw_mul(back, s.tint)
+        return back * (fresnel_of(s.mirror, cosine) * sky_share(bounce))
+
+    return mirrored_sky
+
+
+@cache
 def picture_kernel(
-    wanted: Wanted, build: KernelOptions, without: frozenset[str] = frozenset()
+    wanted: Wanted,
+    build: KernelOptions,
+    without: frozenset[str] = frozenset(),
+    features: Features = NONE,
 ) -> wp.Kernel:
-    """The kernel that writes what is ``wanted``; compiled once for every set.
+    """The kernel that writes what is ``wanted`` of worlds with such ``features``; compiled once for
+    every set.
 
     ``without``: parts of :data:`PARTS` that are left out to see what they cost.
     """
@@ -100,6 +134,8 @@ def picture_kernel(
     lamp_air, tones_on = "air" not in without, "tone" not in without
     hdr, depth, instance = wanted.hdr, wanted.depth, wanted.instance
     semantic, normal, flow = wanted.semantic, wanted.normal, wanted.flow
+    surface_of, matt_light = surface_functions(features)
+    mirrored_sky = _mirrored_sky(features)
 
     @wp.kernel(**build.arguments())
     def camera_kernel(
@@ -183,10 +219,7 @@ def picture_kernel(
                         wp.float32(seen.second[thread, 2]),
                     )
                 if s.mirror > 0.0 and not followed:
-                    cosine = wp.clamp(-wp.dot(at.n, direction), 0.0, 1.0)
-                    bounce = direction + at.n * (2.0 * cosine)
-                    back = smooth_sky(bounce, slot, light, sky_table)
-                    color += back * (fresnel_of(s.mirror, cosine) * sky_share(bounce))
+                    color += mirrored_sky(at, s, direction, slot, light, sky_table)
                 color = through_air(color, light.air_rgb, light.extinction, distance)
             else:
                 if wp.static(skies):

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from functools import cache
+from typing import Any
+
 import warp as wp
 
+from twin.render.build import Features
 from twin.render.light.lamps import (
     SODIUM,
     WARM_WHITE,
@@ -14,6 +18,7 @@ from twin.render.light.lamps import (
     vehicles_lux,
 )
 from twin.render.light.light import SlotLight
+from twin.render.look_surface import LookPoint, bent_normal, look_point, with_look
 from twin.render.surface import SurfacePoint, surface_at
 from twin.render.texture import texture_at
 from twin.render.trace import traverse
@@ -183,45 +188,76 @@ def _object_lamps(scene: RayScene, slot: wp.int32, m: wp.int32) -> wp.vec2:
     return on
 
 
-@wp.func
-def surface_of(
-    scene: RayScene,
-    slot: wp.int32,
-    optics: Optics,
-    at: ShadedPoint,
-    direction: wp.vec3,
-    light: SlotLight,
-) -> SurfacePoint:
-    """Reflectance and own light at a place seen along ``direction``."""
-    face = scene.faces[at.face]
-    slope = wp.max(0.2, wp.abs(wp.dot(at.n, direction)))
-    albedo = albedo_at(scene, face, at.face, at.u, at.v, at.distance * optics.pixel / slope)
-    on = _object_lamps(scene, slot, at.object)
-    ground = wp.vec2(at.p[0], at.p[1])
-    along = at.p[0]
-    if wp.abs(at.n[0]) > 0.7:
-        along = at.p[1] + 0.7
-    if face.texture == _UV_METRES:
-        ground = _uv_at(scene, at.face, at.u, at.v)
-        along = ground[0]
-    return surface_at(face, albedo, on, ground, along, at.p, at.n, at.distance, light)
+@cache
+def surface_functions(features: Features, copy: int = 0) -> tuple[Any, Any]:
+    """``surface_of`` and ``matt_light`` for worlds with such ``features``.
 
+    Another ``copy`` is another pair of functions of the same text. A compiler inlines what is
+    called once; what is not inlined gets its structs copied at every call.
+    """
+    assert copy >= 0
+    looks = features.looks
 
-@wp.func
-def matt_light(
-    scene: RayScene,
-    slot: wp.int32,
-    lamps: StreetLamps,
-    beams: wp.array2d(dtype=LampBeams),
-    optics: Optics,
-    pose: SlotPose,
-    at: ShadedPoint,
-    s: SurfacePoint,
-    light: SlotLight,
-) -> wp.vec3:
-    """What a place reflects in all directions and what it emits [cd/m^2]."""
-    n = at.n
-    if scene.faces[at.face].material == _FOLIAGE:  # leaves face every way
-        n = wp.normalize(n + s.ruffle)
-    lux = irradiance(scene, slot, lamps, beams, optics, pose, at, n, s.retro, light)
-    return wp.cw_mul(s.albedo, lux) * PI_INVERSE + s.emission
+    @wp.func
+    def surface_of(
+        scene: RayScene,
+        slot: wp.int32,
+        optics: Optics,
+        at: ShadedPoint,
+        direction: wp.vec3,
+        light: SlotLight,
+    ) -> SurfacePoint:
+        """Reflectance and own light at a place seen along ``direction``."""
+        face = scene.faces[at.face]
+        slope = wp.max(0.2, wp.abs(wp.dot(at.n, direction)))
+        footprint = at.distance * optics.pixel / slope
+        if wp.static(looks):
+            own = LookPoint()
+            if face.uv_per_m < 0.0:
+                uv = _uv_at(scene, at.face, at.u, at.v)
+                texels = footprint * -face.uv_per_m
+                own = look_point(
+                    scene, slot, at.face, at.object, at.n, at.u, at.v, uv, texels, direction
+                )
+                albedo = own.albedo
+            else:
+                albedo = albedo_at(scene, face, at.face, at.u, at.v, footprint)
+        else:
+            albedo = albedo_at(scene, face, at.face, at.u, at.v, footprint)
+        on = _object_lamps(scene, slot, at.object)
+        ground = wp.vec2(at.p[0], at.p[1])
+        along = at.p[0]
+        if wp.abs(at.n[0]) > 0.7:
+            along = at.p[1] + 0.7
+        if face.texture == _UV_METRES:
+            ground = _uv_at(scene, at.face, at.u, at.v)
+            along = ground[0]
+        s = surface_at(face, albedo, on, ground, along, at.p, at.n, at.distance, light)
+        if wp.static(looks):
+            s.tint = wp.vec3(1.0, 1.0, 1.0)
+            if face.uv_per_m < 0.0:
+                s = with_look(s, own, at.n, light)
+        return s
+
+    @wp.func
+    def matt_light(
+        scene: RayScene,
+        slot: wp.int32,
+        lamps: StreetLamps,
+        beams: wp.array2d(dtype=LampBeams),
+        optics: Optics,
+        pose: SlotPose,
+        at: ShadedPoint,
+        s: SurfacePoint,
+        light: SlotLight,
+    ) -> wp.vec3:
+        """What a place reflects in all directions and what it emits [cd/m^2]."""
+        n = at.n
+        if scene.faces[at.face].material == _FOLIAGE:  # leaves face every way
+            n = wp.normalize(n + s.ruffle)
+        elif wp.static(looks):
+            n = bent_normal(n, s)
+        lux = irradiance(scene, slot, lamps, beams, optics, pose, at, n, s.retro, light)
+        return wp.cw_mul(s.albedo, lux) * PI_INVERSE + s.emission
+
+    return surface_of, matt_light

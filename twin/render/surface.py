@@ -60,6 +60,8 @@ class SurfacePoint:
     """Share of the light that passes at normal incidence [-]; 0: opaque."""
     ruffle: wp.vec3
     """Added to the normal of leaves [-]."""
+    tint: wp.vec3
+    """Colour of the mirror part, 1 at most; only where materials come from files."""
     retro: wp.float32
     """Gain of light returned to the ego's headlamps, relative to a matt surface [-]."""
 
@@ -166,6 +168,14 @@ def _ground(
 def is_ground(material: wp.int32) -> wp.bool:
     """Whether a surface gets wet as the road does."""
     return material <= _LAST_GROUND and material != _PLAIN
+
+
+@wp.func
+def snow_share(normal: wp.vec3, light: SlotLight) -> wp.float32:
+    """Share of a surface with unit ``normal``, neither ground nor glass, that lies under snow."""
+    if light.snow_cover > 0.0 and normal[2] > 0.5:
+        return light.snow_cover * wp.min(1.0, (normal[2] - 0.5) * 4.0)
+    return wp.float32(0.0)
 
 
 @wp.func

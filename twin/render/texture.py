@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import warp as wp
 
+from twin.world.meshes.details import CLAMP, DATA, MIRRORED, REPEAT
 from twin.world.meshes.srgb import linear, srgb
+
+_REPEAT, _CLAMP, _MIRRORED = (wp.constant(n) for n in (REPEAT, CLAMP, MIRRORED))
+_DATA = wp.constant(DATA)
 
 
 @wp.struct
@@ -28,7 +33,11 @@ class Textures:
     images: wp.array(dtype=TextureImage)
     texels: wp.array(dtype=wp.uint8)
     linear: wp.array(dtype=wp.float32)
-    """Linear light of an sRGB byte [256]."""
+    """Linear light of an sRGB byte [256]; where there are kinds, also the share of 255 of a byte
+    that is a number [512]."""
+    kinds: wp.array(dtype=wp.int32)
+    """What each image does beyond its borders and what its bytes are, see
+    :func:`twin.world.meshes.details.texture_kind`; empty: all repeat and are sRGB."""
 
 
 def srgb_to_linear() -> np.ndarray:
@@ -36,12 +45,23 @@ def srgb_to_linear() -> np.ndarray:
     return linear(np.arange(256) / 255.0).astype(np.float32)
 
 
-def pack_textures(textures: Sequence[np.ndarray], device: wp.Device) -> Textures:
-    """Put ``textures``, uint8 [h, w, 3] sRGB with the first row on top, on a device."""
+def pack_textures(
+    textures: Sequence[np.ndarray], device: wp.Device, kinds: Sequence[int] = ()
+) -> Textures:
+    """Put ``textures``, uint8 [h, w, 3] sRGB with the first row on top, on a device; ``kinds`` of
+    each if they are not all usual."""
     values = srgb_to_linear()
+    numbers = (np.arange(256) / 255.0).astype(np.float32)
     rows = np.zeros(max(1, len(textures)), TextureImage.numpy_dtype())
-    parts, first = [], 0
-    for row, texture in zip(rows, textures, strict=False):
+    parts: list[np.ndarray] = []
+    first = 0
+    places: dict[tuple[int, bool], Any] = {}
+    for number, (row, texture) in enumerate(zip(rows, textures, strict=False)):
+        data = bool(kinds) and bool(kinds[number] & DATA)
+        key = (id(texture), data)
+        if key in places:  # the same image, which goes on otherwise beyond its borders
+            rows[number] = places[key]
+            continue
         row["first"], row["height"], row["width"] = first, *texture.shape[:2]
         level = texture
         while True:
@@ -50,22 +70,33 @@ def pack_textures(textures: Sequence[np.ndarray], device: wp.Device) -> Textures
             first += level.size
             if max(level.shape[:2]) == 1:
                 break
-            level = _half(level, values)
+            level = _half_numbers(level) if data else _half(level, values)
+        places[key] = row.copy()
     packed = Textures()
     packed.images = wp.array(rows, dtype=TextureImage, device=device)
     texels = np.concatenate(parts) if parts else np.zeros(3, np.uint8)
     packed.texels = wp.array(texels, dtype=wp.uint8, device=device)
+    if kinds:
+        values = np.concatenate([values, numbers])
+        packed.kinds = wp.array(np.array(kinds, np.int32), dtype=wp.int32, device=device)
     packed.linear = wp.array(values, dtype=wp.float32, device=device)
     return packed
 
 
 def _half(level: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Means of 2x2 texels in linear light; an odd edge stands for itself."""
-    height, width = level.shape[:2]
-    light = values[level]
+    return np.round(255.0 * srgb(_means(values[level]))).astype(np.uint8)
+
+
+def _half_numbers(level: np.ndarray) -> np.ndarray:
+    """Means of 2x2 texels that are numbers."""
+    return np.round(_means(level.astype(np.float32))).astype(np.uint8)
+
+
+def _means(light: np.ndarray) -> np.ndarray:
+    height, width = light.shape[:2]
     light = np.pad(light, ((0, height % 2), (0, width % 2), (0, 0)), mode="edge")
-    mean = light.reshape(light.shape[0] // 2, 2, light.shape[1] // 2, 2, 3).mean(axis=(1, 3))
-    return np.round(255.0 * srgb(mean)).astype(np.uint8)
+    return light.reshape(light.shape[0] // 2, 2, light.shape[1] // 2, 2, 3).mean(axis=(1, 3))
 
 
 @wp.func
@@ -112,4 +143,69 @@ def texture_at(
     upper += _texel(textures, first + 3 * (top + right)) * a
     lower = _texel(textures, first + 3 * (bottom + left)) * (1.0 - a)
     lower += _texel(textures, first + 3 * (bottom + right)) * a
+    return upper * (1.0 - b) + lower * b
+
+
+@wp.func
+def _into(c: wp.float32, mode: wp.int32) -> wp.float32:
+    """A texture coordinate brought into 0..1 as the image does beyond its borders."""
+    if mode == _CLAMP:
+        return wp.clamp(c, 0.0, 1.0)
+    if mode == _MIRRORED:
+        m = c - 2.0 * wp.floor(0.5 * c)
+        return wp.where(m > 1.0, 2.0 - m, m)
+    return c - wp.floor(c)
+
+
+@wp.func
+def _neighbour(i: wp.int32, size: wp.int32, mode: wp.int32) -> wp.int32:
+    if mode == _REPEAT:
+        return (i + size) % size
+    return wp.clamp(i, 0, size - 1)
+
+
+@wp.func
+def _value(textures: Textures, place: wp.int32, table: wp.int32) -> wp.vec3:
+    return wp.vec3(
+        textures.linear[table + wp.int32(textures.texels[place])],
+        textures.linear[table + wp.int32(textures.texels[place + 1])],
+        textures.linear[table + wp.int32(textures.texels[place + 2])],
+    )
+
+
+@wp.func
+def sample(textures: Textures, texture: wp.int32, uv: wp.vec2, footprint: wp.float32) -> wp.vec3:
+    """What :func:`texture_at` gives, of images of any kind: linear RGB, or numbers 0..1."""
+    kind = wp.int32(0)
+    if textures.kinds.shape[0] > 0:
+        kind = textures.kinds[texture]
+    across = kind & 3
+    down = (kind >> 2) & 3
+    table = wp.where((kind & _DATA) != 0, 256, 0)
+    width = textures.images[texture].width
+    height = textures.images[texture].height
+    first = textures.images[texture].first
+    levels = textures.images[texture].levels
+    texels = footprint * wp.float32(wp.max(width, height))
+    level = wp.int32(1)
+    while texels > 1.5 and level < levels:
+        first += width * height * 3
+        width = (width + 1) / 2
+        height = (height + 1) / 2
+        texels = texels * 0.5
+        level += 1
+    x = _into(uv[0], across) * wp.float32(width) - 0.5
+    y = (1.0 - _into(uv[1], down)) * wp.float32(height) - 0.5
+    i = wp.int32(wp.floor(x))
+    j = wp.int32(wp.floor(y))
+    a = x - wp.float32(i)
+    b = y - wp.float32(j)
+    left = _neighbour(i, width, across)
+    right = _neighbour(i + 1, width, across)
+    top = _neighbour(j, height, down) * width
+    bottom = _neighbour(j + 1, height, down) * width
+    upper = _value(textures, first + 3 * (top + left), table) * (1.0 - a)
+    upper += _value(textures, first + 3 * (top + right), table) * a
+    lower = _value(textures, first + 3 * (bottom + left), table) * (1.0 - a)
+    lower += _value(textures, first + 3 * (bottom + right), table) * a
     return upper * (1.0 - b) + lower * b

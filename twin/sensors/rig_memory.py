@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from schemas.case import Case
-from twin.render.memory import MemoryPlan, plan
+from twin.render.memory import MemoryPlan, material_bytes, plan
 from twin.sensors.ray_kinds import ray_rigs
 from twin.vehicle.vehicle_file import Vehicle
 from twin.world.street.build import World
@@ -20,7 +20,7 @@ def rig_memory(case: Case, vehicle: Vehicle, world: World, slots: int) -> Memory
         [],
         slots,
         triangles=sum(len(mesh.faces) for mesh in (world.mesh, *(k.mesh for k in world.kinds))),
-        texture_bytes=4 * sum(image.size for image in world.textures) // 3,  # with mip levels
+        texture_bytes=material_bytes(world),
         objects=world.motion.count,
     )
     rows = [row for rig in ray_rigs() for row in rig.memory(case, vehicle, world)]

@@ -132,6 +132,8 @@ class MeshFile(Spec, kw_only=True):
     """Procedural surface; by default the colours and textures of the file."""
     color: Rgb | None = None
     """Colour of all faces; by default those of the file."""
+    emission_cd_m2: Annotated[float, Meta(ge=0, le=1e6)] = 2000.0
+    """Luminance of what emits 1 in the file: emissive factor times strength."""
     solid: bool = False
     """Vehicles collide with the rectangle around it."""
     object_class: ObjectClass | None = None

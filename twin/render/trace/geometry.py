@@ -8,14 +8,18 @@ enter.
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 import numpy as np
 import warp as wp
 
 from twin.actors.motion import Placement
+from twin.render.build import Features
+from twin.render.looks import LookTables, has_looks, pack_looks
 from twin.render.texture import Textures, pack_textures
 from twin.render.trace import bvh, traverse
+from twin.render.trace.cutouts import Cutouts, pack_cutouts
 from twin.world.kept import kept
 from twin.world.meshes.mesh import DECAL, Mesh
 from twin.world.mirror import Mirror
@@ -45,7 +49,8 @@ class Face:
     normal: wp.vec3
     """Unit, in the mesh's own axes."""
     uv_per_m: wp.float32
-    """Texture coordinates per metre, the square root of the ratio of areas [1/m]."""
+    """Texture coordinates per metre, the square root of the ratio of areas [1/m]; below 0: the face
+    has a row of details (:class:`twin.render.looks.LookTables`), which is at hand here."""
 
 
 @wp.struct
@@ -92,6 +97,10 @@ class RayScene:
     ambient: wp.array(dtype=wp.float32)
     """Share of the sky that each face's three corners see [3 F]."""
     textures: Textures
+    cuts: Cutouts
+    """Faces with holes."""
+    looks: LookTables
+    """Materials from files."""
     objects: wp.array2d(dtype=ObjectPose)
     """[S, M]"""
     spheres: wp.array3d(dtype=wp.float32)
@@ -125,8 +134,9 @@ def turned(v: wp.vec3, c: wp.float32, s: wp.float32) -> wp.vec3:
     return wp.vec3(c * v[0] - s * v[1], s * v[0] + c * v[1], v[2])
 
 
-def ray_functions(closest: Any, blocked: Any) -> tuple[Any, Any]:
-    """``trace`` and ``occluded`` on traversals like those of :mod:`twin.render.trace.traverse`."""
+def ray_functions(closest: Any, blocked: Any, *, holes: bool = False) -> tuple[Any, Any]:
+    """``trace`` and ``occluded`` on traversals like those of :mod:`twin.render.trace.traverse`;
+    ``holes``: like those that pass holes."""
 
     @wp.func
     def trace(
@@ -136,7 +146,12 @@ def ray_functions(closest: Any, blocked: Any) -> tuple[Any, Any]:
         hit = RayHit()
         hit.object = wp.int32(-1)
         hit.instance = wp.int32(-1)
-        found = closest(scene.nodes, scene.leaves, 0, origin, direction, far)
+        if wp.static(holes):
+            found = closest(
+                scene.nodes, scene.leaves, scene.uv, scene.cuts, 0, 0, origin, direction, far
+            )
+        else:
+            found = closest(scene.nodes, scene.leaves, 0, origin, direction, far)
         hit.face = wp.cast(found[3], wp.int32)
         for block in range(scene.spheres.shape[1]):
             mask = traverse.spheres_entered(scene.spheres, slot, block, origin, direction, found[0])
@@ -147,7 +162,20 @@ def ray_functions(closest: Any, blocked: Any) -> tuple[Any, Any]:
                 pose = scene.objects[slot, m]
                 local = turned(origin - pose.position, pose.cosine, -pose.sine)
                 ahead = turned(direction, pose.cosine, -pose.sine)
-                own = closest(scene.nodes, scene.leaves, pose.root, local, ahead, found[0])
+                if wp.static(holes):
+                    own = closest(
+                        scene.nodes,
+                        scene.leaves,
+                        scene.uv,
+                        scene.cuts,
+                        pose.root,
+                        pose.first_face,
+                        local,
+                        ahead,
+                        found[0],
+                    )
+                else:
+                    own = closest(scene.nodes, scene.leaves, pose.root, local, ahead, found[0])
                 face = wp.cast(own[3], wp.int32)
                 if face >= 0:
                     found = own
@@ -177,8 +205,14 @@ def ray_functions(closest: Any, blocked: Any) -> tuple[Any, Any]:
         scene: RayScene, slot: wp.int32, origin: wp.vec3, direction: wp.vec3, far: wp.float32
     ) -> wp.bool:
         """Whether anything lies on the ray within ``far`` [m]."""
-        if blocked(scene.nodes, scene.leaves, 0, origin, direction, far):
-            return True
+        if wp.static(holes):
+            if blocked(
+                scene.nodes, scene.leaves, scene.uv, scene.cuts, 0, 0, origin, direction, far
+            ):
+                return True
+        else:
+            if blocked(scene.nodes, scene.leaves, 0, origin, direction, far):
+                return True
         for block in range(scene.spheres.shape[1]):
             mask = traverse.spheres_entered(scene.spheres, slot, block, origin, direction, far)
             while mask != 0:
@@ -187,14 +221,36 @@ def ray_functions(closest: Any, blocked: Any) -> tuple[Any, Any]:
                 pose = scene.objects[slot, m]
                 local = turned(origin - pose.position, pose.cosine, -pose.sine)
                 ahead = turned(direction, pose.cosine, -pose.sine)
-                if blocked(scene.nodes, scene.leaves, pose.root, local, ahead, far):
-                    return True
+                if wp.static(holes):
+                    if blocked(
+                        scene.nodes,
+                        scene.leaves,
+                        scene.uv,
+                        scene.cuts,
+                        pose.root,
+                        pose.first_face,
+                        local,
+                        ahead,
+                        far,
+                    ):
+                        return True
+                else:
+                    if blocked(scene.nodes, scene.leaves, pose.root, local, ahead, far):
+                        return True
         return False
 
     return trace, occluded
 
 
 trace, occluded = ray_functions(traverse.closest, traverse.blocked)
+
+
+@cache
+def rays_of(features: Features) -> tuple[Any, Any]:
+    """``trace`` and ``occluded`` for worlds with such ``features``."""
+    if not features.holes:
+        return trace, occluded
+    return ray_functions(traverse.closest_there, traverse.blocked_there, holes=True)
 
 
 class Geometry:
@@ -220,14 +276,19 @@ class Geometry:
         nodes, leaves, self._roots = _hierarchies_of(world, shape)
         scene.nodes = wp.array(nodes, dtype=wp.float32, device=device)
         scene.leaves = wp.array(leaves, dtype=wp.float32, device=device)
-        rows = np.concatenate([_face_rows(mesh) for mesh in meshes])
+        self.features = Features(holes=bool(world.masks), looks=has_looks(world))
+        """What the materials of the world ask of kernels."""
+        rows = np.concatenate([_face_rows(mesh, self.features) for mesh in meshes])
         scene.faces = wp.array(rows, dtype=Face, device=device)
         corners = [mesh.faces.ravel() for mesh in meshes]
         uv = np.concatenate([m.uv[c] for m, c in zip(meshes, corners, strict=True)])
         ambient = np.concatenate([m.ambient[c] for m, c in zip(meshes, corners, strict=True)])
         scene.uv = wp.array(uv, dtype=wp.vec2, device=device)
         scene.ambient = wp.array(ambient, dtype=wp.float32, device=device)
-        scene.textures = pack_textures(world.textures, device)
+        masks = [look.mask for look in world.looks]
+        scene.textures = pack_textures(world.textures, device, world.texture_kinds)
+        scene.cuts = pack_cutouts(meshes, masks, world.masks, device)
+        scene.looks = pack_looks(meshes, world, device)
         count = world.motion.count
         self.poses = Mirror((slots, count), ObjectPose, device)
         scene.objects = self.poses.device
@@ -308,7 +369,7 @@ def _hierarchies(
     return np.concatenate(nodes), np.concatenate(leaves), np.array(roots)
 
 
-def _face_rows(mesh: Mesh) -> np.ndarray:
+def _face_rows(mesh: Mesh, features: Features) -> np.ndarray:
     rows = np.zeros(len(mesh.faces), Face.numpy_dtype())
     rows["material"], rows["tag"] = mesh.material, mesh.tag
     rows["instance"], rows["color"] = mesh.instance, mesh.color
@@ -321,6 +382,9 @@ def _face_rows(mesh: Mesh) -> np.ndarray:
     d, e = q - p, r - p
     area = np.abs(d[:, 0] * e[:, 1] - d[:, 1] * e[:, 0])
     rows["uv_per_m"] = np.sqrt(area / np.maximum(length[:, 0], 1e-30))
+    if features.looks and mesh.details is not None:
+        there = mesh.details.row >= 0
+        rows["uv_per_m"][there] = -np.maximum(rows["uv_per_m"][there], 1e-30)
     return rows
 
 

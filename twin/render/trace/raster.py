@@ -8,12 +8,16 @@ the picture are skipped. The nearest face wins, the first one of equals.
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import warp as wp
 
 from schemas.sections.lens import Lens
 from schemas.sections.lens_curve import intrinsics
+from twin.render.build import NONE, Features
 from twin.render.light.light import SlotLight
+from twin.render.trace.cutouts import HOLE
 from twin.render.trace.geometry import RayScene, turned
 from twin.render.trace.rays import Optics, SlotPose
 from twin.render.trace.visibility import NOTHING, TILE_COLUMNS, TILE_ROWS, PixelsSeen
@@ -169,8 +173,9 @@ _DRAW = """
                     const f8 t = depth / slope;
                     const size_t at = (size_t)first_pixel + (size_t)line * 8;
                     u8* nearest = (u8*)(seen.t.data + at);
-                    const i8 wins = inside & (slope != 0.0f) & (t * dz >= near) & (t * dz <= far)
+                    i8 wins = inside & (slope != 0.0f) & (t * dz >= near) & (t * dz <= far)
                         & (t < *nearest);
+                    // HOLES
                     const b8 some = __builtin_convertvector(wins, b8);
                     if (!__builtin_bit_cast(unsigned char, some)) continue;
                     *nearest = wins ? t : (f8)*nearest;
@@ -190,7 +195,29 @@ _DRAW = """
 """
 
 
-@wp.func_native(f"#if !defined(__CUDA_ARCH__)\n{_DRAW}\n#endif\n")
+# Pixels that look through a hole of the face do not see it.
+_HOLES = """
+                    if (cut) {
+                        const f8 whole = U + V + W;
+                        const f8 su = W / whole, sv = U / whole;
+                        for (int i = 0; i < 8; ++i)
+                            if (wins[i] && hole(face, su[i], sv[i])) wins[i] = 0;
+                    }"""
+
+
+def _for_cpu(text: str) -> str:
+    return f"#if !defined(__CUDA_ARCH__)\n{text}\n#endif\n"
+
+
+def _drawn_with_holes() -> str:
+    names = "const auto& cuts = scene.cuts;\nconst auto& corners = scene.uv;\n"
+    text = _DRAW.replace("// HOLES", _HOLES)
+    face = "const int face = first_face + faces[k];"
+    text = text.replace(face, f"{face}\nconst bool cut = cuts.of_face.data[face] >= 0;")
+    return names + HOLE + text
+
+
+@wp.func_native(_for_cpu(_DRAW))
 def draw_faces(
     scene: RayScene,
     raster: Raster,
@@ -209,61 +236,86 @@ def draw_faces(
     the axes of the hierarchy."""
 
 
-@wp.kernel
-def raster_kernel(
-    # model
+@wp.func_native(_for_cpu(_drawn_with_holes()))
+def draw_faces_with_holes(
     scene: RayScene,
-    optics: Optics,
     raster: Raster,
-    # state in
-    lights: wp.array(dtype=SlotLight),
-    poses: wp.array(dtype=SlotPose),
-    # args
-    first_slot: wp.int32,
-    # out
+    optics: Optics,
+    root: wp.int32,
+    first_face: wp.int32,
+    thing: wp.int32,
+    eye: wp.vec3,
+    right: wp.vec3,
+    down: wp.vec3,
+    ahead: wp.vec3,
+    first_pixel: wp.int32,
     seen: PixelsSeen,
 ):
-    """Draw the slots from ``first_slot`` on, one per thread."""
-    place = wp.tid()
-    slot = first_slot + place
-    if lights[slot].active == 0:
-        return
-    count = raster.tiles_x * raster.tiles_y * wp.static(TILE_COLUMNS * TILE_ROWS)
-    first = place * count
-    for i in range(count):
-        seen.t[first + i] = 1.0e30
-        seen.face[first + i] = NOTHING
-    pose = poses[slot]
-    draw_faces(
-        scene,
-        raster,
-        optics,
-        0,
-        0,
-        -1,
-        pose.eye,
-        pose.right,
-        pose.down,
-        pose.ahead,
-        first,
-        seen,
-    )
-    for m in range(scene.objects.shape[1]):
-        thing = scene.objects[slot, m]
-        if thing.root > 0:
-            c = thing.cosine
-            s = -thing.sine
-            draw_faces(
-                scene,
-                raster,
-                optics,
-                thing.root,
-                thing.first_face,
-                m,
-                turned(pose.eye - thing.position, c, s),
-                turned(pose.right, c, s),
-                turned(pose.down, c, s),
-                turned(pose.ahead, c, s),
-                first,
-                seen,
-            )
+    """Draw faces as :func:`draw_faces` does, but not where they have holes."""
+
+
+@cache
+def raster_kernel(features: Features = NONE) -> wp.Kernel:
+    """The kernel for worlds with such ``features``."""
+    draw = draw_faces_with_holes if features.holes else draw_faces
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def draw_kernel(
+        # model
+        scene: RayScene,
+        optics: Optics,
+        raster: Raster,
+        # state in
+        lights: wp.array(dtype=SlotLight),
+        poses: wp.array(dtype=SlotPose),
+        # args
+        first_slot: wp.int32,
+        # out
+        seen: PixelsSeen,
+    ):
+        """Draw the slots from ``first_slot`` on, one per thread."""
+        place = wp.tid()
+        slot = first_slot + place
+        if lights[slot].active == 0:
+            return
+        count = raster.tiles_x * raster.tiles_y * wp.static(TILE_COLUMNS * TILE_ROWS)
+        first = place * count
+        for i in range(count):
+            seen.t[first + i] = 1.0e30
+            seen.face[first + i] = NOTHING
+        pose = poses[slot]
+        draw(
+            scene,
+            raster,
+            optics,
+            0,
+            0,
+            -1,
+            pose.eye,
+            pose.right,
+            pose.down,
+            pose.ahead,
+            first,
+            seen,
+        )
+        for m in range(scene.objects.shape[1]):
+            thing = scene.objects[slot, m]
+            if thing.root > 0:
+                c = thing.cosine
+                s = -thing.sine
+                draw(
+                    scene,
+                    raster,
+                    optics,
+                    thing.root,
+                    thing.first_face,
+                    m,
+                    turned(pose.eye - thing.position, c, s),
+                    turned(pose.right, c, s),
+                    turned(pose.down, c, s),
+                    turned(pose.ahead, c, s),
+                    first,
+                    seen,
+                )
+
+    return draw_kernel

@@ -10,6 +10,8 @@ from __future__ import annotations
 
 import warp as wp
 
+from twin.render.trace.cutouts import HOLE, Cutouts
+
 # A GPU's exact division is a subroutine that costs a third of the registers; the quick one is off
 # by two units in the last place.
 _RAY = """
@@ -133,6 +135,7 @@ _CLOSEST8 = f"""
                 const int k = __builtin_ctz(mask);
                 mask &= mask - 1;
                 if (t[k] < far) {{
+                    // SKIP8
                     far = t[k];
                     const float sum = U[k] + V[k] + W[k];
                     best_u = W[k] / sum;
@@ -160,6 +163,7 @@ _BLOCKED8 = f"""
             }}
         }} else {{
             {_LEAF8}
+            // EACH8
             if (mask) return true;
         }}
         if (top == 0) return false;
@@ -295,6 +299,7 @@ _CLOSEST4 = f"""
             const int last = (link >> 4) + (link & 15);
             for (int face = link >> 4; face < last; ++face) {{
                 {_FACE4}
+                        // SKIP4
                         far = t;
                         const float sum = U + V + W;
                         best_u = TWIN_DIV(W, sum);
@@ -324,6 +329,7 @@ _BLOCKED4 = f"""
             const int last = (link >> 4) + (link & 15);
             for (int face = link >> 4; face < last; ++face) {{
                 {_FACE4}
+                        // SKIP4
                         return true;
                     }}
                 }}
@@ -335,8 +341,35 @@ _BLOCKED4 = f"""
 """
 
 
+_SKIPS = {
+    "// SKIP8": """
+                    const float whole = U[k] + V[k] + W[k];
+                    const int row = first_face + ((const int*)(c + 9))[k];
+                    if (hole(row, W[k] / whole, U[k] / whole)) continue;""",
+    "// EACH8": """
+            while (mask) {
+                const int k = __builtin_ctz(mask);
+                const float whole = U[k] + V[k] + W[k];
+                const int row = first_face + ((const int*)(c + 9))[k];
+                if (!hole(row, W[k] / whole, U[k] / whole)) return true;
+                mask &= mask - 1;
+            }""",
+    "// SKIP4": """
+                        const float whole = U + V + W;
+                        const int row = first_face + TWIN_BITS(P.w);
+                        if (hole(row, TWIN_DIV(W, whole), TWIN_DIV(U, whole))) continue;""",
+}
+
+
 def _either(cuda: str, cpu: str) -> str:
     return f"{_RAY}\n#if defined(__CUDA_ARCH__)\n{cuda}\n#else\n{cpu}\n#endif\n"
+
+
+def _with_holes(text: str) -> str:
+    """A traversal that passes the holes of the faces that it meets."""
+    for place, skip in _SKIPS.items():
+        text = text.replace(place, skip)
+    return HOLE + text
 
 
 @wp.func_native(_either(_CLOSEST4, _CLOSEST8))
@@ -386,6 +419,67 @@ def blocked_scalar(
     far: wp.float32,
 ) -> wp.bool:
     """Answer of :func:`blocked`, by the code of a GPU on every device."""
+
+
+@wp.func_native(_with_holes(_either(_CLOSEST4, _CLOSEST8)))
+def closest_there(
+    nodes: wp.array(dtype=wp.float32),
+    leaves: wp.array(dtype=wp.float32),
+    corners: wp.array(dtype=wp.vec2),
+    cuts: Cutouts,
+    root: wp.int32,
+    first_face: wp.int32,
+    origin: wp.vec3,
+    direction: wp.vec3,
+    far: wp.float32,
+) -> wp.vec4:
+    """Closest hit as of :func:`closest` of faces with holes; ``first_face``: row of the hierarchy's
+    first one in the tables, ``corners``: texture coordinates."""
+
+
+@wp.func_native(_with_holes(_either(_BLOCKED4, _BLOCKED8)))
+def blocked_there(
+    nodes: wp.array(dtype=wp.float32),
+    leaves: wp.array(dtype=wp.float32),
+    corners: wp.array(dtype=wp.vec2),
+    cuts: Cutouts,
+    root: wp.int32,
+    first_face: wp.int32,
+    origin: wp.vec3,
+    direction: wp.vec3,
+    far: wp.float32,
+) -> wp.bool:
+    """Answer of :func:`blocked` for faces with holes, arguments as of :func:`closest_there`."""
+
+
+@wp.func_native(_with_holes(_RAY + _CLOSEST4))
+def closest_there_scalar(
+    nodes: wp.array(dtype=wp.float32),
+    leaves: wp.array(dtype=wp.float32),
+    corners: wp.array(dtype=wp.vec2),
+    cuts: Cutouts,
+    root: wp.int32,
+    first_face: wp.int32,
+    origin: wp.vec3,
+    direction: wp.vec3,
+    far: wp.float32,
+) -> wp.vec4:
+    """Closest hit as of :func:`closest_there`, by the code of a GPU on every device."""
+
+
+@wp.func_native(_with_holes(_RAY + _BLOCKED4))
+def blocked_there_scalar(
+    nodes: wp.array(dtype=wp.float32),
+    leaves: wp.array(dtype=wp.float32),
+    corners: wp.array(dtype=wp.vec2),
+    cuts: Cutouts,
+    root: wp.int32,
+    first_face: wp.int32,
+    origin: wp.vec3,
+    direction: wp.vec3,
+    far: wp.float32,
+) -> wp.bool:
+    """Answer of :func:`blocked_there`, by the code of a GPU on every device."""
 
 
 _NEAR = """

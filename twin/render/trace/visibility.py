@@ -12,10 +12,11 @@ from functools import cache
 import numpy as np
 import warp as wp
 
-from twin.render.build import KernelOptions
+from twin.render.build import NONE, Features, KernelOptions
 from twin.render.light.light import SlotLight
+from twin.render.look_surface import look_mirrors, smooth_point
 from twin.render.surface import is_ground, may_mirror
-from twin.render.trace.geometry import RayScene, occluded, trace, turned
+from twin.render.trace.geometry import RayScene, rays_of, turned
 from twin.render.trace.rays import Optics, SlotPose
 
 wp.set_module_options({"enable_backward": False})
@@ -166,8 +167,11 @@ def pixel_of(thread: wp.int32, first_slot: wp.int32, optics: Optics) -> Pixel:
 
 
 @cache
-def visibility_kernel(build: KernelOptions, second: bool) -> wp.Kernel:
-    """The kernel, compiled as ``build`` says; ``second``: it lists pixels for second rays."""
+def visibility_kernel(build: KernelOptions, second: bool, features: Features = NONE) -> wp.Kernel:
+    """The kernel, compiled as ``build`` says for worlds with such ``features``; ``second``: it
+    lists pixels for second rays."""
+    looks = features.looks
+    trace, occluded = rays_of(features)
 
     @wp.kernel(**build.arguments())
     def first_kernel(
@@ -212,9 +216,15 @@ def visibility_kernel(build: KernelOptions, second: bool) -> wp.Kernel:
             return
         flags = hit.object + 1
         sun = lights[slot].sun_direction
-        if lights[slot].shadows != 0 and wp.dot(hit.normal, sun) > 0.0:
+        facing = hit.normal
+        if wp.static(looks):
+            smooth = smooth_point(scene, slot, hit.face, hit.object, hit.u, hit.v, hit.normal)
+            facing = smooth.n
+        if lights[slot].shadows != 0 and wp.dot(facing, sun) > 0.0:
             flags = flags | ASKED
             start = eye + direction * hit.t + hit.normal * 0.02
+            if wp.static(looks):
+                start = start + smooth.lift
             if not occluded(scene, slot, start, sun, SUN_RANGE_M):
                 flags = flags | LIT
         seen.t[thread] = hit.t + near
@@ -223,7 +233,10 @@ def visibility_kernel(build: KernelOptions, second: bool) -> wp.Kernel:
         if wp.static(second):
             material = scene.faces[hit.face].material
             cosine = -wp.dot(hit.normal, direction)
-            if needs_second_rays(material, lights[slot].wetness, cosine, hit.t):
+            needs = needs_second_rays(material, lights[slot].wetness, cosine, hit.t)
+            if wp.static(looks):
+                needs = needs or (hit.t < SECOND_RANGE_M and look_mirrors(scene, hit.face))
+            if needs:
                 put_on_list(seen.listed, seen.listed_count, thread)
         u = wp.int32(wp.clamp(hit.u, 0.0, 1.0) * 65535.0 + 0.5)
         v = wp.int32(wp.clamp(hit.v, 0.0, 1.0) * 65535.0 + 0.5)
@@ -233,8 +246,10 @@ def visibility_kernel(build: KernelOptions, second: bool) -> wp.Kernel:
 
 
 @cache
-def sun_kernel(build: KernelOptions, second: bool) -> wp.Kernel:
-    """The kernel that asks for the sun after drawing, compiled as ``build`` says."""
+def sun_kernel(build: KernelOptions, second: bool, features: Features = NONE) -> wp.Kernel:
+    """The kernel that asks for the sun after drawing; arguments as of :func:`visibility_kernel`."""
+    looks = features.looks
+    _, occluded = rays_of(features)
 
     @wp.kernel(**build.arguments())
     def shadow_kernel(
@@ -275,12 +290,24 @@ def sun_kernel(build: KernelOptions, second: bool) -> wp.Kernel:
         if wp.static(second):
             material = scene.faces[face].material
             cosine = -wp.dot(normal, direction)
-            if needs_second_rays(material, lights[slot].wetness, cosine, seen.t[thread]):
+            needs = needs_second_rays(material, lights[slot].wetness, cosine, seen.t[thread])
+            if wp.static(looks):
+                needs = needs or (seen.t[thread] < SECOND_RANGE_M and look_mirrors(scene, face))
+            if needs:
                 put_on_list(seen.listed, seen.listed_count, thread)
         sun = lights[slot].sun_direction
-        if lights[slot].shadows != 0 and wp.dot(normal, sun) > 0.0:
+        facing = normal
+        if wp.static(looks):
+            bary = seen.bary[thread]
+            u = wp.float32((bary >> 16) & 65535) * 1.5259022e-5
+            v = wp.float32(bary & 65535) * 1.5259022e-5
+            smooth = smooth_point(scene, slot, face, m, u, v, normal)
+            facing = smooth.n
+        if lights[slot].shadows != 0 and wp.dot(facing, sun) > 0.0:
             flags = flags | ASKED
             start = pose.eye + direction * seen.t[thread] + normal * 0.02
+            if wp.static(looks):
+                start = start + smooth.lift
             if not occluded(scene, slot, start, sun, SUN_RANGE_M):
                 flags = flags | LIT
             seen.flags[thread] = flags

@@ -5,10 +5,13 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import warp as wp
 
+from twin.render.build import Features
 from twin.render.trace.geometry import RayScene, turned
-from twin.render.trace.traverse import closest
+from twin.render.trace.traverse import closest, closest_there
 from twin.sensors.lidar.air import LidarAir
 from twin.sensors.lidar.sweep import (
     MASK_BITS,
@@ -35,99 +38,132 @@ class _Best:
     """Of the ray, in the axes of what it meets."""
 
 
-@wp.func
-def _against_object(
-    scene: RayScene,
-    slot: wp.int32,
-    m: wp.int32,
-    origin: wp.vec3,
-    direction: wp.vec3,
-    time: wp.float32,
-    best: _Best,
-) -> _Best:
-    """``best``, or what is hit of the object ``m`` where it was ``time`` [s] from the tick."""
-    radius = scene.objects[slot, m].radius
-    velocity = scene.objects[slot, m].velocity
-    to = scene.objects[slot, m].centre + velocity * time - origin
-    along = wp.dot(to, direction)
-    inside = radius * radius + along * along - wp.dot(to, to)
-    # The sphere's centre is not turned back with the object; it reaches farther by that little.
-    if inside < -0.5 * radius * radius or along + 1.5 * radius < 0.0:
-        return best
-    if along - 1.5 * radius > best.t:
-        return best
-    pose = scene.objects[slot, m]
-    angle = pose.yaw_rate * time
-    c = wp.cos(angle)
-    s = wp.sin(angle)
-    cosine = pose.cosine * c - pose.sine * s
-    sine = pose.sine * c + pose.cosine * s
-    local = turned(origin - (pose.position + velocity * time), cosine, -sine)
-    ahead = turned(direction, cosine, -sine)
-    own = closest(scene.nodes, scene.leaves, pose.root, local, ahead, best.t)
-    face = wp.cast(own[3], wp.int32)
-    if face >= 0:
-        best.t = own[0]
-        best.face = pose.first_face + face
-        best.direction = ahead
-        best.object = m
-    return best
-
-
 BLOCK = 128
 """Threads of a block at most; eight blocks fit a multiprocessor of 64 k registers."""
 
 
-@wp.kernel(grid_stride=False, launch_bounds=(BLOCK, 8))
-def cast_kernel(
-    # model
-    scene: RayScene,
-    beams: BeamTable,
-    # state in
-    air: wp.array(dtype=LidarAir),
-    poses: wp.array2d(dtype=SweepPose),
-    mask: wp.array3d(dtype=wp.uint32),
-    # out
-    hits_out: wp.array2d(dtype=BeamHit),
-):
-    """First hits [S, channels x columns x sub-rays]; threads over (slot, sub-ray, tile, ray)."""
-    thread = wp.tid()
-    rays = beams.tile_columns * beams.tile_rows
-    tile = thread / rays
-    inside = thread - tile * rays
-    tiles_y = (beams.channels + beams.tile_rows - 1) / beams.tile_rows
-    tiles_x = (beams.columns + beams.tile_columns - 1) / beams.tile_columns
-    group = tile / (tiles_x * tiles_y)
-    tile = tile - group * tiles_x * tiles_y
-    slot = group / beams.sub_rays
-    sub = group - slot * beams.sub_rays
-    tile_x = tile / tiles_y
-    row = inside / beams.tile_columns
-    channel = (tile - tile_x * tiles_y) * beams.tile_rows + row
-    column = tile_x * beams.tile_columns + inside - row * beams.tile_columns
-    if channel >= beams.channels or column >= beams.columns or air[slot].active == 0:
-        return
-    pose = poses[slot, column]
-    direction = pose.rotation * direction_of(beams, channel, column, sub)
-    best = _Best()
-    best.object = wp.int32(-1)
-    best.direction = direction
-    static = closest(scene.nodes, scene.leaves, 0, pose.origin, direction, beams.range_max)
-    best.t = static[0]
-    best.face = wp.cast(static[3], wp.int32)
-    for word in range(mask.shape[2]):
-        bits = mask[slot, tile_x, word]
-        m = word * _MASK_BITS
-        while bits != wp.uint32(0):
-            if (bits & wp.uint32(1)) != wp.uint32(0):
-                best = _against_object(scene, slot, m, pose.origin, direction, pose.time, best)
-            bits = bits >> wp.uint32(1)
-            m += 1
-    hit = BeamHit()
-    hit.t = best.t
-    hit.face = best.face
-    if best.face >= 0:
-        normal = scene.faces[best.face].normal
-        hit.cosine = wp.abs(wp.dot(normal, best.direction))
-        hit.owner = 2 * (best.object + 1) + wp.where(wp.abs(normal[2]) > _UP, 1, 0)
-    hits_out[slot, (channel * beams.columns + column) * beams.sub_rays + sub] = hit
+@cache
+def cast_kernel_of(features: Features) -> wp.Kernel:
+    """The kernel for worlds with such ``features``."""
+    holes = features.holes
+
+    @wp.func
+    def against_object(
+        scene: RayScene,
+        slot: wp.int32,
+        m: wp.int32,
+        origin: wp.vec3,
+        direction: wp.vec3,
+        time: wp.float32,
+        best: _Best,
+    ) -> _Best:
+        """``best``, or what is hit of the object ``m`` where it was ``time`` [s] from the tick."""
+        radius = scene.objects[slot, m].radius
+        velocity = scene.objects[slot, m].velocity
+        to = scene.objects[slot, m].centre + velocity * time - origin
+        along = wp.dot(to, direction)
+        inside = radius * radius + along * along - wp.dot(to, to)
+        # The sphere's centre is not turned back with the object; it reaches farther by that little.
+        if inside < -0.5 * radius * radius or along + 1.5 * radius < 0.0:
+            return best
+        if along - 1.5 * radius > best.t:
+            return best
+        pose = scene.objects[slot, m]
+        angle = pose.yaw_rate * time
+        c = wp.cos(angle)
+        s = wp.sin(angle)
+        cosine = pose.cosine * c - pose.sine * s
+        sine = pose.sine * c + pose.cosine * s
+        local = turned(origin - (pose.position + velocity * time), cosine, -sine)
+        ahead = turned(direction, cosine, -sine)
+        if wp.static(holes):
+            own = closest_there(
+                scene.nodes,
+                scene.leaves,
+                scene.uv,
+                scene.cuts,
+                pose.root,
+                pose.first_face,
+                local,
+                ahead,
+                best.t,
+            )
+        else:
+            own = closest(scene.nodes, scene.leaves, pose.root, local, ahead, best.t)
+        face = wp.cast(own[3], wp.int32)
+        if face >= 0:
+            best.t = own[0]
+            best.face = pose.first_face + face
+            best.direction = ahead
+            best.object = m
+        return best
+
+    @wp.kernel(module="unique", enable_backward=False, grid_stride=False, launch_bounds=(BLOCK, 8))
+    def cast_kernel(
+        # model
+        scene: RayScene,
+        beams: BeamTable,
+        # state in
+        air: wp.array(dtype=LidarAir),
+        poses: wp.array2d(dtype=SweepPose),
+        mask: wp.array3d(dtype=wp.uint32),
+        # out
+        hits_out: wp.array2d(dtype=BeamHit),
+    ):
+        """First hits [S, channels x columns x sub-rays]; threads over (slot, sub-ray, tile,
+        ray)."""
+        thread = wp.tid()
+        rays = beams.tile_columns * beams.tile_rows
+        tile = thread / rays
+        inside = thread - tile * rays
+        tiles_y = (beams.channels + beams.tile_rows - 1) / beams.tile_rows
+        tiles_x = (beams.columns + beams.tile_columns - 1) / beams.tile_columns
+        group = tile / (tiles_x * tiles_y)
+        tile = tile - group * tiles_x * tiles_y
+        slot = group / beams.sub_rays
+        sub = group - slot * beams.sub_rays
+        tile_x = tile / tiles_y
+        row = inside / beams.tile_columns
+        channel = (tile - tile_x * tiles_y) * beams.tile_rows + row
+        column = tile_x * beams.tile_columns + inside - row * beams.tile_columns
+        if channel >= beams.channels or column >= beams.columns or air[slot].active == 0:
+            return
+        pose = poses[slot, column]
+        direction = pose.rotation * direction_of(beams, channel, column, sub)
+        best = _Best()
+        best.object = wp.int32(-1)
+        best.direction = direction
+        if wp.static(holes):
+            static = closest_there(
+                scene.nodes,
+                scene.leaves,
+                scene.uv,
+                scene.cuts,
+                0,
+                0,
+                pose.origin,
+                direction,
+                beams.range_max,
+            )
+        else:
+            static = closest(scene.nodes, scene.leaves, 0, pose.origin, direction, beams.range_max)
+        best.t = static[0]
+        best.face = wp.cast(static[3], wp.int32)
+        for word in range(mask.shape[2]):
+            bits = mask[slot, tile_x, word]
+            m = word * _MASK_BITS
+            while bits != wp.uint32(0):
+                if (bits & wp.uint32(1)) != wp.uint32(0):
+                    best = against_object(scene, slot, m, pose.origin, direction, pose.time, best)
+                bits = bits >> wp.uint32(1)
+                m += 1
+        hit = BeamHit()
+        hit.t = best.t
+        hit.face = best.face
+        if best.face >= 0:
+            normal = scene.faces[best.face].normal
+            hit.cosine = wp.abs(wp.dot(normal, best.direction))
+            hit.owner = 2 * (best.object + 1) + wp.where(wp.abs(normal[2]) > _UP, 1, 0)
+        hits_out[slot, (channel * beams.columns + column) * beams.sub_rays + sub] = hit
+
+    return cast_kernel

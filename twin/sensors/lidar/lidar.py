@@ -91,7 +91,11 @@ class LidarSensor:
         self._detector = _detector(profile, self.lidar)
         rows = geometry.scene.faces.numpy()
         uv = geometry.scene.uv.numpy().reshape(-1, 3, 2)
-        surfaces = face_returns(rows, face_colors(rows, uv, geometry.world.textures), profile)
+        surfaces = face_returns(
+            rows,
+            face_colors(rows, uv, geometry.world.textures, geometry.world.texture_kinds),
+            profile,
+        )
         self._surfaces = wp.array(surfaces, dtype=wp.vec4, device=device)
         tables = lidar_scatter.scatter(profile)
         self._fog_peak = tables.fog[:, :, 1].max(axis=1)
@@ -113,9 +117,11 @@ class LidarSensor:
         )
         self.count = wp.zeros(slots, dtype=wp.int32, device=device)
         self._allocate_points(points_out)
-        modules = (lidar_sweep, lidar_packet if device.is_cpu else lidar_cast, lidar_return)
-        for module in modules:
+        of = lidar_packet.packet_kernel_of if device.is_cpu else lidar_cast.cast_kernel_of
+        self._caster = of(geometry.features)
+        for module in (lidar_sweep, lidar_return):
             wp.load_module(module, device=device)
+        self._caster.module.load(device, block)
 
     def _allocate_points(self, points_out: np.ndarray | None) -> None:
         if points_out is not None and (
@@ -221,7 +227,7 @@ class LidarSensor:
         threads = math.prod(self._tile) // (math.prod(lidar_packet.PACKET) if cpu else 1)
         tiles = self._tiles_x * self._tiles_y * self.profile.sub_rays
         wp.launch(
-            lidar_packet.packet_kernel if cpu else lidar_cast.cast_kernel,
+            self._caster,
             self.shape[0] * tiles * threads,
             inputs=[
                 *(self.geometry.scene, self._beams, self.air.device, self._poses, self._mask),

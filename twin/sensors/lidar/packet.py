@@ -13,8 +13,12 @@ for one edge is the negative of its neighbour's: rays do not slip between two fa
 
 from __future__ import annotations
 
+from functools import cache
+
 import warp as wp
 
+from twin.render.build import Features
+from twin.render.trace.cutouts import HOLE
 from twin.render.trace.geometry import RayScene
 from twin.sensors.lidar.air import LidarAir
 from twin.sensors.lidar.sweep import BeamHit, BeamTable, SweepPose
@@ -161,6 +165,7 @@ auto walk = [&](int root, const Ray& ray, int first_face, int who) {
                 const F slant = ray.dx * nx + ray.dy * ny + ray.dz * nz;
                 const F t = (height[k] - (qx * nx + qy * ny + qz * nz)) / slant;
                 in = in & (I)(t >= 0.0f) & (I)(t < best);
+                // HOLES
                 if (!__builtin_reduce_or(in)) continue;
                 const float length = __builtin_sqrtf(nx * nx + ny * ny + nz * nz);
                 const int mark = 2 * (who + 1) + (__builtin_fabsf(nz) > c_up * length ? 1 : 0);
@@ -246,6 +251,16 @@ for (int k = 0; k < 16; ++k) {
 """
 
 
+# Rays that meet a hole of the face go on.
+_HOLES = """
+                if (cuts.of_face.data[first_face + tris[k]] >= 0) {
+                    const F whole = U + V + W, su = W / whole, sv = U / whole;
+                    for (int i = 0; i < 16; ++i)
+                        if (in[i] && hole(first_face + tris[k], su[i], sv[i])) in[i] = 0;
+                }"""
+_SCENE = "const auto& cuts = scene.cuts;\nconst auto& corners = scene.uv;\n"
+
+
 @wp.func_native(_WALK + _CAST)
 def _cast_packet(
     scene: RayScene,
@@ -261,34 +276,57 @@ def _cast_packet(
 ): ...
 
 
-@wp.kernel
-def packet_kernel(
-    # model
+@wp.func_native(_SCENE + HOLE + _WALK.replace("// HOLES", _HOLES) + _CAST)
+def _cast_packet_with_holes(
     scene: RayScene,
     beams: BeamTable,
-    # state in
-    air: wp.array(dtype=LidarAir),
     poses: wp.array2d(dtype=SweepPose),
     mask: wp.array3d(dtype=wp.uint32),
-    # out
-    hits_out: wp.array2d(dtype=BeamHit),
-):
-    """First hits [S, channels x columns x sub-rays]; threads over (slot, sub-ray, tile, packet)."""
-    thread = wp.tid()
-    across = beams.tile_columns / _COLUMNS
-    packets = across * (beams.tile_rows / _ROWS)
-    tile = thread / packets
-    inside = thread - tile * packets
-    tiles_y = (beams.channels + beams.tile_rows - 1) / beams.tile_rows
-    tiles_x = (beams.columns + beams.tile_columns - 1) / beams.tile_columns
-    group = tile / (tiles_x * tiles_y)
-    tile = tile - group * tiles_x * tiles_y
-    slot = group / beams.sub_rays
-    sub = group - slot * beams.sub_rays
-    tile_x = tile / tiles_y
-    row = inside / across
-    channel = (tile - tile_x * tiles_y) * beams.tile_rows + row * _ROWS
-    column = tile_x * beams.tile_columns + (inside - row * across) * _COLUMNS
-    if channel >= beams.channels or column >= beams.columns or air[slot].active == 0:
-        return
-    _cast_packet(scene, beams, poses, mask, hits_out, slot, sub, tile_x, channel, column)
+    hits: wp.array2d(dtype=BeamHit),
+    slot: wp.int32,
+    sub: wp.int32,
+    tile_x: wp.int32,
+    channel: wp.int32,
+    column: wp.int32,
+): ...
+
+
+@cache
+def packet_kernel_of(features: Features) -> wp.Kernel:
+    """The kernel for worlds with such ``features``."""
+    cast = _cast_packet_with_holes if features.holes else _cast_packet
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def packet_kernel(
+        # model
+        scene: RayScene,
+        beams: BeamTable,
+        # state in
+        air: wp.array(dtype=LidarAir),
+        poses: wp.array2d(dtype=SweepPose),
+        mask: wp.array3d(dtype=wp.uint32),
+        # out
+        hits_out: wp.array2d(dtype=BeamHit),
+    ):
+        """First hits [S, channels x columns x sub-rays]; threads over (slot, sub-ray, tile,
+        packet)."""
+        thread = wp.tid()
+        across = beams.tile_columns / _COLUMNS
+        packets = across * (beams.tile_rows / _ROWS)
+        tile = thread / packets
+        inside = thread - tile * packets
+        tiles_y = (beams.channels + beams.tile_rows - 1) / beams.tile_rows
+        tiles_x = (beams.columns + beams.tile_columns - 1) / beams.tile_columns
+        group = tile / (tiles_x * tiles_y)
+        tile = tile - group * tiles_x * tiles_y
+        slot = group / beams.sub_rays
+        sub = group - slot * beams.sub_rays
+        tile_x = tile / tiles_y
+        row = inside / across
+        channel = (tile - tile_x * tiles_y) * beams.tile_rows + row * _ROWS
+        column = tile_x * beams.tile_columns + (inside - row * across) * _COLUMNS
+        if channel >= beams.channels or column >= beams.columns or air[slot].active == 0:
+            return
+        cast(scene, beams, poses, mask, hits_out, slot, sub, tile_x, channel, column)
+
+    return packet_kernel

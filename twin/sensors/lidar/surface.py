@@ -8,6 +8,7 @@ import numpy as np
 
 from schemas.sections.lidar import LidarProfile
 from twin.world.meshes import materials
+from twin.world.meshes.details import wrapped
 from twin.world.meshes.srgb import linear
 
 LONG_WAVE_NM = 1200.0
@@ -93,19 +94,26 @@ def face_returns(faces: np.ndarray, colors: np.ndarray, profile: LidarProfile) -
     return np.stack([reflectance, own[:, 3], wet, own[:, 5]], axis=1).astype(np.float32)
 
 
-def face_colors(faces: np.ndarray, uv: np.ndarray, textures: tuple[np.ndarray, ...]) -> np.ndarray:
+def face_colors(
+    faces: np.ndarray,
+    uv: np.ndarray,
+    textures: tuple[np.ndarray, ...],
+    kinds: tuple[int, ...] = (),
+) -> np.ndarray:
     """Colour of every face, times its image where its corners' middle lies; linear RGB [F, 3].
 
     Args:
         faces: rows of :class:`twin.render.trace.geometry.Face`.
         uv: texture coordinates of each face's corners [F, 3, 2]; 0, 0 is lower left.
         textures: images uint8 [h, w, 3], sRGB, the first row on top.
+        kinds: of the images, as :attr:`twin.world.street.build.World.texture_kinds`.
     """
     colors = faces["color"].astype(float)
-    middle = uv.mean(axis=1)
-    middle = middle - np.floor(middle)
+    means = uv.mean(axis=1)
     for number, image in enumerate(textures):
         own = faces["texture"] == number
+        kind = kinds[number] if kinds else 0
+        middle = np.stack([wrapped(means[:, 0], kind & 3), wrapped(means[:, 1], kind >> 2 & 3)], 1)
         height, width = image.shape[:2]
         column = np.minimum((middle[own, 0] * width).astype(int), width - 1)
         row = np.minimum(((1.0 - middle[own, 1]) * height).astype(int), height - 1)

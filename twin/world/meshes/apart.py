@@ -11,11 +11,14 @@ from pathlib import Path
 import numpy as np
 
 from schemas.files.assets import mesh_files
-from twin.world.apart.checks import Array, ListOf, Record, Text
+from twin.world.apart.checks import Array, ListOf, Number, Record, Text
 from twin.world.apart.parser import Parser
 from twin.world.apart.reading import AskedFile, read_apart, unprotected
-from twin.world.meshes.mesh_file import TEXTURE_SIDE_MAX, MeshData, Part, check_before
+from twin.world.meshes.details import MAPS
+from twin.world.meshes.mesh_file import MeshData, check_before
 from twin.world.meshes.mesh_header import FACES_MAX
+from twin.world.meshes.part import CUTOFF_MAX, Part
+from twin.world.meshes.part_images import TEXTURE_SIDE_MAX
 from twin.world.meshes.terrain import SAMPLES_MAX, check_heightmap
 from twin.world.scene import Scene
 
@@ -23,6 +26,9 @@ PARTS_MAX, NOTES_MAX = 100_000, 10_000
 """Most parts and most notes of a mesh file."""
 
 _PICTURE = Array("uint8", ("h", "w", 3), optional=True, side_min=1, side_max=TEXTURE_SIDE_MAX)
+_ALPHA = Array("uint8", ("h", "w"), optional=True, side_min=1, side_max=TEXTURE_SIDE_MAX)
+_WRAP = ListOf(Number(0, 2, whole=True), 2, least=2)
+_SHARE = Number(0.0, 1.0)
 PART = Record(
     Part,
     {
@@ -31,6 +37,19 @@ PART = Record(
         "color": Array("float64", ("F", 3)),
         "uv": Array("float64", ("V", 2), optional=True),
         "image": _PICTURE,
+        "wrap": _WRAP,
+        "colors": Array("float64", ("V", 3), optional=True),
+        "normals": Array("float64", ("V", 3), optional=True),
+        "tangents": Array("float64", ("V", 4), optional=True),
+        "alpha": _ALPHA,
+        "cutoff": Number(0.0, CUTOFF_MAX),
+        "emission": ListOf(Number(0.0), 3, least=3),
+        "metallic": _SHARE,
+        "roughness": _SHARE,
+        "normal_scale": Number(),
+        "maps": ListOf(_PICTURE, MAPS, least=MAPS),
+        "map_wraps": ListOf(_WRAP, MAPS, least=MAPS),
+        "map_from_uv": Array("float64", (MAPS, 2, 3)),
     },
 )
 MESH_DATA = Record(

@@ -12,10 +12,12 @@ from schemas.escape import escape
 from twin.world.content import MeshFile
 from twin.world.meshes import materials
 from twin.world.meshes.apart import SceneFiles
+from twin.world.meshes.details import FaceLook, Mask
 from twin.world.meshes.mesh import MeshBuilder
-from twin.world.meshes.mesh_file import Part
 from twin.world.meshes.mesh_header import FACES_MAX
+from twin.world.meshes.part import Part
 from twin.world.meshes.terrain import add_terrain
+from twin.world.meshes.world_looks import WorldLooks
 from twin.world.scene import Scene
 from twin.world.street.layout import Hull
 
@@ -31,6 +33,10 @@ class ImportedMeshes:
     """Object classes of the new instances."""
     hulls: list[Hull]
     textures: tuple[np.ndarray, ...]
+    kinds: tuple[int, ...]
+    """Of the textures; empty: all are of the usual kind."""
+    masks: tuple[Mask, ...]
+    looks: tuple[FaceLook, ...]
     notes: tuple[str, ...]
     """What was left out of files: one line per file and feature, escaped."""
 
@@ -54,7 +60,7 @@ def add_imports(
     classes: list[str] = []
     hulls: list[Hull] = []
     notes: list[str] = list(files.notes)
-    textures: list[np.ndarray] = []
+    looks = WorldLooks()
     faces = 0
     for number, (item, data) in enumerate(zip(scene.meshes, files.meshes, strict=True)):
         try:
@@ -68,21 +74,27 @@ def add_imports(
             raise ValueError(f"meshes[{number}]: {error}") from None
         for part, points in zip(data.parts, moved, strict=True):
             faces += len(part.faces)
-            _add(mesh, part, points, item, instance, textures)
+            _add(mesh, part, points, item, instance, looks)
         if faces > FACES_MAX:
             raise ValueError(f"meshes: together more than {FACES_MAX} faces; simplify them first")
         if item.solid:
             hulls.append(_hull(data.parts, item))
         notes += data.notes
-    once = tuple(dict.fromkeys(map(escape, notes)))  # a file may stand in several places
-    return ImportedMeshes(classes, hulls, tuple(textures), once)
+    return ImportedMeshes(
+        classes,
+        hulls,
+        tuple(looks.textures),
+        tuple(looks.kinds) if any(looks.kinds) else (),
+        tuple(looks.masks),
+        tuple(looks.looks),
+        tuple(dict.fromkeys(map(escape, notes))),  # a file may stand in several places
+    )
 
 
 def _upright(points: np.ndarray, item: MeshFile) -> np.ndarray:
     """Scaled, with z up, and turned by roll and pitch."""
-    up = item.up or ("y" if Path(item.file).suffix.lower() in (".glb", ".gltf") else "z")
     p = points * item.scale
-    if up == "y":  # x stays, y becomes z, z becomes -y
+    if _up(item) == "y":  # x stays, y becomes z, z becomes -y
         p = np.stack([p[:, 0], -p[:, 2], p[:, 1]], axis=1)
     roll, pitch, _ = np.radians(item.rotation_deg)
     about_x = np.array(
@@ -94,12 +106,22 @@ def _upright(points: np.ndarray, item: MeshFile) -> np.ndarray:
     return p @ (about_y @ about_x).T
 
 
+def _up(item: MeshFile) -> str:
+    return item.up or ("y" if Path(item.file).suffix.lower() in (".glb", ".gltf") else "z")
+
+
 def _placed(points: np.ndarray, item: MeshFile) -> np.ndarray:
     p = _upright(points, item)
     yaw = math.radians(item.rotation_deg[2])
     c, s = math.cos(yaw), math.sin(yaw)
     turned = np.stack([c * p[:, 0] - s * p[:, 1], s * p[:, 0] + c * p[:, 1], p[:, 2]], axis=1)
     return turned + np.array(item.position_m)
+
+
+def _turn(item: MeshFile) -> np.ndarray:
+    """Rotation from the file to the world [3, 3]."""
+    axes = _placed(np.vstack([np.zeros(3), np.eye(3)]), item)
+    return (axes[1:] - axes[0]).T / item.scale
 
 
 def _check_reach(moved: list[np.ndarray], item: MeshFile) -> None:
@@ -128,18 +150,19 @@ def _add(
     points: np.ndarray,
     item: MeshFile,
     instance: int,
-    textures: list[np.ndarray],
+    looks: WorldLooks,
 ) -> None:
     own_look = item.material is None and item.color is None
-    texture = -1
-    if part.image is not None and own_look:
-        known = [i for i, image in enumerate(textures) if image is part.image]
-        texture = known[0] if known else len(textures)
-        if not known:
-            textures.append(part.image)
+    texture = looks.image(part.image, part.wrap) if own_look else -1
+    details = looks.details(
+        part, _turn(item), own_look=own_look, emission_cd_m2=item.emission_cd_m2
+    )
     color = part.color
     if item.color is not None:
         color = np.broadcast_to(np.array(item.color), color.shape)
+    elif texture >= 0:  # what the image is multiplied with
+        corners = None if part.colors is None else part.colors[part.faces]
+        color = np.ones_like(color) if corners is None else corners.mean(axis=1)
     material = materials.PLAIN if item.material is None else materials.NAMES[item.material]
     with mesh.label(item.semantic, instance):
         mesh.add(
@@ -147,6 +170,7 @@ def _add(
             part.faces,
             material,
             color,
-            uv=part.uv if texture >= 0 else None,
+            uv=part.uv if texture >= 0 or details is not None else None,
             texture=texture,
+            details=details,
         )

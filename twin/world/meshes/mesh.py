@@ -11,6 +11,7 @@ import numpy as np
 
 from schemas.messages import SEMANTIC_CLASSES
 from twin.world.meshes import materials
+from twin.world.meshes.details import CornerDetails, DetailsBuilder, FaceDetails
 
 Color = tuple[float, float, float]
 """Linear RGB reflectance [-]."""
@@ -45,7 +46,7 @@ class Mesh:
     semantic: np.ndarray
     """int32 [F], index into :data:`schemas.messages.SEMANTIC_CLASSES`"""
     texture: np.ndarray
-    """int32 [F], image of the world's list, which takes the place of the colour; -1 for none;
+    """int32 [F], image of the world's list, which is multiplied with the colour; -1 for none;
     :data:`UV_METRES`"""
     uv: np.ndarray
     """float32 [V, 2], u to the right and v up in the image (row = (1 - v) * height), repeating;
@@ -53,6 +54,8 @@ class Mesh:
     ambient: np.ndarray
     """float32 [V], share of the sky before the face that the vertex sees, 1 in the open; see
     :mod:`twin.world.street.ambient`"""
+    details: FaceDetails | None = None
+    """What faces from files have beside; None: none has anything"""
 
 
 _GRID_PER_M = 65536.0
@@ -85,6 +88,7 @@ class MeshBuilder:
         self._faces: list[np.ndarray] = []
         self._uv: list[np.ndarray] = []
         self._batches: list[_Batch] = []
+        self._details = DetailsBuilder()
         self._count = 0
         self._yaw = 0.0
         self._offset = np.zeros(3)
@@ -148,6 +152,7 @@ class MeshBuilder:
         *,
         uv: np.ndarray | None = None,
         texture: int | np.ndarray = -1,
+        details: CornerDetails | None = None,
     ) -> None:
         """Add ``faces`` [f, 3] over ``points`` [v, 3] with one material.
 
@@ -156,6 +161,7 @@ class MeshBuilder:
             tag: of all faces, or [f].
             uv: texture coordinates [v, 2].
             texture: image of all faces, or of each [f].
+            details: of the faces, in the axes of the world: places do not turn them.
         """
         points = np.asarray(points, float)
         cosine, sine = math.cos(self._yaw), math.sin(self._yaw)
@@ -170,6 +176,7 @@ class MeshBuilder:
             uv, texture = np.stack([points[:, 0] + points[:, 1], points[:, 2]], axis=1), UV_METRES
         self._points.append(moved)
         faces = np.asarray(faces, np.int32)
+        self._details.add(moved, faces, details)
         self._faces.append(faces + self._count)
         self._uv.append(np.zeros((len(points), 2)) if uv is None else np.asarray(uv, float))
         self._count += len(points)
@@ -327,4 +334,5 @@ class MeshBuilder:
             texture=spread("texture", np.int32),
             uv=np.concatenate(self._uv).astype(np.float32),
             ambient=np.ones(self._count, np.float32),
+            details=self._details.build(),
         )

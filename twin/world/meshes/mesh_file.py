@@ -1,8 +1,8 @@
 """Meshes from files, read and checked: OBJ, PLY and STL by trimesh, glTF and GLB by
 :mod:`twin.world.meshes.gltf`.
 
-Scanned meshes bring vertex colours or a texture with them: vertex colours become one colour per
-face, textures stay images of at most :data:`TEXTURE_SIDE_MAX` pixels a side.
+Scanned meshes bring vertex colours or a texture with them: textures stay images of at most
+:data:`twin.world.meshes.part_images.TEXTURE_SIDE_MAX` pixels a side.
 """
 
 from __future__ import annotations
@@ -13,44 +13,22 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 
 from schemas.files.assets import mesh_files
 from schemas.files.regular_file import open_regular
 from twin.world.meshes.gltf.document import GltfError
+from twin.world.meshes.gltf.parts import gltf_part
 from twin.world.meshes.gltf.reader import read_pieces
 from twin.world.meshes.mesh_header import FACES_MAX, FILE_BYTES_MAX, SUFFIXES, declared_faces
 from twin.world.meshes.others import Beside, stream_of
-from twin.world.meshes.srgb import linear, srgb
+from twin.world.meshes.part import Part as Part
+from twin.world.meshes.part import simplify
+from twin.world.meshes.part_images import TEXTURES_MAX, PartImages
+from twin.world.meshes.srgb import linear
 
-TEXTURE_SIDE_MAX = 2048
-"""Longer sides of images are scaled down to this [px]."""
-TEXTURES_MAX = 64
-"""Most images of one mesh file."""
 _AREA_MIN = 1e-12  # of the mean square edge
 _GREY = 0.35
-_IMAGE_PIXELS_MAX = 1 << 28
-
-
-_Images = dict[tuple[int, tuple[float, ...]], np.ndarray]
-"""Pictures that are made ready, by their object and the factor they are multiplied with."""
-
-
-@dataclass(slots=True)
-class Part:
-    """A piece of a file with one look, in the file's own axes and units."""
-
-    points: np.ndarray
-    """float64 [V, 3]"""
-    faces: np.ndarray
-    """int64 [F, 3]"""
-    color: np.ndarray
-    """float64 [F, 3], linear RGB; of textured faces, the texture's mean colour."""
-    uv: np.ndarray | None = None
-    """float64 [V, 2]"""
-    image: np.ndarray | None = None
-    """uint8 [h, w, 3], sRGB."""
 
 
 @dataclass(slots=True)
@@ -70,26 +48,31 @@ def load_mesh(path: Path) -> MeshData:
     """
     check_before(path)
     data = MeshData([])
-    images: _Images = {}
+    images = PartImages(path, data.notes)
     if path.suffix.lower() in (".glb", ".gltf"):
         parts = _gltf_parts(path, data.notes, images)
     else:
-        parts = _other_parts(path, data.notes, images)
+        parts = _other_parts(path, images)
     faces = dropped = 0
+    broken: list[str] = []
     for part in parts:
         dropped += _check(part, path)
         faces += len(part.faces)
         if faces > FACES_MAX:
             raise ValueError(f"{path}: more than {FACES_MAX} faces, simplify the mesh first")
         if len(part.faces):
+            broken += [name for name in simplify(part) if name not in broken]
             data.parts.append(part)
     if not faces:
         why = f" left: all {dropped} have no area" if dropped else ""
         raise ValueError(f"{path}: the mesh has no faces{why}")
     if dropped:
         data.notes.append(f"{path.name}: {dropped} faces without area left out")
-    if len(images) > TEXTURES_MAX:
-        raise ValueError(f"{path}: {len(images)} textures, allowed: {TEXTURES_MAX}")
+    if broken:
+        what = ", ".join("texture coordinates" if name == "uv" else name for name in broken)
+        data.notes.append(f"{path.name}: {what} that are NaN or infinite ignored")
+    if images.colors > TEXTURES_MAX:
+        raise ValueError(f"{path}: {images.colors} textures, allowed: {TEXTURES_MAX}")
     return data
 
 
@@ -136,8 +119,9 @@ def _check_named(file: Path, path: Path) -> None:
         raise ValueError(f"{path}: it names {file}: {error.strerror or error}") from None
 
 
-def _read(path: Path, notes: list[str]) -> list[Any]:
-    """Geometries of a file, moved to where the file's nodes put them."""
+def _read(path: Path, notes: list[str]) -> list[tuple[Any, Any]]:
+    """Geometries of a file, moved to where the file's nodes put them, and normals [V, 3] of those
+    that have some in the file, else None."""
     import trimesh  # heavy, and most scenes have no mesh files
 
     log = logging.getLogger("trimesh")
@@ -153,7 +137,13 @@ def _read(path: Path, notes: list[str]) -> list[Any]:
             validate=False,
         )
         notes += dict.fromkeys(beside.missing)
-        return list(scene.dump(concatenate=False))
+        geometries = []
+        for geometry in scene.dump(concatenate=False):
+            source = scene.geometry.get(geometry.metadata.get("name"))
+            # The property makes them up where the file has none.
+            normals = None if source is None else source._cache.cache.get("vertex_normals")
+            geometries.append((geometry, normals))
+        return geometries
     except MemoryError:
         raise ValueError(f"{path}: not enough memory to load it") from None
     except Exception as error:  # its loaders raise whatever their parsers do
@@ -163,17 +153,19 @@ def _read(path: Path, notes: list[str]) -> list[Any]:
         log.setLevel(before)
 
 
-def _other_parts(path: Path, notes: list[str], images: _Images) -> Iterator[Part]:
+def _other_parts(path: Path, images: PartImages) -> Iterator[Part]:
     """What trimesh reads."""
-    for geometry in _read(path, notes):
+    for geometry, normals in _read(path, images.notes):
         if hasattr(geometry, "faces"):
             faces = np.asarray(geometry.faces, np.int64).reshape(-1, 3)
-            part = _look(geometry, faces, path, notes, images)
+            part = _look(geometry, faces, images)
             part.points = np.asarray(geometry.vertices, np.float64)
+            if normals is not None and np.shape(normals) == part.points.shape:
+                part.normals = np.array(normals, np.float64)
             yield part
 
 
-def _gltf_parts(path: Path, notes: list[str], images: _Images) -> Iterator[Part]:
+def _gltf_parts(path: Path, notes: list[str], images: PartImages) -> Iterator[Part]:
     """What a glTF file holds."""
     try:
         pieces, ignored = read_pieces(path)
@@ -183,17 +175,14 @@ def _gltf_parts(path: Path, notes: list[str], images: _Images) -> Iterator[Part]
     except MemoryError:
         raise ValueError(f"{path}: not enough memory to load it") from None
     notes += ignored
+    gone = 0
     for piece in pieces:
-        part = Part(piece.points, piece.faces, np.zeros((len(piece.faces), 3)), piece.uv)
-        if piece.picture is not None:
-            part.image = _small(piece.picture, piece.factor, path, notes, images)
-            mean = linear(part.image.reshape(-1, 3) / 255.0).mean(axis=0)
-            part.color[:] = mean
-        elif piece.colors is not None and _named_are_there(piece.faces, len(piece.points)):
-            part.color[:] = piece.colors[piece.faces].mean(axis=1) * piece.factor
+        if piece.look.cutoff > 0.0 and piece.look.alpha < piece.look.cutoff:
+            gone += 1
         else:
-            part.color[:] = piece.factor
-        yield part
+            yield gltf_part(piece, images)
+    if gone:
+        notes.append(f"{path.name}: parts that are transparent throughout left out")
 
 
 def _named_are_there(faces: np.ndarray, count: int) -> bool:
@@ -222,21 +211,22 @@ def _check(part: Part, path: Path) -> int:
     return int((~keep).sum())
 
 
-def _look(geometry: Any, faces: np.ndarray, path: Path, notes: list[str], images: _Images) -> Part:
+def _look(geometry: Any, faces: np.ndarray, images: PartImages) -> Part:
     """Colours and texture of a geometry."""
     visual = geometry.visual
     kind = getattr(visual, "kind", None)
     part = Part(np.zeros((0, 3)), faces, np.full((len(faces), 3), _GREY))
     if kind == "vertex":
         rgb = np.asarray(visual.vertex_colors, np.float64)[:, :3] / 255.0
-        part.color = linear(rgb)[faces].mean(axis=1)  # scanners write sRGB
+        part.colors = linear(rgb)  # scanners write sRGB
+        part.color = part.colors[faces].mean(axis=1)
     elif kind == "face":
         part.color = linear(np.asarray(visual.face_colors, np.float64)[:, :3] / 255.0)
     elif kind == "texture":
         image, factor = _material(visual.material)
         uv = getattr(visual, "uv", None)
         if image is not None and uv is not None and np.isfinite(uv).all():
-            part.image = _small(image, factor, path, notes, images)
+            part.image = images.color(image, factor)
             part.uv = np.asarray(uv, np.float64)
             mean = linear(part.image.reshape(-1, 3) / 255.0).mean(axis=0)
             part.color = np.broadcast_to(mean, (len(faces), 3)).copy()
@@ -259,35 +249,3 @@ def _material(material: Any) -> tuple[Any, np.ndarray | None]:
         if image is None and diffuse is not None:
             return None, linear(np.asarray(diffuse, np.float64)[:3] / 255.0)
     return image, None
-
-
-def _small(
-    image: Any,
-    factor: np.ndarray | None,
-    path: Path,
-    notes: list[str],
-    images: _Images,
-) -> np.ndarray:
-    """The image as uint8 sRGB, scaled down to the limit and times the material's factor."""
-    key = (id(image), () if factor is None else tuple(factor))
-    if key in images:
-        return images[key]
-    try:
-        if image.width * image.height > _IMAGE_PIXELS_MAX:
-            raise ValueError(f"{image.width} x {image.height} px")
-        rgb = np.asarray(image.convert("RGB"))
-    except Exception as error:  # a broken picture fails here, when it is decoded
-        reason = " ".join(str(error).split())[:120]
-        raise ValueError(f"{path}: a texture cannot be read: {reason}") from None
-    height, width = rgb.shape[:2]
-    side = max(height, width)
-    if side > TEXTURE_SIDE_MAX:
-        size = tuple(max(1, round(n * TEXTURE_SIDE_MAX / side)) for n in (width, height))
-        rgb = cv2.resize(rgb, size, interpolation=cv2.INTER_AREA)
-        notes.append(
-            f"{path.name}: a texture of {width} x {height} px scaled to {size[0]} x {size[1]}"
-        )
-    if factor is not None and (factor < 0.999).any():
-        rgb = np.rint(255.0 * srgb(linear(rgb / 255.0) * factor)).astype(np.uint8)
-    images[key] = rgb
-    return rgb

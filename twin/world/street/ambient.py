@@ -123,6 +123,8 @@ def baked(meshes: Sequence[Mesh]) -> list[Mesh]:
         key.update(mesh.points_m.astype("<f4").tobytes())
         key.update(mesh.faces.astype("<i4").tobytes())
         key.update((mesh.material == materials.FOLIAGE).tobytes())
+        if mesh.details is not None:
+            key.update(_rounded(mesh).tobytes())
     prepare_kernels()
     path = kept_folder("ambient") / f"{key.hexdigest()}.u8"
     counts = [len(mesh.points_m) for mesh in meshes]
@@ -194,7 +196,21 @@ def _vertex_frames(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
     way = np.where(used[:, None], middle - mesh.points_m, 0.0)
     reach = np.linalg.norm(way, axis=1, keepdims=True)
     way *= np.minimum(_INWARD_M, 0.5 * reach) / np.maximum(reach, 1e-30)
+    if mesh.details is not None:
+        # Towards the faces of a round body is into it.
+        inside = (way * unit).sum(axis=1, keepdims=True) * unit
+        way = np.where(_rounded(mesh)[:, None], way - inside, way)
     return unit.astype(np.float32), way.astype(np.float32)
+
+
+def _rounded(mesh: Mesh) -> np.ndarray:
+    """Vertices of faces with normals at their corners, bool [V]."""
+    found = np.zeros(len(mesh.points_m), bool)
+    if mesh.details is not None and len(mesh.details.normal):
+        row = mesh.details.row
+        smooth = np.abs(mesh.details.normal).sum(axis=(1, 2)) > 0.0
+        found[mesh.faces[(row >= 0) & smooth[row]]] = True
+    return found
 
 
 def _read(path: Path, count: int) -> np.ndarray | None:

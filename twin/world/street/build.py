@@ -13,6 +13,7 @@ from twin.actors.motion import Motion, ObjectKind, Still
 from twin.actors.objects import build_cast
 from twin.road.lane import LanePath, straight
 from twin.world.kept import kept
+from twin.world.meshes.details import FaceLook, Mask
 from twin.world.meshes.imports import add_imports
 from twin.world.meshes.kept_files import kept_files
 from twin.world.meshes.mesh import Mesh, MeshBuilder
@@ -56,7 +57,14 @@ class World:
     motion: Motion = field(default_factory=Still)
     """Places of the movable objects."""
     textures: tuple[np.ndarray, ...] = ()
-    """Images uint8 [h, w, 3], sRGB."""
+    """Images uint8 [h, w, 3], sRGB; those that only differ in their kind share the array."""
+    texture_kinds: tuple[int, ...] = ()
+    """What each image does beyond its borders and what its bytes are, see
+    :func:`twin.world.meshes.details.texture_kind`; empty: all repeat."""
+    masks: tuple[Mask, ...] = ()
+    """Images with holes."""
+    looks: tuple[FaceLook, ...] = ()
+    """Materials from files that say more than a colour and an image."""
     static_classes: tuple[int, ...] = ()
     """Class of each static instance, index into :data:`schemas.messages.OBJECT_CLASSES`; by default
     all are cars."""
@@ -183,6 +191,9 @@ def _build(scene: Scene) -> World:
         kinds=tuple(replace(kind, mesh=own) for kind, own in kinds),
         motion=cast.motion,
         textures=imported.textures,
+        texture_kinds=imported.kinds,
+        masks=imported.masks,
+        looks=imported.looks,
         static_classes=tuple(OBJECT_CLASSES.index(name) for name in classes),
         mover_classes=cast.classes,
         has_obstacle=scene.obstacle is not None,

@@ -11,8 +11,9 @@ from PIL import Image
 
 from schemas.files.assets import mesh_files
 from twin.world.meshes import mesh_file, mesh_header
-from twin.world.meshes.mesh_file import linear, load_mesh, srgb
+from twin.world.meshes.mesh_file import load_mesh
 from twin.world.meshes.mesh_header import FACES_MAX
+from twin.world.meshes.srgb import linear, srgb
 
 TRIANGLE = [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [0.0, 3.0, 0.0]]
 OBJ = "v 0 0 0\nv 2 0 0\nv 0 3 0\nf 1 2 3\n"

@@ -157,6 +157,7 @@ def test_textured_meshes_bring_images(own, tmp_path):
     assert (world.textures[0] == (10, 120, 240)).all()
     textured = world.mesh.texture == 0
     assert textured.sum() == 1
+    assert (world.mesh.color[textured] == 1.0).all()  # what the image is multiplied with
     np.testing.assert_allclose(
         world.mesh.uv[world.mesh.faces[textured][0]], [[0, 0], [1, 0], [0, 1]]
     )

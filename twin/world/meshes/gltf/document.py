@@ -20,9 +20,10 @@ QUANTIZED = "KHR_mesh_quantization"
 TRANSFORM = "KHR_texture_transform"
 WEBP = "EXT_texture_webp"
 BASIS = "KHR_texture_basisu"
+EMISSIVE_STRENGTH = "KHR_materials_emissive_strength"
 
-UNDERSTOOD = (DRACO, *MESHOPT, QUANTIZED, TRANSFORM, WEBP, BASIS)
-"""Extensions of geometry and textures that change what is read."""
+UNDERSTOOD = (DRACO, *MESHOPT, QUANTIZED, TRANSFORM, WEBP, BASIS, EMISSIVE_STRENGTH)
+"""Extensions that change what is read."""
 
 LOOKS = ("KHR_materials_", "KHR_lights_punctual", "KHR_animation_pointer", "EXT_lights_")
 """Beginnings of extensions that only change how something looks: without them it is still there."""

@@ -197,9 +197,8 @@ def test_what_is_left_out_is_noted_once(tmp_path):
     textured(file, wrapS=33071)
     file.tree["images"] = [{"bufferView": file.view(png((9, 9, 9)))}]
     file.tree["materials"][0] |= {
-        "alphaMode": "MASK",
-        "normalTexture": {"index": 0},
-        "emissiveFactor": [1, 0, 0],
+        "alphaMode": "BLEND",
+        "occlusionTexture": {"index": 0},
     }
     primitives = file.tree["meshes"][0]["primitives"]
     primitives += [{**primitives[0], "mode": 1}, primitives[0]]
@@ -210,10 +209,9 @@ def test_what_is_left_out_is_noted_once(tmp_path):
     assert notes == [
         "m.glb: extension KHR_lights_punctual ignored",
         "m.glb: animations ignored",
-        "m.glb: alpha mode MASK ignored, what is transparent is solid",
-        "m.glb: normal map ignored",
-        "m.glb: emissive colour ignored",
-        "m.glb: a texture that ends at its border repeats",
+        "m.glb: occlusion map ignored",
+        "m.glb: single-sided faces are seen from both sides",
+        "m.glb: alpha mode BLEND taken as holes below 0.5",
         "m.glb: lines left out",
     ]
 

@@ -57,7 +57,7 @@ def textured(file, data, mime, extension):
     file.tree["images"] = [{"bufferView": file.view(data), "mimeType": mime}]
     file.tree["textures"] = [{"extensions": {extension: {"source": 0}}}]
     info = {"baseColorTexture": {"index": 0}}
-    file.tree["materials"] = [{"pbrMetallicRoughness": info}]
+    file.tree["materials"] = [{"pbrMetallicRoughness": info, "doubleSided": True}]
     file.tree["extensionsUsed"] = file.tree["extensionsRequired"] = [extension]
     row = file.primitive(material=0)
     row["attributes"]["TEXCOORD_0"] = file.accessor(SQUARE[:, :2] / 2)
