@@ -51,6 +51,40 @@ def scene(
     raise typer.Exit(EXIT_USAGE if mistakes else EXIT_PASS)
 
 
+@app.command()
+def scenario(
+    file: Annotated[Path, typer.Argument(help="An OpenSCENARIO XML file (.xosc), 1.0 to 1.3.")],
+    distribution: Annotated[
+        Path | None, typer.Option(help="A parameter distribution file that varies it.")
+    ] = None,
+    output: OutputOption = Output.human,
+) -> None:
+    """Check an OpenSCENARIO XML file with the catalogs it uses, and say what it does.
+
+    Prints entities, stories, events with their triggers, parameters and catalogs of the file, or of
+    the first permutation of a distribution. Exit code 2: a line with file and line number for
+    everything that is wrong.
+    """
+    from twin.scenario.storyboard.openscenario.outline import outline
+    from twin.scenario.storyboard.openscenario.scenario import expand
+
+    mistakes: list[str] = []
+    lines: list[str] = []
+    try:
+        permutations = expand(file, distribution)
+        if permutations:
+            lines = outline(permutations[0].scenario(), permutations)
+    except ValueError as error:
+        mistakes = str(error).splitlines()
+    if output is Output.json:
+        print(json.dumps({"valid": not mistakes, "mistakes": mistakes, "outline": lines}))
+    elif mistakes:
+        raise UsageError("\n".join(mistakes))
+    else:
+        print("\n".join(lines))
+    raise typer.Exit(EXIT_USAGE if mistakes else EXIT_PASS)
+
+
 @app.command(hidden=True)
 def campaign() -> None:
     """Say what is wrong with the scenes, objects and plug-ins of a campaign.

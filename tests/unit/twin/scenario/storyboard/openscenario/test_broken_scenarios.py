@@ -1,0 +1,230 @@
+"""Broken scenario files: each mistake is one line with file and line number, exit code 2."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+pytest.importorskip("lxml", reason="lxml is not installed")
+
+from twin.base.errors import UsageError
+from twin.scenario.storyboard.openscenario.element import MISTAKES_MAX
+from twin.scenario.storyboard.openscenario.scenario import expand, read_scenario
+from twin.scenario.storyboard.openscenario.standard import coverage, coverage_table
+from twin.validate.command import app
+
+HEADER = (
+    '<FileHeader author="a" date="2026-01-31T12:00:00" description="d" revMajor="1" revMinor="3"/>'
+)
+GOOD = f"""<OpenSCENARIO>
+{HEADER}
+<ParameterDeclarations>
+<ParameterDeclaration name="speed" parameterType="double" value="10"/>
+</ParameterDeclarations>
+<CatalogLocations><RouteCatalog><Directory path="routes"/></RouteCatalog></CatalogLocations>
+<RoadNetwork/>
+<Entities>
+<ScenarioObject name="Ego"><ExternalObjectReference name="car"/></ScenarioObject>
+</Entities>
+<Storyboard>
+<Init><Actions/></Init>
+<Story name="story"><Act name="act">
+<ManeuverGroup name="group" maximumExecutionCount="1">
+<Actors selectTriggeringEntities="false"><EntityRef entityRef="Ego"/></Actors>
+<Maneuver name="cut in"><Event name="event" priority="overwrite">
+<Action name="faster"><PrivateAction><LongitudinalAction><SpeedAction>
+<SpeedActionDynamics dynamicsDimension="time" dynamicsShape="step" value="0"/>
+<SpeedActionTarget><AbsoluteTargetSpeed value="${{$speed / 3.6}}"/></SpeedActionTarget>
+</SpeedAction></LongitudinalAction></PrivateAction></Action>
+<StartTrigger><ConditionGroup><Condition name="c" conditionEdge="rising" delay="1">
+<ByValueCondition><SimulationTimeCondition rule="greaterThan" value="2"/></ByValueCondition>
+</Condition></ConditionGroup></StartTrigger>
+</Event></Maneuver></ManeuverGroup></Act></Story>
+</Storyboard>
+</OpenSCENARIO>
+"""
+BY_TIME = '<SimulationTimeCondition rule="greaterThan" value="2"/>'
+EGO_REF = '<EntityRef entityRef="Ego"/>'
+ROUTE = f"""<OpenSCENARIO>
+{HEADER}
+<Catalog name="Routes"><Route name="A" closed="false">
+<Waypoint routeStrategy="fastest"><Position><RoutePosition><RouteRef>
+<CatalogReference catalogName="Routes" entryName="A"/>
+</RouteRef><InRoutePosition><FromCurrentEntity entityRef="Ego"/></InRoutePosition></RoutePosition>
+</Position></Waypoint>
+<Waypoint routeStrategy="fastest"><Position><WorldPosition x="1" y="2"/></Position></Waypoint>
+</Route></Catalog>
+</OpenSCENARIO>
+"""
+TELEPORT = (
+    '<Init><Actions><Private entityRef="Ego"><PrivateAction><RoutingAction><AssignRouteAction>'
+    '<CatalogReference catalogName="Routes" entryName="{}"/>'
+    "</AssignRouteAction></RoutingAction></PrivateAction></Private></Actions></Init>"
+)
+
+
+def _state(name: str) -> str:
+    return (
+        '<StoryboardElementStateCondition storyboardElementType="maneuver" '
+        f'storyboardElementRef="{name}" state="completeState"/>'
+    )
+
+
+def _write(folder: Path, text: str) -> Path:
+    (folder / "routes").mkdir(exist_ok=True)
+    path = folder / "s.xosc"
+    path.write_text(text)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line", "words"),
+    [
+        ('revMinor="3"', 'revMinor="4"', 2, "version 1.4"),
+        ('revMajor="1"', 'revMajor="2"', 2, "version 2.3"),
+        ('revMinor="3"', 'revMinor="0"', 9, "since version 1.1"),
+        ("<RoadNetwork/>", "<RoadNetwork/><Rood/>", 7, "no element Rood"),
+        ('<Story name="story">', '<Story nam="story" name="s">', 13, "no attribute nam"),
+        ('<Act name="act">', "<Act>", 13, "lacks its attribute name"),
+        ("<RoadNetwork/>", "", 1, "lacks RoadNetwork"),
+        ("/ 3.6", "/ 0", 19, "divides by zero"),
+        ("$speed", "$spead", 19, r"\$spead in .* is not declared"),
+        ('value="${$speed / 3.6}"', 'value="NaN"', 19, "NaN"),
+        ('value="10"', 'value="fast"', 4, "'fast' is no number"),
+        ('value="10"', 'value="$speed"', 4, "not declared"),
+        ('priority="overwrite"', 'priority="first"', 16, "'first' is none of"),
+        (EGO_REF, '<EntityRef entityRef="Ega"/>', 15, "no entity is named 'Ega'"),
+        (BY_TIME, _state("cut out"), 22, "no maneuver is named 'cut out'"),
+        (
+            BY_TIME,
+            '<VariableCondition variableRef="v" rule="equalTo" value="1"/>',
+            22,
+            "no variable is named 'v'",
+        ),
+        (
+            "</ScenarioObject>\n",
+            "</ScenarioObject>\n"
+            '<ScenarioObject name="Ego"><ExternalObjectReference name="b"/></ScenarioObject>\n',
+            10,
+            "'Ego' is given to a second",
+        ),
+        ('path="routes"', 'path="nowhere"', 6, "catalog folder 'nowhere' is missing"),
+        ("<Init><Actions/></Init>", TELEPORT.format("B"), 12, "has no entry 'B'"),
+        (
+            "<RoadNetwork/>",
+            '<RoadNetwork><LogicFile filepath="r.xodr"/></RoadNetwork>',
+            7,
+            "r.xodr",
+        ),
+        ("<OpenSCENARIO>", "<!DOCTYPE x>\n<OpenSCENARIO>", 2, "document type"),
+        ("</Storyboard>", "", 26, "mismatch"),
+    ],
+)
+def test_one_clear_line(tmp_path: Path, old: str, new: str, line: int, words: str) -> None:
+    (tmp_path / "routes").mkdir()
+    (tmp_path / "routes" / "r.xosc").write_text(ROUTE)
+    assert old in GOOD
+    path = _write(tmp_path, GOOD.replace(old, new, 1))
+    with pytest.raises(ValueError, match=words) as refusal:
+        read_scenario(path)
+    assert f"{path}:{line}: " in str(refusal.value)
+    result = CliRunner().invoke(app, ["scenario", str(path)])
+    assert isinstance(result.exception, UsageError)
+    assert result.exception.exit_code == 2
+
+
+def test_entries_in_a_circle(tmp_path: Path) -> None:
+    path = _write(tmp_path, GOOD.replace("<Init><Actions/></Init>", TELEPORT.format("A")))
+    (tmp_path / "routes" / "r.xosc").write_text(ROUTE)
+    with pytest.raises(ValueError, match=r"r\.xosc:5: catalog entries refer .* Routes/A"):
+        read_scenario(path)
+
+
+def test_billion_laughs(tmp_path: Path) -> None:
+    entities = "".join(f'<!ENTITY e{i} "{f"&e{i - 1};" * 10}">' for i in range(1, 10))
+    laugh = f'<!DOCTYPE x [<!ENTITY e0 "ha">{entities}]>'
+    path = _write(tmp_path, f"{laugh}<OpenSCENARIO>&e9;</OpenSCENARIO>")
+    with pytest.raises(ValueError, match=r"s\.xosc:1: ") as refusal:
+        read_scenario(path)
+    assert len(str(refusal.value).splitlines()) == 1
+
+
+def test_large_sparse_file(tmp_path: Path) -> None:
+    path = tmp_path / "s.xosc"
+    with path.open("wb") as file:
+        file.truncate(200 << 20)
+    with pytest.raises(ValueError, match=r"s\.xosc:1: .*16777216"):
+        read_scenario(path)
+
+
+def test_all_mistakes_at_once_up_to_a_limit(tmp_path: Path) -> None:
+    text = GOOD.replace("/ 3.6", "/ 0").replace('priority="overwrite"', 'priority="first"')
+    with pytest.raises(ValueError) as refusal:
+        read_scenario(_write(tmp_path, text))
+    assert len(str(refusal.value).splitlines()) == 2
+    text = GOOD.replace("<RoadNetwork/>", "<RoadNetwork/>" + "<Rood/>\n" * 200)
+    with pytest.raises(ValueError) as refusal:
+        read_scenario(_write(tmp_path, text))
+    lines = str(refusal.value).splitlines()
+    assert len(lines) == MISTAKES_MAX + 1
+    assert lines[-1] == "and more; correct these first"
+
+
+def _distribution(folder: Path, inner: str) -> Path:
+    path = folder / "d.xosc"
+    path.write_text(
+        f'<OpenSCENARIO>\n{HEADER}\n<ParameterValueDistribution><ScenarioFile filepath="s.xosc"/>\n'
+        f"{inner}\n</ParameterValueDistribution></OpenSCENARIO>"
+    )
+    return path
+
+
+def test_draws_depend_on_seed_run_and_name_only(tmp_path: Path) -> None:
+    scenario = _write(tmp_path, GOOD)
+
+    def drawn(runs: int, seed: int) -> list[object]:
+        file = _distribution(
+            tmp_path,
+            f'<Stochastic numberOfTestRuns="{runs}" randomSeed="{seed}">'
+            '<StochasticDistribution parameterName="speed"><NormalDistribution expectedValue="5" '
+            'variance="4"><Range lowerLimit="4" upperLimit="6"/></NormalDistribution>'
+            "</StochasticDistribution></Stochastic>",
+        )
+        return [permutation.values["speed"] for permutation in expand(scenario, file)]
+
+    assert drawn(20, 1)[:5] == drawn(5, 1) != drawn(5, 2)
+    assert len(set(drawn(20, 1))) == 20
+    assert all(4 <= float(str(value)) <= 6 for value in drawn(20, 1))
+
+
+def test_user_defined_distribution_is_refused(tmp_path: Path) -> None:
+    scenario = _write(tmp_path, GOOD)
+    file = _distribution(
+        tmp_path,
+        '<Deterministic><DeterministicSingleParameterDistribution parameterName="speed">'
+        '<UserDefinedDistribution type="t"/></DeterministicSingleParameterDistribution>'
+        "</Deterministic>",
+    )
+    with pytest.raises(ValueError, match=r"d\.xosc:4: UserDefinedDistribution is refused"):
+        expand(scenario, file)
+
+
+def test_outline_says_what_happens(tmp_path: Path) -> None:
+    path = _write(tmp_path, GOOD)
+    result = CliRunner().invoke(app, ["scenario", str(path), "--output", "json"])
+    answer = json.loads(result.stdout)
+    assert result.exit_code == 0
+    assert answer["valid"]
+    event = "event event, when SimulationTime rule=greaterThan value=2 [rising] after 1 s"
+    assert f"        {event}" in answer["outline"]
+    assert "          action faster: SpeedAction" in answer["outline"]
+    assert "parameter speed = 10" in answer["outline"]
+
+
+def test_the_page_has_the_table() -> None:
+    page = (Path(__file__).parents[6] / "docs" / "openscenario.md").read_text()
+    assert "\n".join(coverage_table()) in page
+    assert {fate.split(":")[0] for *_, fate in coverage()} == {"read", "refused", "ignored"}
