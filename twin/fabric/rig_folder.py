@@ -42,17 +42,18 @@ done
 class PrivateFolder:
     """A folder of mode 0700 that goes when it is closed, or with this process however it ends."""
 
-    def __init__(self, place: Path | None = None) -> None:
-        """Make the folder. Only from the main thread.
+    def __init__(self, place: Path | None = None, prefix: str = "twin-") -> None:
+        """Make the folder.
 
         Args:
             place: where; None: the user's runtime folder or the temporary one, whose path is short
                 enough.
+            prefix: beginning of its name.
 
         Raises:
             OSError: no folder can be made.
         """
-        name = f"twin-{secrets.token_hex(4)}"
+        name = f"{prefix}{secrets.token_hex(4)}"
         self.path = (place or _place(name)) / name
         """Path of the folder; absolute."""
         self._guard = spawn(["sh", "-c", _GUARD, str(self.path)], pipe_output=True)

@@ -34,6 +34,7 @@ from schemas.wire.delivery import (
 from twin.base.errors import InfrastructureError
 from twin.fabric.bus import Bus
 from twin.fabric.discovery import FILE_NAME as CONDUCTOR_FILE
+from twin.fabric.rig_folder import PrivateFolder
 
 PREFIX = "twin-attempts-"
 """Beginning of the scratch folder's name, below ``TMPDIR``."""
@@ -52,9 +53,10 @@ class Delivery:
         self._session = session
         self._shared: dict[str, bool] = {}
         """Campaign folder -> whether we and the conductor see the same one."""
-        self._scratch: Path | None = None
+        self._scratch: PrivateFolder | None = None
         self._lock: int | None = None
-        """Held as long as we live: who finds the folder without it may remove it."""
+        """Held as long as we live: who finds the folder without it may remove it. It is there after
+        our end only if its guard was killed with us, as schedulers kill."""
         self._files: dict[int, tuple[Lease, Path]] = {}
         """Token -> lease and attempt folder in our scratch."""
         self._delivered: set[int] = set()
@@ -136,7 +138,7 @@ class Delivery:
     def close(self) -> None:
         """Remove the scratch folder."""
         if self._scratch is not None:
-            shutil.rmtree(self._scratch, ignore_errors=True)
+            self._scratch.close()
         if self._lock is not None:
             os.close(self._lock)
 
@@ -159,9 +161,9 @@ class Delivery:
     def _root(self, lease: Lease) -> Path:
         if self._scratch is None:
             _sweep()
-            self._scratch = Path(tempfile.mkdtemp(prefix=PREFIX))
-            self._lock = _locked(self._scratch)
-        return self._scratch / lease.case.variation.campaign
+            self._scratch = PrivateFolder(Path(tempfile.gettempdir()), PREFIX)
+            self._lock = _locked(self._scratch.path)
+        return self._scratch.path / lease.case.variation.campaign
 
     def _send(self, lease: Lease, folder: Path) -> bool:
         kpi_file = folder / "kpi.parquet"
