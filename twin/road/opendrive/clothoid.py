@@ -58,10 +58,9 @@ def clothoid(start_per_m: float, end_per_m: float, length_m: float) -> Clothoid:
     count = math.ceil(max(tightest * length_m, 0.5 * math.sqrt(abs(rate)) * length_m, 1.0))
     knots = length_m * np.arange(count + 1) / count
     empty = Clothoid(start_per_m, rate, knots, np.zeros((count + 1, 2)))
-    steps = [
-        integrate(lambda s: of(empty.heading(s)), knots[:-1], knots[1:]) for of in (cosine, sine)
-    ]
+    ahead = integrate(lambda s: cosine(empty.heading(s)), knots[:-1], knots[1:])
+    aside = integrate(lambda s: sine(empty.heading(s)), knots[:-1], knots[1:])
     places = np.zeros((count + 1, 2))
     for panel in range(count):
-        places[panel + 1] = places[panel] + (steps[0][panel], steps[1][panel])
+        places[panel + 1] = places[panel] + (ahead[panel], aside[panel])
     return Clothoid(start_per_m, rate, knots, places)

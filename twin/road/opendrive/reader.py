@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
+from typing import NoReturn
 
+from schemas.escape import escape
 from twin.road.opendrive.document import parse_document
 from twin.road.opendrive.node import Node, Notes
 from twin.road.opendrive.read_junction import read_junction
@@ -63,12 +66,10 @@ def read_network(data: bytes, name: str) -> RoadNetwork:
     if total > NETWORK_LENGTH_MAX_M:
         top.refuse(f"{total:g} m of roads; at most {NETWORK_LENGTH_MAX_M:g} m are read")
     geo, offset = _reference(head)
-    text = [*notes.lines, *([f"{name}: {notes.further} more"] if notes.further else [])]
-    network = RoadNetwork(
-        name, version, head.text("name", ""), geo, offset, roads, junctions, tuple(text)
-    )
+    network = RoadNetwork(name, version, head.text("name", ""), geo, offset, roads, junctions, ())
     _check_links(network, nodes)
-    return network
+    further = [f"{name}: {notes.further} more were left out"] if notes.further else []
+    return replace(network, notes=(*notes.lines, *further))
 
 
 def _is(element: object, name: str) -> bool:
@@ -151,12 +152,17 @@ def _check_junction(network: RoadNetwork, junction: Junction, node: Node) -> Non
         for _, lane in connection.lane_links:
             if lane != 0 and entered.lane(lane) is None:
                 words = f"road {connection.connecting_road[:40]} has no lane {lane} there"
-                _refuse(node, connection.line, "connection", words)
+                line = _placed(node, connection.line, "connection", f"left out: {words}")
+                node.notes.add(line)
 
 
-def _refuse(node: Node, line: int, name: str, words: str) -> None:
-    """As a node inside of ``node`` would."""
+def _refuse(node: Node, line: int, name: str, words: str) -> NoReturn:
+    raise ValueError(_placed(node, line, name, words))
+
+
+def _placed(node: Node, line: int, name: str, words: str) -> str:
+    """As an element inside of ``node`` would say it."""
     text = node.message(words)
     head = f"{node.file}:{node.line}: <{node.name}>"
     place = f" of {node.name} {node.element.get('id', '')[:40]}"
-    raise ValueError(f"{node.file}:{line}: <{name}>{place}{text[len(head) :]}")
+    return escape(f"{node.file}:{line}: <{name}>{place}{text[len(head) :]}", 600)

@@ -13,14 +13,19 @@ from twin.road.opendrive.furniture import RoadObject, RoadSignal
 ContactPoint = Literal["start", "end"]
 GeometryKind = Literal["line", "arc", "spiral", "cubic"]
 
-LANE_TYPES = frozenset(
-    ["HOV", "bidirectional", "biking", "border", "bus", "connectingRamp", "curb", "driving", "entry", "exit", "median", "mwyEntry", "mwyExit", "none", "offRamp", "onRamp", "parking", "rail", "restricted", "roadWorks", "shared", "shoulder", "sidewalk", "slipLane", "special1", "special2", "special3", "stop", "taxi", "tram", "walking"]
-)
-"""Lane types of OpenDRIVE 1.4 to 1.8."""
 DRIVEN_TYPES = frozenset(
-    ["HOV", "bidirectional", "bus", "connectingRamp", "driving", "entry", "exit", "mwyEntry", "mwyExit", "offRamp", "onRamp", "slipLane", "taxi"]
+    {
+        *("HOV", "bidirectional", "bus", "connectingRamp", "driving", "entry", "exit"),
+        *("mwyEntry", "mwyExit", "offRamp", "onRamp", "slipLane", "taxi"),
+    }
 )
-"""Lane types that cars drive on; routes begin, end and lead there unless they are told others."""
+"""Lane types that cars drive on; routes lead there unless they are told others."""
+LANE_TYPES = DRIVEN_TYPES | {
+    *("biking", "border", "curb", "median", "none", "parking", "rail", "restricted"),
+    *("roadWorks", "shared", "shoulder", "sidewalk", "special1", "special2", "special3"),
+    *("stop", "tram", "walking"),
+}
+"""Lane types of OpenDRIVE 1.4 to 1.8."""
 
 
 @dataclass(frozen=True, slots=True)

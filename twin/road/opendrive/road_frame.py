@@ -192,11 +192,10 @@ class RoadFrame:
         t = side / c if flat else side * c + up * si
         h = np.zeros(s.shape) if flat else up * c - side * si
         if self._level:
-            for mine, sign, edge, _ in self._level_parts(s, t):
+            for mine, edge, _ in self._level_parts(s, t):
                 at = self._across(s[mine], edge)
                 t[mine] = edge + (side[mine] - at.side)
                 h[mine] = 0.0 if flat else up[mine] - at.up
-                assert sign
         return RoadPlace(s, settled(t), settled(h))
 
     def _by_lane(self, lanes: np.ndarray, s: np.ndarray):  # type: ignore[no-untyped-def]
@@ -209,14 +208,14 @@ class RoadFrame:
                 mine = (index == k) & (lanes == lane)
                 if lane != 0 and section.section.lane(lane) is None:
                     ids = ", ".join(str(each.id) for each in section.section.lanes)
+                    at = s[mine].ravel()[0]
                     raise ValueError(
-                        f"road {self.road.id[:40]} has no lane {lane} at s={s[mine].ravel()[0]:g} m;"
-                        f" it has {ids}"
+                        f"road {self.road.id[:40]} has no lane {lane} at s={at:g} m; it has {ids}"
                     )
                 yield mine, section, lane
 
     def _level_parts(self, s: np.ndarray, t: np.ndarray):  # type: ignore[no-untyped-def]
-        """Masks of places on level parts: side, t where the part begins, its slope along s."""
+        """Masks of places on level parts; t where the part begins, its slope along s."""
         index = self.section_at(s)
         for k in np.unique(index).tolist():
             for sign in (1, -1):
@@ -226,7 +225,7 @@ class RoadFrame:
                 edge, slope = self.sections[k].inner(lane, s)
                 mine = (index == k) & (sign * t > sign * edge)
                 if mine.any():
-                    yield mine, sign, edge[mine], slope[mine]
+                    yield mine, edge[mine], slope[mine]
 
     def _across(self, s: np.ndarray, t: np.ndarray) -> _Across:
         """Places of tilted cross sections."""
@@ -240,7 +239,7 @@ class RoadFrame:
         if not self._level:
             return across
         columns = [np.array(column) for column in across]
-        for mine, _, edge, slope in self._level_parts(s, t):
+        for mine, edge, slope in self._level_parts(s, t):
             at = self._across(s[mine], edge)
             columns[0][mine] = at.side + (t[mine] - edge)
             columns[1][mine] = at.up
