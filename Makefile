@@ -32,7 +32,7 @@ $(VENV)/.installed: pyproject.toml constraints.txt
 install-test: $(VENV)/.installed-test
 
 $(VENV)/.installed-test: $(VENV)/.installed
-	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[test,check,export,gltf]'
+	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[test,check,export,gltf,scenarios]'
 	@touch $@
 
 install-test-all: $(VENV)/.installed-test install-train
@@ -95,7 +95,7 @@ check: install-test
 # Writes constraints.txt anew from the newest versions that pyproject.toml admits.
 lock:
 	$(PYTHON) -m venv $(VENV)-lock
-	$(VENV)-lock/bin/pip install --quiet --disable-pip-version-check --editable '.[test,check,train,export,gltf,bench,mutation]'
+	$(VENV)-lock/bin/pip install --quiet --disable-pip-version-check --editable '.[test,check,train,export,gltf,scenarios,bench,mutation]'
 	$(VENV)-lock/bin/pip freeze --exclude-editable | grep -v '^drivetwin' > constraints.txt
 	rm -rf $(VENV)-lock
 

@@ -14,8 +14,8 @@ from twin.road.opendrive.records import (
     Junction,
     Lane,
     LaneSection,
-    Road,
     RoadNetwork,
+    RoadRecord,
 )
 from twin.road.opendrive.road_frame import traffic_sign
 
@@ -200,7 +200,7 @@ def _exists(network: RoadNetwork, key: LaneKey) -> bool:
     return network.roads[key.road].sections[key.section].lane(key.lane) is not None
 
 
-def _inside(road: Road) -> Iterator[_Joint]:
+def _inside(road: RoadRecord) -> Iterator[_Joint]:
     for index, (one, other) in enumerate(itertools.pairwise(road.sections)):
         for lane in one.lanes:
             for target in lane.successors:
@@ -210,7 +210,7 @@ def _inside(road: Road) -> Iterator[_Joint]:
                 yield _joint(road.id, index, target, "end", road.id, index + 1, lane.id, "start")
 
 
-def _between(network: RoadNetwork, road: Road) -> Iterator[_Joint]:
+def _between(network: RoadNetwork, road: RoadRecord) -> Iterator[_Joint]:
     last = len(road.sections) - 1
     ends: tuple[tuple[ContactPoint, int], ...] = (("start", 0), ("end", last))
     for contact, index in ends:
@@ -245,7 +245,7 @@ def _through(network: RoadNetwork, junction: Junction) -> Iterator[_Joint]:
 
 
 def _incoming_end(
-    incoming: Road, connecting: Road, junction: Junction, contact: ContactPoint
+    incoming: RoadRecord, connecting: RoadRecord, junction: Junction, contact: ContactPoint
 ) -> ContactPoint | None:
     """The end of the incoming road at the junction; the connecting road knows it best."""
     link = connecting.predecessor if contact == "start" else connecting.successor
@@ -257,7 +257,7 @@ def _incoming_end(
     return None
 
 
-def _outermost(road: Road, contact: ContactPoint) -> int:
+def _outermost(road: RoadRecord, contact: ContactPoint) -> int:
     return 0 if contact == "start" else len(road.sections) - 1
 
 

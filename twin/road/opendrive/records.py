@@ -195,7 +195,7 @@ class RoadType:
 
 
 @dataclass(frozen=True, slots=True)
-class Road:
+class RoadRecord:
     """A road: its reference line, and lanes along it."""
 
     id: str
@@ -257,7 +257,7 @@ class RoadNetwork:
     """As it stands in the file; coordinates are not turned into others."""
     offset: tuple[float, float, float, float] | None
     """x, y, z [m] and heading [rad] that were taken off all coordinates, None if none is given."""
-    roads: dict[str, Road]
+    roads: dict[str, RoadRecord]
     """By id, in the order of the file."""
     junctions: dict[str, Junction]
     notes: tuple[str, ...]

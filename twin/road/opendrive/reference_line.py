@@ -11,7 +11,7 @@ import numpy as np
 from twin.road.opendrive.clothoid import Clothoid, clothoid
 from twin.road.opendrive.cubic_curve import CubicCurve, cubic_curve
 from twin.road.opendrive.grid import angle_of, chord_share, cosine, settled, sine, turned
-from twin.road.opendrive.records import GeometryRecord, Road
+from twin.road.opendrive.records import GeometryRecord, RoadRecord
 
 OUTSIDE_M = 1e-6
 """How far beyond its ends a station still belongs to a road [m]."""
@@ -174,7 +174,7 @@ class ReferenceLine:
         )
 
 
-def reference_line(road: Road) -> ReferenceLine:
+def reference_line(road: RoadRecord) -> ReferenceLine:
     """The reference line of ``road``.
 
     Raises:
@@ -209,7 +209,7 @@ def reference_line(road: Road) -> ReferenceLine:
     )
 
 
-def _samples(road: Road) -> np.ndarray:
+def _samples(road: RoadRecord) -> np.ndarray:
     ends = [min(piece.start_m, road.length_m) for piece in road.geometry[1:]] + [road.length_m]
     parts, begin = [], 0.0
     for piece, end in zip(road.geometry, ends, strict=True):

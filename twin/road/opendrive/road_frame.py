@@ -22,7 +22,7 @@ import numpy as np
 from twin.road.opendrive.cross_section import CrossSection
 from twin.road.opendrive.grid import angle_of, cosine, settled, sine, turned
 from twin.road.opendrive.profile import CubicProfile
-from twin.road.opendrive.records import Lane, Road
+from twin.road.opendrive.records import Lane, RoadRecord
 from twin.road.opendrive.reference_line import LinePlace, reference_line
 
 _SLOPE_MIN = 1e-6
@@ -69,7 +69,7 @@ class RoadFrame:
         ValueError: its reference line has no direction somewhere.
     """
 
-    def __init__(self, road: Road) -> None:
+    def __init__(self, road: RoadRecord) -> None:
         self.road = road
         self.line = reference_line(road)
         offset = CubicProfile(road.lane_offset)
@@ -189,10 +189,10 @@ class RoadFrame:
         c, si = cosine(angle), sine(angle)
         flat = z_m is None
         up = np.zeros(s.shape) if flat else arrays[2] - self._elevation.at(s)[0]
-        t = side / c if flat else side * c + up * si
-        h = np.zeros(s.shape) if flat else up * c - side * si
+        t = np.array(side / c if flat else side * c + up * si)
+        h = np.array(np.zeros(s.shape) if flat else up * c - side * si)
         if self._level:
-            for mine, edge, _ in self._level_parts(s, t):
+            for mine, edge, _ in self._level_parts(s, side / c):
                 at = self._across(s[mine], edge)
                 t[mine] = edge + (side[mine] - at.side)
                 h[mine] = 0.0 if flat else up[mine] - at.up
@@ -283,7 +283,7 @@ class RoadFrame:
         return RoadPose(settled(x), settled(y), settled(z), heading, pitch, roll)
 
 
-def traffic_sign(road: Road, lane: Lane) -> int:
+def traffic_sign(road: RoadRecord, lane: Lane) -> int:
     """The way a lane is driven: 1 along s, -1 against it, 0 both."""
     if lane.direction == "both":
         return 0

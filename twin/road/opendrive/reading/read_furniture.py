@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from twin.road.opendrive.furniture import ObjectOutline, OutlineCorner, RoadObject, RoadSignal
-from twin.road.opendrive.node import Node
+from twin.road.opendrive.reading.node import Node
 
 _ORIENTATIONS = ("+", "-", "none")
 

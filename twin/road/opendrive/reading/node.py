@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any, NoReturn
 
 from schemas.escape import escape
-from twin.road.opendrive.vocabulary import rule_of
+from twin.road.opendrive.reading.vocabulary import rule_of
 
 NUMBER_MAX = 1e9
 """Largest magnitude of a number; no length, curvature or coefficient of a road comes near it."""

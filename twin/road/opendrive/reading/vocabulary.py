@@ -1,7 +1,6 @@
 """The elements of OpenDRIVE, and what becomes of each: the one table of what is supported.
 
-The reader asks it about every element it meets, and ``docs/roads.md`` is written from it, so
-neither can say something else than the other.
+The reader asks it about every element it meets, and :func:`as_markdown` prints it for people.
 """
 
 from __future__ import annotations
@@ -198,7 +197,7 @@ def rule_of(path: str, child: str) -> ElementRule | None:
 
 
 def as_markdown() -> str:
-    """All of it as a table for ``docs/roads.md``; ignored elements that say nothing share a row."""
+    """All of it as a Markdown table."""
     lines = ["| in | element | | |", "|---|---|---|---|"]
     for path, table in {**CHILDREN, "any element": EVERYWHERE}.items():
         for name, rule in table.items():

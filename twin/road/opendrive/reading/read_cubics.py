@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from twin.road.opendrive.node import Node
+from twin.road.opendrive.reading.node import Node
 from twin.road.opendrive.records import Cubic
 
 

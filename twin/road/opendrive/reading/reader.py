@@ -7,11 +7,11 @@ from dataclasses import replace
 from typing import NoReturn
 
 from schemas.escape import escape
-from twin.road.opendrive.document import parse_document
-from twin.road.opendrive.node import Node, Notes
-from twin.road.opendrive.read_junction import read_junction
-from twin.road.opendrive.read_road import read_road
-from twin.road.opendrive.records import Junction, Lane, Road, RoadLink, RoadNetwork
+from twin.road.opendrive.reading.document import parse_document
+from twin.road.opendrive.reading.node import Node, Notes
+from twin.road.opendrive.reading.read_junction import read_junction
+from twin.road.opendrive.reading.read_road import read_road
+from twin.road.opendrive.records import Junction, Lane, RoadLink, RoadNetwork, RoadRecord
 
 VERSIONS = ((1, 4), (1, 5), (1, 6), (1, 7), (1, 8))
 """Versions that are read."""
@@ -44,7 +44,7 @@ def read_network(data: bytes, name: str) -> RoadNetwork:
     version = head.whole("revMajor"), head.whole("revMinor")
     if version not in VERSIONS:
         head.refuse(f"version {version[0]}.{version[1]}; 1.4 to 1.8 are read")
-    roads: dict[str, Road] = {}
+    roads: dict[str, RoadRecord] = {}
     junctions: dict[str, Junction] = {}
     nodes: dict[tuple[str, str], Node] = {}
     for node in top.children():
@@ -110,7 +110,7 @@ def _check_links(network: RoadNetwork, nodes: dict[tuple[str, str], Node]) -> No
         _check_junction(network, junction, nodes["junction", junction.id])
 
 
-def _check_lane_links(network: RoadNetwork, road: Road, node: Node) -> None:
+def _check_lane_links(network: RoadNetwork, road: RoadRecord, node: Node) -> None:
     """Lanes that lanes lead to."""
     for one, other in itertools.pairwise(road.sections):
         for lane in one.lanes:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from twin.road.opendrive.node import Node
+from twin.road.opendrive.reading.node import Node
 from twin.road.opendrive.records import Junction, JunctionConnection
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from schemas.files.regular_file import read_regular
-from twin.road.opendrive.document import FILE_BYTES_MAX
-from twin.road.opendrive.reader import read_network
+from twin.road.opendrive.reading.document import FILE_BYTES_MAX
+from twin.road.opendrive.reading.reader import read_network
 from twin.road.opendrive.records import RoadNetwork
 
 

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import itertools
 
-from twin.road.opendrive.node import Node
-from twin.road.opendrive.read_cubics import lowest, read_cubics
-from twin.road.opendrive.read_furniture import read_objects, read_signals
-from twin.road.opendrive.read_lanes import read_lanes, read_speed
+from twin.road.opendrive.reading.node import Node
+from twin.road.opendrive.reading.read_cubics import lowest, read_cubics
+from twin.road.opendrive.reading.read_furniture import read_objects, read_signals
+from twin.road.opendrive.reading.read_lanes import read_lanes, read_speed
 from twin.road.opendrive.records import (
     Cubic,
     GeometryKind,
     GeometryRecord,
-    Road,
     RoadLink,
+    RoadRecord,
     RoadType,
 )
 
@@ -31,7 +31,7 @@ TILT_MAX_RAD = 1.0
 _P_RANGES = ("arcLength", "normalized")
 
 
-def read_road(node: Node, road_id: str) -> Road:
+def read_road(node: Node, road_id: str) -> RoadRecord:
     """A ``road`` element.
 
     Raises:
@@ -58,7 +58,7 @@ def read_road(node: Node, road_id: str) -> Road:
         list(parts["surface"].children())
     junction = node.text("junction", "-1")
     lane_offset, sections = read_lanes(parts["lanes"], length)
-    return Road(
+    return RoadRecord(
         id=road_id,
         name=node.text("name", ""),
         length_m=length,

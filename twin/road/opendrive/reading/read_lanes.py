@@ -5,8 +5,8 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 
-from twin.road.opendrive.node import Node
-from twin.road.opendrive.read_cubics import lowest, read_cubics
+from twin.road.opendrive.reading.node import Node
+from twin.road.opendrive.reading.read_cubics import lowest, read_cubics
 from twin.road.opendrive.records import (
     LANE_TYPES,
     Cubic,
