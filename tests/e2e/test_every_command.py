@@ -43,6 +43,9 @@ ELSEWHERE = {
     "twin dataset": "minutes: tests/kernel/test_dataset_files",
     "twin reenact": "a case that was changed from outside: test_intervene_in_a_case",
     "twin validate campaign": "asked by conductors: tests/unit/conductor/run/test_twin_check",
+    "twin validate road": "a road file: tests/unit/twin/road/opendrive/test_road_command",
+    "twin validate scenario": "a scenario file: "
+    "tests/unit/twin/scenario/storyboard/openscenario/test_broken_scenarios",
     "twin validate vehicle": "minutes: tests/kernel/test_vehicle_validation",
     "twin worker": "started by every conductor here",
     "viewer bench": "a measurement",

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from schemas.escape import escape
 from schemas.files.regular_file import read_regular
 
 
@@ -28,6 +29,26 @@ def read_xml(path: Path, *, root: str, bytes_max: int, depth_max: int, elements_
         raise ValueError(f"{path}:1: {error.strerror or error}") from None
     except ValueError as error:  # a path with a NUL
         raise ValueError(f"{str(path)!r}:1: {error}") from None
+    return parse_xml(
+        data,
+        str(path),
+        root=root,
+        bytes_max=bytes_max,
+        depth_max=depth_max,
+        elements_max=elements_max,
+    )
+
+
+def parse_xml(
+    data: bytes, path: str, *, root: str, bytes_max: int, depth_max: int, elements_max: int
+) -> Any:
+    """:func:`read_xml` of what a file holds; ``path`` is for messages.
+
+    Raises:
+        ValueError: as there.
+    """
+    if len(data) > bytes_max:
+        raise ValueError(f"{path}:1: {len(data)} bytes, at most {bytes_max} are read")
     try:
         from lxml import etree  # here: an extra, and only readers of XML need it
     except ImportError:
@@ -73,12 +94,13 @@ def read_xml(path: Path, *, root: str, bytes_max: int, depth_max: int, elements_
 _CHUNK_BYTES = 1 << 16
 
 
-def _check_start(path: Path, node: Any, root: str) -> None:
+def _check_start(path: str, node: Any, root: str) -> None:
     if node.getroottree().docinfo.doctype:
         raise ValueError(
             f"{path}:{node.sourceline}: a document type (DOCTYPE) is not read; remove it"
         )
-    if node.tag != root:
+    tag = str(node.tag).rpartition("}")[2]  # behind a namespace
+    if tag != root:
         raise ValueError(
-            f"{path}:{node.sourceline}: the root element is {node.tag}, it must be {root}"
+            f"{path}:{node.sourceline}: the root element is {escape(tag, 80)}, it must be {root}"
         )

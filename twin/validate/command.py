@@ -17,13 +17,13 @@ from twin.base.errors import EXIT_PASS, EXIT_USAGE, UsageError
 app = typer.Typer(
     no_args_is_help=True,
     rich_markup_mode=None,
-    help="Check scene files, and compare the simulator with references.",
+    help="Check scene and road files, and compare the simulator with references.",
 )
 
 
 @app.callback()
 def _root() -> None:
-    """Check scene files, and compare the simulator with references."""
+    """Check scene and road files, and compare the simulator with references."""
 
 
 @app.command()
@@ -83,6 +83,53 @@ def scenario(
     else:
         print("\n".join(lines))
     raise typer.Exit(EXIT_USAGE if mistakes else EXIT_PASS)
+
+
+@app.command()
+def road(
+    file: Annotated[Path, typer.Argument(help="An OpenDRIVE file (.xodr), version 1.4 to 1.8.")],
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for roads.png: all lanes and marks from above.")
+    ] = None,
+    output: OutputOption = Output.human,
+) -> None:
+    """Read an OpenDRIVE file, and say what is in it.
+
+    The table has a line per road: length, width of all lanes, tightest radius, heights, steepest
+    slope, superelevation, and lanes by type. Below it stands every place where pieces of a road, or
+    ends of linked roads, are more than 1 cm or 0.1 degrees apart: vehicles would jump there. What
+    the file has and is left out is a line each.
+
+    `twin validate road town.xodr --out look` also draws look/roads.png.
+
+    Exit code 2: the file is broken, or needs what is not supported; the line names file, line and
+    element. Reading needs lxml: pip install 'drivetwin[scenarios]'.
+    """
+    from rich.console import Console
+
+    from twin.base.errors import storage_error
+    from twin.road.opendrive.reading.load import load_network
+    from twin.road.opendrive.road_map import RoadMap
+    from twin.validate import road_check
+
+    try:
+        roads = RoadMap(load_network(file))
+    except ValueError as error:
+        raise UsageError(str(error)) from None
+    check = road_check.check_roads(roads)
+    if output is Output.json:
+        print(json.dumps(road_check.to_json(check), indent=1))
+    else:
+        width = None if sys.stdout.isatty() else 140
+        Console(width=width, highlight=False).print(road_check.to_table(check))
+    if out is not None:
+        from twin.validate.road_picture import write_picture
+
+        try:
+            path = write_picture(out, roads)
+        except OSError as error:
+            raise storage_error(error, str(out)) from None
+        print(path, file=sys.stderr if output is Output.json else sys.stdout)
 
 
 @app.command(hidden=True)

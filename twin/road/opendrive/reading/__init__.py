@@ -1,0 +1,1 @@
+"""Reading of OpenDRIVE files: bytes to records."""
