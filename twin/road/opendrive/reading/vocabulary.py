@@ -10,7 +10,7 @@ from typing import Literal, NamedTuple
 Treatment = Literal["read", "ignored", "noted", "refused"]
 
 
-class ElementRule(NamedTuple):
+class RoadElementRule(NamedTuple):
     """What becomes of an element."""
 
     treatment: Treatment
@@ -20,28 +20,28 @@ class ElementRule(NamedTuple):
     """What it is read as, or why it is not."""
 
 
-def _read(why: str) -> ElementRule:
-    return ElementRule("read", why)
+def _read(why: str) -> RoadElementRule:
+    return RoadElementRule("read", why)
 
 
-def _noted(why: str) -> ElementRule:
-    return ElementRule("noted", why)
+def _noted(why: str) -> RoadElementRule:
+    return RoadElementRule("noted", why)
 
 
-def _refused(why: str) -> ElementRule:
-    return ElementRule("refused", why)
+def _refused(why: str) -> RoadElementRule:
+    return RoadElementRule("refused", why)
 
 
-_IGNORED = ElementRule("ignored", "says nothing about roads")
+_IGNORED = RoadElementRule("ignored", "says nothing about roads")
 
-EVERYWHERE: dict[str, ElementRule] = {
+EVERYWHERE: dict[str, RoadElementRule] = {
     "userData": _IGNORED,
     "dataQuality": _IGNORED,
     "include": _refused("another file would have to be read; put its content in its place"),
 }
 """Children that any element may have."""
 
-CHILDREN: dict[str, dict[str, ElementRule]] = {
+CHILDREN: dict[str, dict[str, RoadElementRule]] = {
     "OpenDRIVE": {
         "header": _read("version, name, geographic reference"),
         "road": _read("roads"),
@@ -185,7 +185,7 @@ OPAQUE = frozenset({"geoReference"})
 """Elements read as text."""
 
 
-def rule_of(path: str, child: str) -> ElementRule | None:
+def rule_of(path: str, child: str) -> RoadElementRule | None:
     """What becomes of ``child`` in an element; None: OpenDRIVE 1.4 to 1.8 has no such thing.
 
     Args:
