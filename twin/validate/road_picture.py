@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from schemas.escape import escape
+from schemas.words import counted
 from twin.road.opendrive.records import DRIVEN_TYPES, Lane, RoadMark
 from twin.road.opendrive.road_frame import RoadFrame, traffic_sign
 from twin.road.opendrive.road_map import RoadMap
@@ -115,7 +116,7 @@ def _extent(roads: RoadMap) -> tuple[float, float, float, float]:
 
 def _count(roads: RoadMap) -> str:
     count = len(roads.network.roads)
-    return f"{count} road{'s' if count != 1 else ''}"
+    return counted(count, "road")
 
 
 def _stations(frame: RoadFrame) -> np.ndarray:
