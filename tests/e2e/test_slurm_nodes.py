@@ -67,7 +67,7 @@ def test_stacks_on_another_node(marked, cluster, local, tmp_path):
 
 def test_late_commits_of_a_node_that_was_cut_off_are_fenced(marked, cluster, tmp_path):
     """Started by hand. The cut-off worker finishes a case that was given to another meanwhile."""
-    changed(tmp_path, "chaos-16", lambda data: data["matrix"].update(repeat=[0, 1, 2]))
+    changed(tmp_path, "chaos-16", lambda data: data["matrix"].update(repeat=[0, 1, 2, 3, 4]))
     script = tmp_path / "job.sh"
     script.write_text(BY_HAND.format(python=sys.executable))
     job = cluster.submit(script, **{MARK: marked.mark})
@@ -85,7 +85,7 @@ def test_late_commits_of_a_node_that_was_cut_off_are_fenced(marked, cluster, tmp
     found = wait(lambda: cluster.ended(job), "the end of the job")
     assert found["JobState"] == "COMPLETED", log.read_text()
     rows = outcomes(out)
-    assert len(rows) == 48
+    assert len(rows) == 80
     assert {row["outcome"] for row in rows.values()} == {"verdict"}
     assert all(row["charges"] == [] for row in rows.values())
     late = [(row, each) for row in rows.values() for each in row["late"]]

@@ -12,13 +12,13 @@ import contextlib
 import errno
 import logging
 import os
-import shutil
 import socket
 import subprocess
 import sys
 import tempfile
 import threading
 from collections.abc import Callable
+from pathlib import Path
 
 import msgspec
 
@@ -31,6 +31,7 @@ from twin.fabric.front.process import FrontEvent, Settings
 from twin.fabric.keys.authority import inner_key
 from twin.fabric.keys.key_file import MemberKey
 from twin.fabric.keys.roles import MEMBERS
+from twin.fabric.rig_folder import PrivateFolder
 from twin.fabric.zenoh_bus import open_bus
 
 BACKLOG = 1024
@@ -115,7 +116,7 @@ class Fronted:
 
     def _open(self, namespace: str, connect: str, *, connect_required: bool) -> Bus:
         try:
-            folder = tempfile.mkdtemp(prefix="drivetwin-")  # mode 0700
+            folder = PrivateFolder(Path(tempfile.gettempdir()))  # gone also if we are killed here
         except OSError as error:
             raise storage_error(error, tempfile.gettempdir()) from None
         key = self._key if connect else inner_key()
@@ -124,7 +125,7 @@ class Fronted:
         os.environ.setdefault("ZENOH_RUNTIME", RUNTIME)  # read by a process's first session
         try:
             for role in MEMBERS:
-                path = f"{folder}/{role}"
+                path = f"{folder.path}/{role}"
                 bus = open_bus(
                     "router",
                     listen=listen,
@@ -139,7 +140,7 @@ class Fronted:
                     listen, connect = [], bus.endpoints[0]
                 self._sockets[role] = os.open(path, os.O_PATH | os.O_CLOEXEC)
         finally:
-            shutil.rmtree(folder, ignore_errors=True)
+            folder.close()
             if not was_set:  # children need no more threads than usual
                 del os.environ["ZENOH_RUNTIME"]
         return self._buses[0]
