@@ -1,0 +1,338 @@
+"""Actions of a storyboard program; what each does to an actor (ASAM OpenSCENARIO XML 1.3)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+from twin.scenario.storyboard.program.conditions import DistanceFrame
+from twin.scenario.storyboard.program.places import Position
+
+
+class DynamicsShape(IntEnum):
+    """Curve of a transition from one value to another."""
+
+    LINEAR = 0
+    CUBIC = 1
+    SINUSOIDAL = 2
+    STEP = 3
+
+
+class DynamicsDimension(IntEnum):
+    """What the value of a transition means."""
+
+    TIME = 0
+    """Its duration [s]."""
+    RATE = 1
+    """Change per second; the peak one of a cubic or sinusoidal transition."""
+    DISTANCE = 2
+    """The way during which it takes place [m]."""
+
+
+@dataclass(frozen=True, slots=True)
+class TransitionDynamics:
+    """How a value changes."""
+
+    shape: DynamicsShape
+    dimension: DynamicsDimension
+    value: float
+
+
+@dataclass(frozen=True, slots=True)
+class MotionLimits:
+    """Limits of a controlled motion; infinite where none are given."""
+
+    acceleration_max_mps2: float = float("inf")
+    deceleration_max_mps2: float = float("inf")
+    speed_max_mps: float = float("inf")
+    acceleration_rate_max_mps3: float = float("inf")
+    deceleration_rate_max_mps3: float = float("inf")
+
+
+class Displacement(IntEnum):
+    """On which side of the referenced entity the actor keeps its distance."""
+
+    ANY = 0
+    AHEAD = 1
+    """Leading, or to the left."""
+    BEHIND = 2
+    """Trailing, or to the right."""
+
+
+@dataclass(frozen=True, slots=True)
+class SpeedAction:
+    """Change speed; relative to another entity where ``entity`` is not -1."""
+
+    dynamics: TransitionDynamics
+    entity: int
+    value: float
+    """[m/s], or a factor."""
+    factor: bool = False
+    continuous: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class SpeedProfileEntry:
+    """One speed of a profile and the time since the one before; negative: as fast as allowed."""
+
+    speed_mps: float
+    duration_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class SpeedProfileAction:
+    """Pass through a row of speeds."""
+
+    entity: int
+    """Speeds are relative to it; -1: absolute."""
+    entries: tuple[SpeedProfileEntry, ...]
+    follow: bool
+    """Within the limits; else exactly."""
+    limits: MotionLimits
+
+
+@dataclass(frozen=True, slots=True)
+class LongitudinalDistanceAction:
+    """Keep a distance or, where ``time_gap``, a time gap to another entity."""
+
+    entity: int
+    value: float
+    """[m] or [s]."""
+    time_gap: bool
+    freespace: bool
+    continuous: bool
+    frame: DistanceFrame
+    displacement: Displacement
+    limits: MotionLimits
+
+
+@dataclass(frozen=True, slots=True)
+class LaneChangeAction:
+    """Change to a lane: by id or, where ``entity`` is not -1, counted from that entity's lane."""
+
+    dynamics: TransitionDynamics
+    entity: int
+    lane: int
+    target_offset_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class LaneOffsetAction:
+    """Move to an offset from the centre of the lane, relative to another entity's if given."""
+
+    shape: DynamicsShape
+    lateral_acceleration_max_mps2: float
+    """Infinite: not given."""
+    entity: int
+    offset_m: float
+    continuous: bool
+
+
+@dataclass(frozen=True, slots=True)
+class LateralDistanceAction:
+    """Keep a lateral distance to another entity."""
+
+    entity: int
+    distance_m: float
+    freespace: bool
+    continuous: bool
+    frame: DistanceFrame
+    displacement: Displacement
+    limits: MotionLimits
+
+
+class FinalSpeedKind(IntEnum):
+    """How an actor's speed at the end of a synchronisation is given."""
+
+    NONE = 0
+    ABSOLUTE = 1
+    RELATIVE_TO_MASTER = 2
+
+
+class SteadyStateKind(IntEnum):
+    """When the final speed is reached, before the end of a synchronisation."""
+
+    NONE = 0
+    DISTANCE = 1
+    TIME = 2
+
+
+@dataclass(frozen=True, slots=True)
+class SynchronizeAction:
+    """Arrive at a position when a master arrives at its own."""
+
+    master: int
+    master_position: Position
+    position: Position
+    final_speed: FinalSpeedKind
+    final_speed_mps: float
+    steady_state: SteadyStateKind
+    steady_state_value: float
+    tolerance_master_m: float
+    tolerance_m: float
+    trajectory: int = -1
+    """Along which the actor's position lies at :attr:`trajectory_s_m`; -1: none."""
+    trajectory_s_m: float = 0.0
+    master_trajectory: int = -1
+    master_trajectory_s_m: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class TeleportAction:
+    """Be somewhere else at once."""
+
+    position: Position
+
+
+@dataclass(frozen=True, slots=True)
+class AssignRouteAction:
+    """Follow a route (index) from now on."""
+
+    route: int
+
+
+@dataclass(frozen=True, slots=True)
+class AcquirePositionAction:
+    """Go to a position along the shortest way."""
+
+    position: Position
+    routes: tuple[int, ...]
+    """Shortest ways to a fixed position from each road and direction, made with the program:
+    route (index, -1: none) by ``2 * road + (0 along s, 1 against it)``."""
+
+
+@dataclass(frozen=True, slots=True)
+class FollowTrajectoryAction:
+    """Follow a trajectory (index)."""
+
+    trajectory: int
+    timed: bool
+    absolute_time: bool
+    """Times count from the beginning of the scenario; else of the action."""
+    time_scale: float
+    time_offset_s: float
+    follow: bool
+    """Following mode ``follow``, else ``position``; both put the default controller on the line."""
+    initial_distance_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class ControllerAction:
+    """Who moves the actor: True: its controller, False: the default one, None: as before."""
+
+    lateral: bool | None
+    longitudinal: bool | None
+    model: int = -1
+    """Driver model (index of :attr:`Program.models`) that becomes its controller; -1: as before."""
+
+
+@dataclass(frozen=True, slots=True)
+class VisibilityAction:
+    """Who sees the actor."""
+
+    graphics: bool
+    sensors: bool
+    traffic: bool
+
+
+@dataclass(frozen=True, slots=True)
+class LightAction:
+    """A lamp of the actor."""
+
+    light: int
+    """Index of :data:`LIGHTS`."""
+    mode: int
+    """0 off, 1 on, 2 flashing."""
+    on_s: float
+    off_s: float
+
+
+LIGHTS = (
+    "daytimeRunningLights",
+    "lowBeam",
+    "highBeam",
+    "fogLights",
+    "fogLightsFront",
+    "fogLightsRear",
+    "brakeLights",
+    "warningLights",
+    "indicatorLeft",
+    "indicatorRight",
+    "reversingLights",
+    "licensePlateIllumination",
+    "specialPurposeLights",
+)
+"""Lamps of vehicles, spelled as in OpenSCENARIO."""
+
+
+@dataclass(frozen=True, slots=True)
+class EnvironmentAction:
+    """Weather, light and time of day (index of :attr:`Program.environments`)."""
+
+    environment: int
+
+
+@dataclass(frozen=True, slots=True)
+class AddEntityAction:
+    """Put an entity into the world."""
+
+    entity: int
+    position: Position
+
+
+@dataclass(frozen=True, slots=True)
+class DeleteEntityAction:
+    """Take an entity out of the world."""
+
+    entity: int
+
+
+@dataclass(frozen=True, slots=True)
+class SetVariableAction:
+    """Set a variable, parameter or signal; words are numbered (:attr:`Program.words`)."""
+
+    variable: int
+    value: float
+
+
+@dataclass(frozen=True, slots=True)
+class ModifyVariableAction:
+    """Multiply a variable, then add to it."""
+
+    variable: int
+    factor: float
+    addend: float
+
+
+@dataclass(frozen=True, slots=True)
+class CommandAction:
+    """A command of the user; only noted as an event."""
+
+    words: str
+
+
+PrivateAction = (
+    SpeedAction
+    | SpeedProfileAction
+    | LongitudinalDistanceAction
+    | LaneChangeAction
+    | LaneOffsetAction
+    | LateralDistanceAction
+    | SynchronizeAction
+    | TeleportAction
+    | AssignRouteAction
+    | AcquirePositionAction
+    | FollowTrajectoryAction
+    | ControllerAction
+    | VisibilityAction
+    | LightAction
+)
+GlobalAction = (
+    EnvironmentAction
+    | AddEntityAction
+    | DeleteEntityAction
+    | SetVariableAction
+    | ModifyVariableAction
+    | CommandAction
+)
+Action = PrivateAction | GlobalAction

@@ -1,0 +1,311 @@
+"""Conditions and triggers of a storyboard program.
+
+A condition has a logical expression, an edge and a delay. The kernel evaluates the expression once
+per step on the states at the beginning of the step (ASAM OpenSCENARIO XML 1.3, section 7.6).
+Distances along a road count in the direction of the triggering entity.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+from twin.scenario.storyboard.program.entities import EntityCategory
+from twin.scenario.storyboard.program.places import Position
+
+
+class Comparison(IntEnum):
+    """Rule of a comparison."""
+
+    EQUAL = 0
+    GREATER = 1
+    LESS = 2
+    GREATER_OR_EQUAL = 3
+    LESS_OR_EQUAL = 4
+    NOT_EQUAL = 5
+
+
+class ConditionEdge(IntEnum):
+    """Which change of its expression makes a condition true."""
+
+    NONE = 0
+    """The expression itself."""
+    RISING = 1
+    FALLING = 2
+    EITHER = 3
+
+
+class DistanceFrame(IntEnum):
+    """Coordinate system of a distance."""
+
+    ENTITY = 0
+    ROAD = 1
+    LANE = 2
+    TRAJECTORY = 3
+    WORLD = 4
+
+
+class DistanceKind(IntEnum):
+    """What is measured between two places."""
+
+    EUCLIDEAN = 0
+    LONGITUDINAL = 1
+    LATERAL = 2
+
+
+class SpeedAxis(IntEnum):
+    """Component of a velocity or acceleration, in the axes of the entity."""
+
+    TOTAL = 0
+    LONGITUDINAL = 1
+    LATERAL = 2
+    VERTICAL = 3
+
+
+class AngleKind(IntEnum):
+    """Which angle of a body."""
+
+    HEADING = 0
+    PITCH = 1
+    ROLL = 2
+
+
+class ElementState(IntEnum):
+    """State or transition of a storyboard element."""
+
+    STANDBY = 0
+    RUNNING = 1
+    COMPLETE = 2
+    START_TRANSITION = 3
+    END_TRANSITION = 4
+    STOP_TRANSITION = 5
+    SKIP_TRANSITION = 6
+
+
+@dataclass(frozen=True, slots=True)
+class EndOfRoadCondition:
+    """Has been at the end of a road for a time."""
+
+    duration_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class CollisionCondition:
+    """Boxes overlap with an entity (index) or, where it is -1, with any of a category (-1: any)."""
+
+    entity: int
+    category: EntityCategory | int
+
+
+@dataclass(frozen=True, slots=True)
+class OffroadCondition:
+    """Has been on no lane for a time."""
+
+    duration_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class TimeHeadwayCondition:
+    """Distance to another entity, divided by the own speed."""
+
+    entity: int
+    value_s: float
+    rule: Comparison
+    freespace: bool
+    frame: DistanceFrame
+    kind: DistanceKind
+
+
+@dataclass(frozen=True, slots=True)
+class TimeToCollisionCondition:
+    """Distance to an entity (index) or, where it is -1, a position, divided by closing speed."""
+
+    entity: int
+    position: Position | None
+    value_s: float
+    rule: Comparison
+    freespace: bool
+    frame: DistanceFrame
+    kind: DistanceKind
+
+
+@dataclass(frozen=True, slots=True)
+class AccelerationCondition:
+    """Acceleration compared with a value."""
+
+    value_mps2: float
+    rule: Comparison
+    axis: SpeedAxis
+
+
+@dataclass(frozen=True, slots=True)
+class StandStillCondition:
+    """Has not moved for a time."""
+
+    duration_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class SpeedCondition:
+    """Speed compared with a value."""
+
+    value_mps: float
+    rule: Comparison
+    axis: SpeedAxis
+
+
+@dataclass(frozen=True, slots=True)
+class RelativeSpeedCondition:
+    """Own speed minus that of another entity."""
+
+    entity: int
+    value_mps: float
+    rule: Comparison
+    axis: SpeedAxis
+
+
+@dataclass(frozen=True, slots=True)
+class TraveledDistanceCondition:
+    """Has moved at least so far since the scenario began."""
+
+    value_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class ReachPositionCondition:
+    """Within a radius of a position."""
+
+    position: Position
+    tolerance_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class DistanceCondition:
+    """Distance to a position."""
+
+    position: Position
+    value_m: float
+    rule: Comparison
+    freespace: bool
+    frame: DistanceFrame
+    kind: DistanceKind
+
+
+@dataclass(frozen=True, slots=True)
+class RelativeDistanceCondition:
+    """Distance to another entity."""
+
+    entity: int
+    value_m: float
+    rule: Comparison
+    freespace: bool
+    frame: DistanceFrame
+    kind: DistanceKind
+
+
+@dataclass(frozen=True, slots=True)
+class AngleCondition:
+    """An angle of the body within a tolerance, in the world or relative to the road."""
+
+    kind: AngleKind
+    angle_rad: float
+    tolerance_rad: float
+    frame: DistanceFrame
+
+
+@dataclass(frozen=True, slots=True)
+class RelativeAngleCondition:
+    """An angle relative to that of another entity."""
+
+    entity: int
+    kind: AngleKind
+    angle_rad: float
+    tolerance_rad: float
+
+
+@dataclass(frozen=True, slots=True)
+class SimulationTimeCondition:
+    """Time since the scenario began."""
+
+    value_s: float
+    rule: Comparison
+
+
+@dataclass(frozen=True, slots=True)
+class TimeOfDayCondition:
+    """Time of the environment's clock [s since 1970]."""
+
+    value_s: float
+    rule: Comparison
+
+
+@dataclass(frozen=True, slots=True)
+class VariableCondition:
+    """A variable, parameter or user-defined value; words are compared by their number."""
+
+    variable: int
+    value: float
+    rule: Comparison
+
+
+@dataclass(frozen=True, slots=True)
+class ElementStateCondition:
+    """A storyboard element is in a state, or went through a transition in this step."""
+
+    element: int
+    state: ElementState
+
+
+@dataclass(frozen=True, slots=True)
+class TrafficSignalCondition:
+    """A traffic signal shows a state; the states of signals are variables."""
+
+    variable: int
+    value: float
+
+
+EntityExpression = (
+    EndOfRoadCondition
+    | CollisionCondition
+    | OffroadCondition
+    | TimeHeadwayCondition
+    | TimeToCollisionCondition
+    | AccelerationCondition
+    | StandStillCondition
+    | SpeedCondition
+    | RelativeSpeedCondition
+    | TraveledDistanceCondition
+    | ReachPositionCondition
+    | DistanceCondition
+    | RelativeDistanceCondition
+    | AngleCondition
+    | RelativeAngleCondition
+)
+ValueExpression = (
+    SimulationTimeCondition
+    | TimeOfDayCondition
+    | VariableCondition
+    | ElementStateCondition
+    | TrafficSignalCondition
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Condition:
+    """One condition of a group."""
+
+    name: str
+    expression: EntityExpression | ValueExpression
+    edge: ConditionEdge
+    delay_s: float
+    entities: tuple[int, ...] = ()
+    """Triggering entities; none for a :data:`ValueExpression`."""
+    all_entities: bool = False
+    """All of them must fulfil it; else any one."""
+
+
+@dataclass(frozen=True, slots=True)
+class Trigger:
+    """True if all conditions of any group are."""
+
+    groups: tuple[tuple[Condition, ...], ...]

@@ -1,0 +1,62 @@
+"""Entities of a storyboard program."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+from twin.scenario.storyboard.program.places import FixedPosition
+
+
+class EntityCategory(IntEnum):
+    """What a body is; looks and conditions on types of objects depend on it."""
+
+    CAR = 0
+    VAN = 1
+    TRUCK = 2
+    TRAILER = 3
+    SEMITRAILER = 4
+    BUS = 5
+    MOTORCYCLE = 6
+    BICYCLE = 7
+    TRAIN = 8
+    TRAM = 9
+    PEDESTRIAN = 10
+    CHILD = 11
+    WHEELCHAIR = 12
+    ANIMAL = 13
+    OBSTACLE = 14
+    """Any other object."""
+
+
+@dataclass(frozen=True, slots=True)
+class BodyBox:
+    """Bounding box in the axes of its entity: origin on the ground, x forwards, y to the left."""
+
+    centre_x_m: float
+    centre_y_m: float
+    centre_z_m: float
+    length_m: float
+    width_m: float
+    height_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class StoryboardEntity:
+    """One entity."""
+
+    name: str
+    category: EntityCategory
+    box: BodyBox
+    speed_max_mps: float
+    acceleration_max_mps2: float
+    deceleration_max_mps2: float
+    wheelbase_m: float
+    """Distance of front and rear axle; 0 where there are none."""
+    mass_kg: float
+    ego: bool
+    """Driven by what is tested, or by the robot in its place."""
+    catalog_entry: str = ""
+    """For looks."""
+    start: FixedPosition | None = None
+    """None: somewhere else, invisible, until an action places it."""
