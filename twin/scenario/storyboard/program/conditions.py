@@ -14,7 +14,7 @@ from twin.scenario.storyboard.program.entities import EntityCategory
 from twin.scenario.storyboard.program.places import Position
 
 
-class Comparison(IntEnum):
+class ComparisonRule(IntEnum):
     """Rule of a comparison."""
 
     EQUAL = 0
@@ -110,7 +110,7 @@ class TimeHeadwayCondition:
 
     entity: int
     value_s: float
-    rule: Comparison
+    rule: ComparisonRule
     freespace: bool
     frame: DistanceFrame
     kind: DistanceKind
@@ -123,7 +123,7 @@ class TimeToCollisionCondition:
     entity: int
     position: Position | None
     value_s: float
-    rule: Comparison
+    rule: ComparisonRule
     freespace: bool
     frame: DistanceFrame
     kind: DistanceKind
@@ -134,7 +134,7 @@ class AccelerationCondition:
     """Acceleration compared with a value."""
 
     value_mps2: float
-    rule: Comparison
+    rule: ComparisonRule
     axis: SpeedAxis
 
 
@@ -150,7 +150,7 @@ class SpeedCondition:
     """Speed compared with a value."""
 
     value_mps: float
-    rule: Comparison
+    rule: ComparisonRule
     axis: SpeedAxis
 
 
@@ -160,7 +160,7 @@ class RelativeSpeedCondition:
 
     entity: int
     value_mps: float
-    rule: Comparison
+    rule: ComparisonRule
     axis: SpeedAxis
 
 
@@ -185,7 +185,7 @@ class DistanceCondition:
 
     position: Position
     value_m: float
-    rule: Comparison
+    rule: ComparisonRule
     freespace: bool
     frame: DistanceFrame
     kind: DistanceKind
@@ -197,7 +197,7 @@ class RelativeDistanceCondition:
 
     entity: int
     value_m: float
-    rule: Comparison
+    rule: ComparisonRule
     freespace: bool
     frame: DistanceFrame
     kind: DistanceKind
@@ -228,7 +228,7 @@ class SimulationTimeCondition:
     """Time since the scenario began."""
 
     value_s: float
-    rule: Comparison
+    rule: ComparisonRule
 
 
 @dataclass(frozen=True, slots=True)
@@ -236,7 +236,7 @@ class TimeOfDayCondition:
     """Time of the environment's clock [s since 1970]."""
 
     value_s: float
-    rule: Comparison
+    rule: ComparisonRule
 
 
 @dataclass(frozen=True, slots=True)
@@ -245,7 +245,7 @@ class VariableCondition:
 
     variable: int
     value: float
-    rule: Comparison
+    rule: ComparisonRule
 
 
 @dataclass(frozen=True, slots=True)

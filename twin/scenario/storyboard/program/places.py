@@ -108,7 +108,7 @@ class RouteLeg:
 
 
 @dataclass(frozen=True, slots=True)
-class Route:
+class RoadRoute:
     """A way through the road network."""
 
     name: str

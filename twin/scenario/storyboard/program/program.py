@@ -9,7 +9,7 @@ from twin.road.opendrive.records import RoadNetwork
 from twin.scenario.storyboard.program.actions import Action
 from twin.scenario.storyboard.program.conditions import Trigger
 from twin.scenario.storyboard.program.entities import StoryboardEntity
-from twin.scenario.storyboard.program.places import Route, Trajectory
+from twin.scenario.storyboard.program.places import RoadRoute, Trajectory
 
 
 class ElementKind(IntEnum):
@@ -126,7 +126,7 @@ class Program:
     init: tuple[InitAction, ...]
     """In the order of the file."""
     trajectories: tuple[Trajectory, ...] = ()
-    routes: tuple[Route, ...] = ()
+    routes: tuple[RoadRoute, ...] = ()
     variables: tuple[ProgramVariable, ...] = ()
     words: tuple[str, ...] = ()
     environments: tuple[StoryboardEnvironment, ...] = ()
