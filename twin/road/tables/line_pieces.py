@@ -35,7 +35,7 @@ _ANGLES_MIN = 1e-12
 def line_pieces(line: ReferenceLine) -> np.ndarray:
     """The parts of a reference line, in order, float64 [P, 11] (:data:`LINE_COLUMNS`)."""
     ends = np.minimum(np.append(line.starts[1:], line.length_m), line.length_m)
-    parts = []
+    parts: list[np.ndarray] = []
     begin = 0.0
     for index, end in enumerate(ends.tolist()):
         if end > begin or (index == len(ends) - 1 and not parts):
@@ -58,7 +58,8 @@ def _cut(line: ReferenceLine, index: int, begin: float, end: float) -> np.ndarra
             np.column_stack([middle, high[~close]]).ravel(),
         )
     rows = np.concatenate(whole)
-    return rows[np.argsort(rows[:, 0], kind="stable")]
+    ordered: np.ndarray = rows[np.argsort(rows[:, 0], kind="stable")]
+    return ordered
 
 
 def _hermite(
@@ -106,4 +107,5 @@ def _close(exact: np.ndarray, rows: np.ndarray, ahead: np.ndarray) -> np.ndarray
 
 
 def _upper(rows: np.ndarray, k: int, ahead: np.ndarray) -> np.ndarray:
-    return rows[:, k + 2] + ahead * rows[:, k + 3]
+    upper: np.ndarray = rows[:, k + 2] + ahead * rows[:, k + 3]
+    return upper

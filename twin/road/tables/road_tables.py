@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twin.road.opendrive.lane_graph import lane_graph
+from twin.road.opendrive.lane_graph import LaneKey, lane_graph
 from twin.road.opendrive.profile import CubicProfile
 from twin.road.opendrive.records import (
     DRIVEN_TYPES,
@@ -42,8 +42,8 @@ SECTION_COLUMNS = ("lane", "left", "level_left", "level_right")
 innermost level lane on each side, 0: none."""
 LANE_COLUMNS = ("width", "bordered", "type", "sign", "before", "after")
 """Where a lane's rows of ``widths`` begin; 1 if they are borders; the code of its type; the way it
-is driven (1 along s, -1 against it, 0 both); the lanes that touch it at the beginning and the end,
-0: none. Of several the first that the file names counts."""
+is driven (1 along s, -1 against it, 0 both); the lanes before and after it in the same road, 0:
+none. Of several the first that the file names counts."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +88,9 @@ def road_tables(network: RoadNetwork) -> RoadTables:
             f"{LINE_PIECES_MAX} are made"
         )
     pool, widths = _Cubics(), _Cubics()
-    roads, sections, lanes = [], [], []
+    roads: list[tuple[int, ...]] = []
+    sections: list[tuple[int, ...]] = []
+    lanes: list[tuple[int, ...]] = []
     links = _lane_links(network)
     line_first = np.cumsum([0, *map(len, lines)]).tolist()
     for number, road in enumerate(network.roads.values()):
@@ -99,7 +101,10 @@ def road_tables(network: RoadNetwork) -> RoadTables:
             level = (frames[number].sections[index].level_from(side) for side in (1, -1))
             sections.append((len(lanes), len(section.left), *level))
             lanes += [
-                (*_lane_row(road, section, lane_id, widths), *links[road.id, index, lane_id])
+                (
+                    *_lane_row(road, section, lane_id, widths),
+                    *links[LaneKey(road.id, index, lane_id)],
+                )
                 for lane_id in _ids(section)
             ]
     roads.append((line_first[-1], len(sections), pool.count, pool.count, pool.count))
@@ -178,29 +183,25 @@ def _lane_row(
     return first, int(not lane.widths), code, traffic_sign(road, lane)
 
 
-def _lane_links(network: RoadNetwork) -> dict[tuple[str, int, int], tuple[int, int]]:
-    """Lanes before and after every lane of a section, 0: none; junctions are in the ways."""
+def _lane_links(network: RoadNetwork) -> dict[LaneKey, tuple[int, int]]:
+    """Lanes before and after every lane in the same road, 0: none; other roads are in the ways."""
     joints = lane_graph(network).joints
     links = {}
     for road in network.roads.values():
         last = len(road.sections) - 1
         for index, section in enumerate(road.sections):
             for lane in section.lanes:
-                pair = []
-                for side, edge, link, targets in (
-                    ("start", index == 0, road.predecessor, lane.predecessors),
-                    ("end", index == last, road.successor, lane.successors),
-                ):
-                    there = (link.id if link is not None else None) if edge else road.id
-                    touching = [
-                        key.lane
-                        for key, _ in joints.get(((road.id, index, lane.id), side), ())  # type: ignore[call-overload]
-                        if key.road == there
-                    ]
-                    named = [target for target in targets if target in touching]
-                    pair.append((named or touching or [0])[0])
-                links[road.id, index, lane.id] = (pair[0], pair[1])
+                key = LaneKey(road.id, index, lane.id)
+                before = joints.get((key, "start"), ()) if index > 0 else ()
+                after = joints.get((key, "end"), ()) if index < last else ()
+                links[key] = _first(before, lane.predecessors), _first(after, lane.successors)
     return links
+
+
+def _first(joints: tuple[tuple[LaneKey, str], ...], named: tuple[int, ...]) -> int:
+    """The first lane that the file names, else the first that names this one, else 0."""
+    touching = [key.lane for key, _ in joints]
+    return next((lane for lane in (*named, *touching) if lane in touching), 0)
 
 
 def _extent(frame: RoadFrame, rows: np.ndarray) -> tuple[float, ...]:

@@ -52,7 +52,8 @@ class _Way:
 
 def road_ways(network: RoadNetwork | None, frames: Sequence[RoadFrame]) -> RoadWays:
     """The ways of all roads; ``frames`` in the order of the file. None: no roads."""
-    first, ways, turns, lanes = [0], [], [], []
+    first, ways, turns = [0], [], []
+    lanes: list[tuple[int, int]] = []
     junctions = []
     if network is not None:
         numbers = {road_id: number for number, road_id in enumerate(network.roads)}
@@ -87,8 +88,8 @@ class _Ends:
         self._told: dict[tuple[str, ContactPoint], list[_Way]] = {}
         self._back: dict[tuple[str, ContactPoint], list[_Way]] = {}
         for junction in network.junctions.values():
-            for road, end, way in self._through(junction):
-                self._told.setdefault((road, end), []).append(way)
+            for road_id, end, way in self._through(junction):
+                self._told.setdefault((road_id, end), []).append(way)
         for road in network.roads.values():
             if road.junction is not None:
                 for other, end, way in self._backwards(road):
