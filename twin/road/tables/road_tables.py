@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twin.road.opendrive.lane_graph import LaneKey, lane_graph
+from twin.road.opendrive.lane_graph import LaneGraph, LaneKey, lane_graph
 from twin.road.opendrive.profile import CubicProfile
 from twin.road.opendrive.records import (
     DRIVEN_TYPES,
@@ -25,11 +25,11 @@ from twin.road.opendrive.records import (
 from twin.road.opendrive.road_frame import RoadFrame, traffic_sign
 from twin.road.opendrive.road_map import RoadMap
 from twin.road.tables.line_pieces import LINE_COLUMNS, line_pieces
-from twin.road.tables.road_ways import RoadWays, road_ways
+from twin.road.tables.road_ways import RoadWays, no_ways, road_ways
 from twin.road.tables.way_lengths import way_lengths
 
-LINE_PIECES_MAX = 2_000_000
-"""Most parts of all reference lines, 176 MB."""
+LINE_PIECES_MAX = 500_000
+"""Most parts of all reference lines, 44 MB."""
 LANE_TYPE_CODES = tuple(sorted(LANE_TYPES))
 """Lane types; a code is an index of it."""
 ROAD_COLUMNS = ("line", "section", "elevation", "superelevation", "lane_offset")
@@ -81,17 +81,13 @@ def road_tables(network: RoadNetwork) -> RoadTables:
         ValueError: a reference line has no direction somewhere, or there are too many parts.
     """
     frames = tuple(RoadMap(network).frames.values())
-    lines = [line_pieces(frame.line) for frame in frames]
-    if sum(map(len, lines)) > LINE_PIECES_MAX:
-        raise ValueError(
-            f"{network.file}: {sum(map(len, lines))} cubics for its reference lines; at most "
-            f"{LINE_PIECES_MAX} are made"
-        )
+    lines = _lines(network, frames)
+    graph = lane_graph(network)
     pool, widths = _Cubics(), _Cubics()
     roads: list[tuple[int, ...]] = []
     sections: list[tuple[int, ...]] = []
     lanes: list[tuple[int, ...]] = []
-    links = _lane_links(network)
+    links = _lane_links(network, graph)
     line_first = np.cumsum([0, *map(len, lines)]).tolist()
     for number, road in enumerate(network.roads.values()):
         first = (pool.count, pool.add(road.elevation), pool.add(road.superelevation))
@@ -110,7 +106,7 @@ def road_tables(network: RoadNetwork) -> RoadTables:
     roads.append((line_first[-1], len(sections), pool.count, pool.count, pool.count))
     sections.append((len(lanes), 0, 0, 0))
     lanes.append((widths.count, *(0,) * (len(LANE_COLUMNS) - 1)))
-    ways = road_ways(network, frames)
+    ways = road_ways(network, frames, graph)
     return RoadTables(
         roads=np.array(roads, np.int32),
         extents=np.array([_extent(frame, rows) for frame, rows in zip(frames, lines, strict=True)]),
@@ -126,6 +122,19 @@ def road_tables(network: RoadNetwork) -> RoadTables:
     )
 
 
+def _lines(network: RoadNetwork, frames: tuple[RoadFrame, ...]) -> list[np.ndarray]:
+    """Parts of all reference lines."""
+    lines: list[np.ndarray] = []
+    left = LINE_PIECES_MAX
+    for frame in frames:
+        try:
+            lines.append(line_pieces(frame.line, left))
+        except ValueError as error:
+            raise ValueError(f"{network.file}: road {frame.road.id[:40]}: {error}") from None
+        left -= len(lines[-1])
+    return lines
+
+
 def flat_tables() -> RoadTables:
     """Tables without a road: flat ground."""
     return RoadTables(
@@ -137,7 +146,7 @@ def flat_tables() -> RoadTables:
         section_starts_m=np.zeros(0),
         sections=np.zeros((1, len(SECTION_COLUMNS)), np.int32),
         lanes=np.zeros((1, len(LANE_COLUMNS)), np.int32),
-        ways=road_ways(None, ()),
+        ways=no_ways(),
         lengths_m=np.zeros((0, 0)),
         road_ids=(),
     )
@@ -183,9 +192,9 @@ def _lane_row(
     return first, int(not lane.widths), code, traffic_sign(road, lane)
 
 
-def _lane_links(network: RoadNetwork) -> dict[LaneKey, tuple[int, int]]:
+def _lane_links(network: RoadNetwork, graph: LaneGraph) -> dict[LaneKey, tuple[int, int]]:
     """Lanes before and after every lane in the same road, 0: none; other roads are in the ways."""
-    joints = lane_graph(network).joints
+    joints = graph.joints
     links = {}
     for road in network.roads.values():
         last = len(road.sections) - 1
