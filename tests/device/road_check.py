@@ -74,7 +74,9 @@ def main() -> int:
             worst = float(np.abs(np.where(unlike, rows - there[function], 0.0)).max())
             print(f"{name:9} {function:20} {int(unlike.any(axis=1).sum())} of {COUNT}, {worst:.1e}")
     for where in ("cpu", device):
-        print(f"{where}: {step_us(Walks(road_tables(junction()), where)):.1f} us a step of {MOVERS}")
+        print(
+            f"{where}: {step_us(Walks(road_tables(junction()), where)):.1f} us a step of {MOVERS}"
+        )
     return int(differing > 0)
 
 
