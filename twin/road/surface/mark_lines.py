@@ -1,7 +1,7 @@
 """The lines that road marks consist of, and their strokes.
 
-A mark of two lines names them from the inside of the road to its outside, on the centre line from the
-left to the right (ASAM OpenDRIVE 1.8, table of road mark types).
+A mark of two lines names them from the inside of the road to its outside, on the centre line from
+the left to the right (ASAM OpenDRIVE 1.8, table of road mark types).
 """
 
 from __future__ import annotations
@@ -82,9 +82,7 @@ def mark_lines(mark: RoadMark, lane_id: int) -> tuple[PaintedLine, ...]:
     inward = 1.0 if lane_id <= 0 else -1.0
     asides = (inward * width, -inward * width) if len(words) > 1 else (0.0,)
     return tuple(
-        PaintedLine(
-            aside, *(DASH_M if word == "broken" else (0.0, 0.0)), 0.0, width, mark.color
-        )
+        PaintedLine(aside, *(DASH_M if word == "broken" else (0.0, 0.0)), 0.0, width, mark.color)
         for aside, word in zip(asides, words, strict=True)
     )
 

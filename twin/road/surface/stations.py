@@ -1,7 +1,7 @@
 """Stations at which the surface of a lane section is cut.
 
-They are the same for all lanes of a section, so lanes meet without cracks. Between two of them every
-border is a chord; it stays within :data:`ASIDE_M` of the border in the plane and within
+They are the same for all lanes of a section, so lanes meet without cracks. Between two of them
+every border is a chord; it stays within :data:`ASIDE_M` of the border in the plane and within
 :data:`HEIGHT_M` in height, and so does the diagonal that parts each lane's quadrilateral.
 """
 
