@@ -30,7 +30,11 @@ class SurfacePatch:
 def strip(
     kind: PatchKind, look: str, left_m: np.ndarray, right_m: np.ndarray
 ) -> SurfacePatch | None:
-    """The strip between two lines of as many points [N, 3], both along s; None: it has no area."""
+    """The strip between two lines of as many points [N, 3], both along s; None: it has no area.
+
+    In a bend tighter than its distance from the reference line a strip folds over itself; what
+    would look down there is left out.
+    """
     count = len(left_m)
     points = np.concatenate([left_m, right_m])
     i = np.arange(count - 1)
@@ -42,10 +46,12 @@ def strip(
     )
     a, b, c = points[faces].transpose(1, 0, 2)
     normal = np.cross(b - a, c - a)
-    large = 0.25 * (normal * normal).sum(axis=1) > AREA_MIN_M2 * AREA_MIN_M2
-    if not large.any():
+    kept = 0.25 * (normal * normal).sum(axis=1) > AREA_MIN_M2 * AREA_MIN_M2
+    if kind != "kerb":
+        kept &= normal[:, 2] > 0.0
+    if not kept.any():
         return None
-    return SurfacePatch(kind, look, points, faces[large].astype(np.int32))
+    return SurfacePatch(kind, look, points, faces[kept].astype(np.int32))
 
 
 def merged(patches: Iterable[SurfacePatch | None]) -> tuple[SurfacePatch, ...]:
