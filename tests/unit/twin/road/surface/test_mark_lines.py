@@ -87,7 +87,7 @@ def test_strokes_are_cut_at_the_end():
     line = PaintedLine(0.0, 3.0, 6.0, 1.0, 0.2, "white")
     assert line_strokes(line, 10.0, 31.0).tolist() == [[11.0, 14.0], [20.0, 23.0], [29.0, 31.0]]
     assert line_strokes(line, 10.0, 10.5).tolist() == []
-    solid = line._replace(stroke_m=0.0)
+    solid = PaintedLine(0.0, 0.0, 6.0, 1.0, 0.2, "white")
     assert line_strokes(solid, 10.0, 31.0).tolist() == [[10.0, 31.0]]
 
 
