@@ -24,13 +24,15 @@ def lane_strips(frame: RoadFrame, number: int, s_m: np.ndarray) -> Iterator[Surf
     """The lanes of lane section ``number``, cut at stations; kerbs between them."""
     section = frame.sections[number]
     inside = np.clip(s_m, section.section.start_m, np.nextafter(section.section.end_m, 0.0))
+    borders = section.borders(inside)
     for sign, lanes in ((1.0, section.section.left), (-1.0, section.section.right)):
-        rim = edge_points(frame, inside, section.outer(0, inside)[0])
+        rim, t = edge_points(frame, inside, borders[0]), borders[0]
         lift = np.zeros(len(inside))
         for lane in lanes:
             heights = edge_heights(lane, inside - section.section.start_m)
-            inner = edge_points(frame, inside, section.inner(lane.id, inside)[0], heights[0])
-            outer = edge_points(frame, inside, section.outer(lane.id, inside)[0], heights[1])
+            inner = edge_points(frame, inside, t, heights[0])
+            t = borders[lane.id]
+            outer = edge_points(frame, inside, t, heights[1])
             sides = (outer, inner) if sign > 0.0 else (inner, outer)
             yield strip("lane", lane.type, *sides)
             if (np.abs(heights[0] - lift) > KERB_M).any():

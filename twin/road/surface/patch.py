@@ -28,16 +28,22 @@ class SurfacePatch:
 
 
 def strip(
-    kind: PatchKind, look: str, left_m: np.ndarray, right_m: np.ndarray
+    kind: PatchKind,
+    look: str,
+    left_m: np.ndarray,
+    right_m: np.ndarray,
+    joined: np.ndarray | None = None,
 ) -> SurfacePatch | None:
     """The strip between two lines of as many points [N, 3], both along s; None: it has no area.
+
+    ``joined``, bool [N - 1], says which of them are joined to the next; None: all.
 
     In a bend tighter than its distance from the reference line a strip folds over itself; what
     would look down there is left out.
     """
     count = len(left_m)
     points = np.concatenate([left_m, right_m])
-    i = np.arange(count - 1)
+    i = np.arange(count - 1) if joined is None else np.flatnonzero(joined)
     faces = np.concatenate(
         [
             np.column_stack([count + i, count + i + 1, i + 1]),

@@ -27,7 +27,11 @@ def road_surface(roads: RoadMap) -> tuple[SurfacePatch, ...]:
     faces = 0
     for frame in roads.frames.values():
         for number in range(len(frame.sections)):
-            s = section_stations(frame, number)
+            try:
+                s = section_stations(frame, number)
+            except ValueError as error:
+                name = frame.road.id[:40]
+                raise ValueError(f"{roads.network.file}: road {name}: {error}") from None
             for maker in (lane_strips, mark_strips, side_slopes):
                 for patch in maker(frame, number, s):
                     if patch is None:

@@ -191,6 +191,15 @@ def test_widths_that_jump() -> None:
     assert np.isnan(z).tolist() == [True, False]
 
 
+def test_a_section_with_too_many_points_is_refused() -> None:
+    """20 km with 2,000 lanes beside one another."""
+    lanes = section(left="", right="".join(lane(-k) for k in range(1, 2001)))
+    file = xodr(road(20_000.0, geometry(LINE, 20_000.0), lanes))
+    roads = RoadMap(read_network(file, "wide.xodr"))
+    with pytest.raises(ValueError, match=r"^wide\.xodr: road 0: its lanes would have more than"):
+        road_surface(roads)
+
+
 def test_a_network_without_any_width_is_refused() -> None:
     none = '<width sOffset="0" a="0" b="0" c="0" d="0"/>'
     lanes = section(left="", right=lane(-1, none))
