@@ -1,0 +1,21 @@
+"""Road files, as far as the tables of kernels and the triangles of cameras."""
+
+from __future__ import annotations
+
+from fuzz_target import Target
+
+from twin.road.opendrive.gaps import find_gaps
+from twin.road.opendrive.reading.reader import read_network
+from twin.road.opendrive.road_map import RoadMap
+from twin.road.surface.surface import road_surface
+from twin.road.tables.road_tables import road_tables
+
+
+def _road(data: bytes) -> object:
+    network = read_network(data, "r.xodr")
+    roads = RoadMap(network)
+    find_gaps(network, roads.frames)
+    return road_tables(network), road_surface(roads)
+
+
+TARGETS = {"opendrive": Target(_road, (ValueError,), cost=100)}
