@@ -91,7 +91,10 @@ class EndOfRoadCondition:
 
 @dataclass(frozen=True, slots=True)
 class CollisionCondition:
-    """Boxes overlap with an entity (index) or, where it is -1, with any of a category (-1: any)."""
+    """Boxes overlap with an entity (index) or, where it is -1, with any of a category.
+
+    -1: any; -2: vehicles (car to tram); -3: pedestrians (pedestrian to animal); -4: other objects.
+    """
 
     entity: int
     category: EntityCategory | int

@@ -93,6 +93,8 @@ class Trajectory:
     closed: bool
     timed: bool
     pieces: tuple[TrajectoryPiece, ...]
+    from_actor: bool = False
+    """Pieces are given in the axes of the actor where the action begins; else of the world."""
 
 
 @dataclass(frozen=True, slots=True)
