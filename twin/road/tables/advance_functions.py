@@ -103,6 +103,22 @@ def way_lane(roads: RoadArrays, way: wp.int32, lane: wp.int32) -> wp.int32:
 
 
 @wp.func
+def route_step(
+    route: wp.array(dtype=wp.int32), span: wp.vec2i, route_at: wp.int32, road: wp.int32
+) -> wp.int32:
+    """1 if a road is the next of the route, -1 if it is the one before, else 0."""
+    if span[0] >= span[1]:
+        return 0
+    here = wp.clamp(route_at, span[0], span[1] - 1)
+    after, before = wp.min(here + 1, span[1] - 1), wp.max(here - 1, span[0])
+    if after != here and route[after] == road:
+        return 1
+    if before != here and route[before] == road:
+        return -1
+    return 0
+
+
+@wp.func
 def way_on(
     roads: RoadArrays,
     route: wp.array(dtype=wp.int32),
@@ -128,16 +144,10 @@ def way_on(
     at = route_at
     for way in range(first, last):
         road = roads.ways[way, 0]
-        rank = 2 - 2 * wp.where(way_lane(roads, way, lane) != 0, 1, 0) + 3 - roads.ways[way, 2]
-        step = wp.int32(0)
-        if route_at + 1 < span[1] and route_at >= span[0]:
-            if route[route_at + 1] == road:
-                rank = 0
-                step = 1
-        if step == 0 and route_at - 1 >= span[0] and route_at < span[1]:
-            if route[route_at - 1] == road:
-                rank = 1
-                step = -1
+        rank = wp.where(way_lane(roads, way, lane) != 0, 2, 4) + 1 - roads.ways[way, 2]
+        step = route_step(route, span, route_at, road)
+        if step != 0:
+            rank = wp.where(step > 0, 0, 1)
         turn = roads.way_turns[way]
         if rank < best_rank or (rank == best_rank and turn < best_turn - _TURN_TIE_RAD):
             best = way

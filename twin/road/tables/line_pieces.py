@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from twin.road.opendrive.cubic_curve import CubicCurve
 from twin.road.opendrive.reference_line import ReferenceLine
 
 PLACE_M = 5e-6
@@ -66,12 +67,15 @@ def _hermite(
     """Interpolants between stations, and whether each is close enough."""
     length = high - low
     start, stop = line.on_piece(index, low), line.on_piece(index, high)
+    curve = line.curves[index]
+    # A curve that is not as long as the file says is stretched.
+    speed = curve.stretch if isinstance(curve, CubicCurve) else 1.0
     rows = np.zeros((len(low), len(LINE_COLUMNS)))
     rows[:, 0] = low
     safe = np.maximum(length, _ANGLES_MIN)
     for axis, first in ((0, 1), (1, 5)):
-        value, slope = start[axis], start[2 + axis]
-        chord, after = (stop[axis] - value) / safe, stop[2 + axis]
+        value, slope = start[axis], speed * start[2 + axis]
+        chord, after = (stop[axis] - value) / safe, speed * stop[2 + axis]
         rows[:, first] = value
         rows[:, first + 1] = slope
         rows[:, first + 2] = (3.0 * chord - 2.0 * slope - after) / safe

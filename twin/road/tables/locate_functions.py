@@ -96,7 +96,8 @@ def foot_near(
     Newton's steps on the distance along the tangent, halving where they would leave."""
     first, end = roads.roads[road, LINE], roads.roads[road + 1, LINE]
     low_row, high_row = wp.max(row - 1, first), wp.min(row + 1, end - 1)
-    low, high = roads.lines[low_row, 0], part_end(roads, road, high_row)
+    low = wp.float64(roads.lines[low_row, 0])
+    high = wp.float64(part_end(roads, road, high_row))
     spot = line_spot(roads, low_row, low)
     if spot.cosine * (x - spot.x) + spot.sine * (y - spot.y) <= ZERO:
         return low
@@ -139,31 +140,32 @@ def spot_on(
 ) -> RoadSpot:
     """Where a point lies as seen from the parts ``first`` to ``end`` - 1 of a road's reference
     line; z no number: on the surface."""
-    found = RoadSpot()
-    found.road = road
-    found.s = foot_near(roads, road, nearest_part(roads, road, first, end, x, y), x, y)
-    spot = line_spot(roads, line_row(roads, road, found.s), found.s)
+    place = RoadSpot()
+    place.road = road
+    place.s = foot_near(roads, road, nearest_part(roads, road, first, end, x, y), x, y)
+    spot = line_spot(roads, line_row(roads, road, place.s), place.s)
     dx, dy = x - spot.x, y - spot.y
     side = spot.cosine * dy - spot.sine * dx
-    found.past = wp.abs(spot.cosine * dx + spot.sine * dy)
-    found.apart = wp.sqrt(dx * dx + dy * dy)
-    tilt = tilt_at(roads, road, found.s)
+    place.past = wp.abs(spot.cosine * dx + spot.sine * dy)
+    place.apart = wp.sqrt(dx * dx + dy * dy)
+    tilt = tilt_at(roads, road, place.s)
     cosine, sine = portable_cos(tilt[0]), portable_sin(tilt[0])
-    found.t = side / cosine
-    height = elevation_at(roads, road, found.s)
+    place.t = side / cosine
+    height = elevation_at(roads, road, place.s)
     up = z - height[0]
-    edge = level_edge(roads, road, found.s, side / cosine)
+    edge = level_edge(roads, road, place.s, side / cosine)
     if edge[2] == ONE:
         across = tilted_across(edge[0], cosine, sine, tilt[1])
-        found.t = edge[0] + side - across.side
-        found.h = up - across.up
+        place.t = edge[0] + side - across.side
+        place.h = up - across.up
     elif not wp.isnan(z):
-        found.t = side * cosine + up * sine
-        found.h = up * cosine - side * sine
+        place.t = side * cosine + up * sine
+        place.h = up * cosine - side * sine
     if wp.isnan(z):
-        found.h = ZERO
-    found.lane = lane_at(roads, road, found.s, found.t)
-    return found
+        place.h = ZERO
+    if place.past <= _PAST_M:
+        place.lane = lane_at(roads, road, place.s, place.t)
+    return place
 
 
 @wp.func
@@ -172,11 +174,9 @@ def better(one: RoadSpot, other: RoadSpot) -> wp.bool:
     then on the nearer storey, then nearer to the reference line."""
     if other.road < 0:
         return True
-    on = one.lane != 0 and one.past <= _PAST_M
-    other_on = other.lane != 0 and other.past <= _PAST_M
-    if on != other_on:
-        return on
-    if not on:
+    if (one.lane != 0) != (other.lane != 0):
+        return one.lane != 0
+    if one.lane == 0:
         return one.apart < other.apart
     storey = wp.floor(wp.abs(one.h) / _STOREY_M + HALF)
     other_storey = wp.floor(wp.abs(other.h) / _STOREY_M + HALF)
@@ -267,11 +267,11 @@ def road_locate(
         return best
     if near_road >= 0:
         best = spot_around(roads, near_road, near_s, x, y, z)
-        if best.lane != 0 and best.past <= _PAST_M:
+        if best.lane != 0:
             return best
         at_end = wp.where(best.s > HALF * road_length(roads, near_road), 1, 0)
         beyond = spot_beyond(roads, 2 * near_road + at_end, x, y, z)
-        if beyond.road >= 0 and beyond.lane != 0 and beyond.past <= _PAST_M:
+        if beyond.road >= 0 and beyond.lane != 0:
             return beyond
     everywhere = spot_anywhere(roads, x, y, z)
     if near_road >= 0 and everywhere.lane == 0 and best.past <= _PAST_M:

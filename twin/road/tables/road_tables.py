@@ -7,6 +7,7 @@ after the last says where they end.
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,9 +41,9 @@ SECTION_COLUMNS = ("lane", "left", "level_left", "level_right")
 """Where a section's lanes begin, from the left to the right; how many are on the left; ids of the
 innermost level lane on each side, 0: none."""
 LANE_COLUMNS = ("width", "bordered", "type", "sign", "before", "after")
-"""Where a lane's rows of ``widths`` begin; 1 if they are borders; the code of its type; the way it is driven
-(1 along s, -1 against it, 0 both); the lanes that touch it at the beginning and end, 0: none. Of
-several the first that the file names counts."""
+"""Where a lane's rows of ``widths`` begin; 1 if they are borders; the code of its type; the way it
+is driven (1 along s, -1 against it, 0 both); the lanes that touch it at the beginning and the end,
+0: none. Of several the first that the file names counts."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -235,7 +236,5 @@ def _bound(cubics: tuple[Cubic, ...], begin: float, end: float) -> float:
     if not cubics:
         return 0.0
     starts = [max(min(cubic.start_m, end), begin) for cubic in cubics] + [end]
-    probes = np.concatenate(
-        [np.linspace(a, b, 64) for a, b in zip(starts[:-1], starts[1:], strict=True)]
-    )
+    probes = np.concatenate([np.linspace(a, b, 64) for a, b in itertools.pairwise(starts)])
     return 1.1 * float(np.abs(CubicProfile(cubics).at(probes)[0]).max())
