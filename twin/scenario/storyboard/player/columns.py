@@ -215,11 +215,12 @@ class Real(IntEnum):
     TRAVELED = 18
     WAY = 19
     """Distance along the trajectory that the entity follows."""
-    CONTROL = 20
-    """Acceleration of the last distance keeping."""
-    ALONG = 21
-    """Component of the speed along the road."""
-    ROAD_HEADING = 22
+    ROAD_HEADING = 20
+    """Of the reference line there."""
+    OLD_X = 21
+    """Where it was at the end of the last step."""
+    OLD_Y = 22
+    OLD_Z = 23
 
 
 class Whole(IntEnum):
@@ -247,5 +248,3 @@ class Whole(IntEnum):
     """Its pose comes from outside; 1: this step's was told."""
     LIGHTS = 14
     """Two bits a lamp."""
-    CLAIMED = 15
-    """Bits of :class:`Domain` that actions moved in this step."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 import warp as wp
 
 from twin.base.portable_math import portable_atan2, portable_cos, portable_sin
-from twin.road.tables.advance_functions import RoadMove, move_on_lane, walk
+from twin.road.tables.advance_functions import move_on_lane, walk
 from twin.road.tables.lane_functions import lane_at, lane_centre
 from twin.road.tables.locate_functions import road_locate
 from twin.road.tables.pose_functions import road_pose
@@ -312,7 +312,5 @@ def resolved_place(
         place.heading = wrapped(base + own)
     if place.road >= 0:
         middle = lane_centre(roads, place.road, place.lane, place.s)
-        place.turn = wrapped(
-            place.heading - place.road_heading - portable_atan2(middle[1], ONE)
-        )
+        place.turn = wrapped(place.heading - place.road_heading - portable_atan2(middle[1], ONE))
     return place

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, fields
 
 from twin.scenario.storyboard.player.kinds import ACTION_TYPES, action_code, domains_of
-from twin.scenario.storyboard.program.actions import Action, GlobalAction
+from twin.scenario.storyboard.program.actions import Action, AddEntityAction, GlobalAction
 from twin.scenario.storyboard.program.conditions import Trigger
 from twin.scenario.storyboard.program.places import RelativePosition
 from twin.scenario.storyboard.program.program import ElementKind, Program
@@ -26,6 +26,11 @@ class ActionInstance:
     level: int
     always: int
     """1: named as an actor; 0: only if it triggered the event."""
+
+    @property
+    def body(self) -> int:
+        """The entity whose state it changes; -1: none's."""
+        return self.action.entity if isinstance(self.action, AddEntityAction) else self.actor
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,12 +104,17 @@ def _init_levels(program: Program) -> list[int]:
     """
     done = [0] * len(program.entities)
     """Rounds after which each entity stands where Init has put it so far."""
+    read = [0] * len(program.entities)
+    """Round in which others have last read its state."""
     levels = []
     for init in program.init:
-        level = max((done[entity] for entity in _references(init.action)), default=0)
+        references = _references(init.action)
+        level = max((done[entity] for entity in references), default=0)
         if init.actor >= 0:
-            level = max(level, done[init.actor] - 1)
+            level = max(level, done[init.actor] - 1, read[init.actor])
             done[init.actor] = max(done[init.actor], level + 1)
+        for entity in references:
+            read[entity] = max(read[entity], level)
         levels.append(level)
     return levels
 

@@ -101,7 +101,22 @@ class _Packer:
     def __init__(self) -> None:
         self.rows: dict[str, list[tuple[float, ...]]] = {
             name: []
-            for name in ["programs", "entity_reals", "entity_wholes", "elements", "triggers", "conditions", "watchers", "instances", "trajectories", "pieces", "routes", "leg_wholes", "leg_reals", "models"]
+            for name in [
+                "programs",
+                "entity_reals",
+                "entity_wholes",
+                "elements",
+                "triggers",
+                "conditions",
+                "watchers",
+                "instances",
+                "trajectories",
+                "pieces",
+                "routes",
+                "leg_wholes",
+                "leg_reals",
+                "models",
+            ]
         }
         self.actors: list[int] = []
         self.reals: list[float] = []
@@ -109,7 +124,8 @@ class _Packer:
         self.variables: list[float] = []
         self.clocks: list[float] = []
         self.most = dict.fromkeys(
-            ["entities", "elements", "conditions", "instances", "variables", "histories", "levels"], 1
+            ["entities", "elements", "conditions", "instances", "variables", "histories", "levels"],
+            1,
         )
 
     def add(self, program: Program) -> None:
@@ -268,7 +284,7 @@ class _Packer:
             )
             start = entity.start or FixedPosition(0.0, 0.0, 0.0, 0.0)
             holder = self._pool(_Start(start))
-            mine = [k for k, row in enumerate(instances.rows) if row.actor == index]
+            mine = [k for k, row in enumerate(instances.rows) if row.body == index]
             self.rows["entity_wholes"].append(
                 (
                     *(entity.category, int(entity.ego), int(entity.start is not None), *holder),
