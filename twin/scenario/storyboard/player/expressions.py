@@ -1,8 +1,7 @@
 """Warp functions: the expressions of conditions and their edges, delays and triggers.
 
 ASAM OpenSCENARIO XML 1.3, section 7.6.2: a condition is its expression, or a change of it since the
-last step, as it was a delay ago. It is evaluated only while its trigger can fire. A value that
-changed holds for the whole step: the storyboard runs twice at the time 0, as esmini's does.
+last step, as it was a delay ago. It is evaluated only while its trigger can fire.
 """
 
 from __future__ import annotations
@@ -135,10 +134,10 @@ assert real_column(records.SpeedCondition, "value_mps") == 0
 
 @wp.func
 def lasted(since: wp.int32, step: wp.int32, step_s: wp.float64, duration: wp.float64) -> wp.bool:
-    """True if something that began at the step ``since`` (-1: not) has lasted longer."""
+    """True if something that began at the step ``since`` (-1: not) has lasted so long."""
     if since < 0:
         return False
-    return wp.float64(step - since) * step_s > duration + _DURATION_SLACK
+    return wp.float64(step - since) * step_s >= duration - _DURATION_SLACK
 
 
 @wp.func
@@ -372,8 +371,7 @@ def held_value(
     """What a condition is worth at this step, its value after edges being ``value``."""
     changes = play.conditions[slot, c, ConditionState.CHANGES]
     held = play.conditions[slot, c, ConditionState.HELD]
-    since = play.conditions[slot, c, ConditionState.SINCE]
-    if changes == 0 or (value != held and since < step):
+    if changes == 0 or value != held:
         if ring >= 0:
             oldest = play.histories[slot, ring, changes % _HISTORY_MAX]
             needed = wp.float64(step) * step_s - delay_s + CLOSE
@@ -383,7 +381,6 @@ def held_value(
             play.histories[slot, ring, changes % _HISTORY_MAX] = step
         play.conditions[slot, c, ConditionState.CHANGES] = changes + 1
         play.conditions[slot, c, ConditionState.HELD] = value
-        play.conditions[slot, c, ConditionState.SINCE] = step
     if ring >= 0:
         return delayed(play, slot, c, ring, step, step_s, delay_s)
     return play.conditions[slot, c, ConditionState.HELD] == 1
