@@ -56,8 +56,6 @@ OVER = 0
 """Scratch: 1 when the action is over."""
 SIDE = 1
 """Scratch: 1 of an actor ahead of, or to the left of, the other, -1 else."""
-BEGUN = 2
-"""Scratch: 1 after the first step."""
 
 
 @wp.struct
@@ -112,7 +110,6 @@ def start_gap(
     play.instance_reals[slot, k, PULL] = ZERO
     play.instance_wholes[slot, k, OVER] = 0
     play.instance_wholes[slot, k, SIDE] = sign
-    play.instance_wholes[slot, k, BEGUN] = 0
 
 
 @wp.func
@@ -147,16 +144,13 @@ def step_gap(
     spring = _SPRING * wp.where(missing < ZERO, up, down)
     pull = missing * spring - (speed - other_speed) * TWO * wp.sqrt(spring)
     pull = wp.clamp(pull, -down, up)
-    # Nothing has passed yet at the first step.
-    passed = wp.where(play.instance_wholes[slot, k, BEGUN] == 0, ZERO, step_s)
     if pull < ZERO and pull < last:
-        pull = wp.max(last - rate_times(tables.reals[reals + _RATE_DOWN], passed), pull)
+        pull = wp.max(last - rate_times(tables.reals[reals + _RATE_DOWN], step_s), pull)
     elif pull > ZERO and pull > last:
-        pull = wp.min(last + rate_times(tables.reals[reals + _RATE_UP], passed), pull)
+        pull = wp.min(last + rate_times(tables.reals[reals + _RATE_UP], step_s), pull)
     play.instance_reals[slot, k, PULL] = pull
-    play.instance_wholes[slot, k, BEGUN] = 1
     speed_max = tables.reals[reals + _SPEED]
-    wish.speed = wp.clamp(speed + pull * passed, ZERO, speed_max)
+    wish.speed = wp.clamp(speed + pull * step_s, ZERO, speed_max)
     return wish
 
 
