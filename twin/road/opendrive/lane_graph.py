@@ -227,7 +227,7 @@ def _through(network: RoadNetwork, junction: Junction) -> Iterator[_Joint]:
     for connection in junction.connections:
         connecting = network.roads[connection.connecting_road]
         incoming = network.roads[connection.incoming_road]
-        contact = _incoming_end(incoming, connecting, junction, connection.contact)
+        contact = incoming_end(incoming, connecting, junction, connection.contact)
         if contact is None:
             continue
         here, there = _outermost(incoming, contact), _outermost(connecting, connection.contact)
@@ -244,7 +244,7 @@ def _through(network: RoadNetwork, junction: Junction) -> Iterator[_Joint]:
             )
 
 
-def _incoming_end(
+def incoming_end(
     incoming: RoadRecord, connecting: RoadRecord, junction: Junction, contact: ContactPoint
 ) -> ContactPoint | None:
     """The end of the incoming road at the junction; the connecting road knows it best."""

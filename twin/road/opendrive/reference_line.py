@@ -65,7 +65,7 @@ class ReferenceLine:
         out = np.empty((5, len(flat)))
         for k in np.unique(index).tolist():
             mine = index == k
-            out[:, mine] = self._on_piece(k, flat[mine])
+            out[:, mine] = self.on_piece(k, flat[mine])
         x, y, c, si, curvature = out.reshape((5, *s.shape))
         heading = turned(angle_of(si, c))
         return LinePlace(settled(x), settled(y), c, si, settled(heading), curvature)
@@ -147,7 +147,9 @@ class ReferenceLine:
             s = np.where(outside, np.where(ahead > 0.0, 0.5 * (s + high), 0.5 * (s + low)), further)
         return s
 
-    def _on_piece(self, k: int, s: np.ndarray) -> np.ndarray:
+    def on_piece(self, k: int, s: np.ndarray) -> np.ndarray:
+        """Places at stations of the piece with number ``k``: x, y, cosine and sine of the heading,
+        curvature [5, N]; beyond its ends it goes on."""
         piece, curve = self.pieces[k], self.curves[k]
         ahead = s - piece.start_m
         c0, s0 = float(cosine(piece.heading_rad)), float(sine(piece.heading_rad))

@@ -1,0 +1,240 @@
+"""A whole road network as flat NumPy tables, the form in which kernels read it.
+
+Roads, junctions and lanes are numbered in the order of the file. A table of things that belong to
+others (lanes of a section) is sorted by owner, and the owner's row says where they begin; the row
+after the last says where they end.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin.road.opendrive.lane_graph import lane_graph
+from twin.road.opendrive.profile import CubicProfile
+from twin.road.opendrive.records import (
+    DRIVEN_TYPES,
+    LANE_TYPES,
+    Cubic,
+    LaneSection,
+    RoadNetwork,
+    RoadRecord,
+)
+from twin.road.opendrive.road_frame import RoadFrame, traffic_sign
+from twin.road.opendrive.road_map import RoadMap
+from twin.road.tables.line_pieces import LINE_COLUMNS, line_pieces
+from twin.road.tables.road_ways import RoadWays, road_ways
+from twin.road.tables.way_lengths import way_lengths
+
+LINE_PIECES_MAX = 2_000_000
+"""Most parts of all reference lines, 176 MB."""
+LANE_TYPE_CODES = tuple(sorted(LANE_TYPES))
+"""Lane types; a code is an index of it."""
+ROAD_COLUMNS = ("line", "section", "elevation", "superelevation", "lane_offset")
+"""Where a road's rows begin in ``lines`` and ``sections``, and in ``profiles``."""
+EXTENT_COLUMNS = ("length_m", "x_low_m", "y_low_m", "x_high_m", "y_high_m", "reach_m")
+"""A road's length, the box around its reference line, and the farthest border from it."""
+CUBIC_COLUMNS = ("start_m", "a", "b", "c", "d")
+SECTION_COLUMNS = ("lane", "left", "level_left", "level_right")
+"""Where a section's lanes begin, from the left to the right; how many are on the left; ids of the
+innermost level lane on each side, 0: none."""
+LANE_COLUMNS = ("width", "bordered", "type", "sign", "before", "after")
+"""Where a lane's rows of ``widths`` begin; 1 if they are borders; the code of its type; the way it
+is driven (1 along s, -1 against it, 0 both); the lanes that touch it at the beginning and the end,
+0: none. Of several the first that the file names counts."""
+
+
+@dataclass(frozen=True, slots=True)
+class RoadTables:
+    """Make it with :func:`road_tables`; R roads, S sections, L lanes."""
+
+    roads: np.ndarray
+    """int32 [R + 1, 5] (:data:`ROAD_COLUMNS`)."""
+    extents: np.ndarray
+    """float64 [R, 6] (:data:`EXTENT_COLUMNS`)."""
+    lines: np.ndarray
+    """Parts of reference lines, float64 [P, 11] (``LINE_COLUMNS``)."""
+    profiles: np.ndarray
+    """Profiles of roads by station, each cubic up to the next, float64 [C, 5]."""
+    widths: np.ndarray
+    """Widths or borders of lanes by way since the section begins, float64 [D, 5]."""
+    section_starts_m: np.ndarray
+    """float64 [S]."""
+    sections: np.ndarray
+    """int32 [S + 1, 4] (:data:`SECTION_COLUMNS`)."""
+    lanes: np.ndarray
+    """int32 [L + 1, 6] (:data:`LANE_COLUMNS`)."""
+    ways: RoadWays
+    lengths_m: np.ndarray
+    """Shortest ways between ends of roads, float64 [2 R, 2 R]; see ``way_lengths``. Empty in a
+    network of more roads than it is made for."""
+    road_ids: tuple[str, ...]
+    """Ids by number."""
+
+
+def road_tables(network: RoadNetwork) -> RoadTables:
+    """The tables of a network.
+
+    Raises:
+        ValueError: a reference line has no direction somewhere, or there are too many parts.
+    """
+    frames = tuple(RoadMap(network).frames.values())
+    lines = [line_pieces(frame.line) for frame in frames]
+    if sum(map(len, lines)) > LINE_PIECES_MAX:
+        raise ValueError(
+            f"{network.file}: {sum(map(len, lines))} cubics for its reference lines; at most "
+            f"{LINE_PIECES_MAX} are made"
+        )
+    pool, widths = _Cubics(), _Cubics()
+    roads, sections, lanes = [], [], []
+    links = _lane_links(network)
+    line_first = np.cumsum([0, *map(len, lines)]).tolist()
+    for number, road in enumerate(network.roads.values()):
+        first = (pool.count, pool.add(road.elevation), pool.add(road.superelevation))
+        roads.append((line_first[number], len(sections), *first))
+        pool.add(road.lane_offset)
+        for index, section in enumerate(road.sections):
+            level = (frames[number].sections[index].level_from(side) for side in (1, -1))
+            sections.append((len(lanes), len(section.left), *level))
+            lanes += [
+                (*_lane_row(road, section, lane_id, widths), *links[road.id, index, lane_id])
+                for lane_id in _ids(section)
+            ]
+    roads.append((line_first[-1], len(sections), pool.count, pool.count, pool.count))
+    sections.append((len(lanes), 0, 0, 0))
+    lanes.append((widths.count, *(0,) * (len(LANE_COLUMNS) - 1)))
+    ways = road_ways(network, frames)
+    return RoadTables(
+        roads=np.array(roads, np.int32),
+        extents=np.array([_extent(frame, rows) for frame, rows in zip(frames, lines, strict=True)]),
+        lines=np.concatenate(lines),
+        profiles=np.array(pool.rows),
+        widths=np.array(widths.rows).reshape(-1, len(CUBIC_COLUMNS)),
+        section_starts_m=np.array([s.start_m for r in network.roads.values() for s in r.sections]),
+        sections=np.array(sections, np.int32),
+        lanes=np.array(lanes, np.int32),
+        ways=ways,
+        lengths_m=way_lengths(ways, np.array([road.length_m for road in network.roads.values()])),
+        road_ids=tuple(network.roads),
+    )
+
+
+def flat_tables() -> RoadTables:
+    """Tables without a road: flat ground."""
+    return RoadTables(
+        roads=np.zeros((1, len(ROAD_COLUMNS)), np.int32),
+        extents=np.zeros((0, len(EXTENT_COLUMNS))),
+        lines=np.zeros((0, len(LINE_COLUMNS))),
+        profiles=np.zeros((0, len(CUBIC_COLUMNS))),
+        widths=np.zeros((0, len(CUBIC_COLUMNS))),
+        section_starts_m=np.zeros(0),
+        sections=np.zeros((1, len(SECTION_COLUMNS)), np.int32),
+        lanes=np.zeros((1, len(LANE_COLUMNS)), np.int32),
+        ways=road_ways(None, ()),
+        lengths_m=np.zeros((0, 0)),
+        road_ids=(),
+    )
+
+
+def driven_codes() -> np.ndarray:
+    """By lane type code: 1 where cars drive, int32."""
+    return np.array([name in DRIVEN_TYPES for name in LANE_TYPE_CODES], np.int32)
+
+
+class _Cubics:
+    """Rows of all cubics; each profile has at least one, and the first holds before its start."""
+
+    def __init__(self) -> None:
+        self.rows: list[tuple[float, ...]] = []
+
+    @property
+    def count(self) -> int:
+        """Rows so far."""
+        return len(self.rows)
+
+    def add(self, cubics: tuple[Cubic, ...]) -> int:
+        """Append a profile; the count of rows behind it."""
+        if not cubics or cubics[0].start_m > 0.0:
+            self.rows.append((0.0,) * len(CUBIC_COLUMNS))
+        self.rows += [(c.start_m, c.a, c.b, c.c, c.d) for c in cubics]
+        return self.count
+
+
+def _ids(section: LaneSection) -> list[int]:
+    """Lane ids from the left to the right, the order of a section's rows."""
+    return [lane.id for lane in section.lanes]
+
+
+def _lane_row(
+    road: RoadRecord, section: LaneSection, lane_id: int, pool: _Cubics
+) -> tuple[int, int, int, int]:
+    lane = section.lane(lane_id)
+    assert lane is not None
+    first = pool.count
+    pool.add(lane.widths or lane.borders)
+    code = LANE_TYPE_CODES.index(lane.type)
+    return first, int(not lane.widths), code, traffic_sign(road, lane)
+
+
+def _lane_links(network: RoadNetwork) -> dict[tuple[str, int, int], tuple[int, int]]:
+    """Lanes before and after every lane of a section, 0: none; junctions are in the ways."""
+    joints = lane_graph(network).joints
+    links = {}
+    for road in network.roads.values():
+        last = len(road.sections) - 1
+        for index, section in enumerate(road.sections):
+            for lane in section.lanes:
+                pair = []
+                for side, edge, link, targets in (
+                    ("start", index == 0, road.predecessor, lane.predecessors),
+                    ("end", index == last, road.successor, lane.successors),
+                ):
+                    there = (link.id if link is not None else None) if edge else road.id
+                    touching = [
+                        key.lane
+                        for key, _ in joints.get(((road.id, index, lane.id), side), ())  # type: ignore[call-overload]
+                        if key.road == there
+                    ]
+                    named = [target for target in targets if target in touching]
+                    pair.append((named or touching or [0])[0])
+                links[road.id, index, lane.id] = (pair[0], pair[1])
+    return links
+
+
+def _extent(frame: RoadFrame, rows: np.ndarray) -> tuple[float, ...]:
+    """Row of :data:`EXTENT_COLUMNS`; probes are at most a twentieth of a turn apart, so the box
+    gets a margin of the longest part's sagitta."""
+    length = frame.road.length_m
+    place = frame.line.at(np.append(rows[:, 0], length))
+    steps = np.diff(np.append(rows[:, 0], length))
+    bend = np.abs(rows[:, 9]) + np.abs(rows[:, 10]) * steps
+    margin = float(np.max(bend * steps * steps)) + 0.01
+    x, y = place.x_m, place.y_m
+    reach = max(_reach(frame, index) for index in range(len(frame.sections)))
+    low, high = (x.min() - margin, y.min() - margin), (x.max() + margin, y.max() + margin)
+    return (length, *map(float, low), *map(float, high), reach)
+
+
+def _reach(frame: RoadFrame, index: int) -> float:
+    """A bound of |t| of the borders of a section: sums of bounds of cubics."""
+    section = frame.road.sections[index]
+    offset = _bound(frame.road.lane_offset, 0.0, frame.road.length_m)
+    sides = []
+    for side in (section.left, section.right):
+        width = 0.0
+        for lane in side:
+            bound = _bound(lane.widths or lane.borders, 0.0, section.end_m - section.start_m)
+            width = width + bound if lane.widths else max(width, bound)
+        sides.append(width)
+    return offset + max(sides)
+
+
+def _bound(cubics: tuple[Cubic, ...], begin: float, end: float) -> float:
+    """Largest magnitude of a profile, from 64 probes a cubic and a tenth more."""
+    if not cubics:
+        return 0.0
+    starts = [max(min(cubic.start_m, end), begin) for cubic in cubics] + [end]
+    probes = np.concatenate([np.linspace(a, b, 64) for a, b in itertools.pairwise(starts)])
+    return 1.1 * float(np.abs(CubicProfile(cubics).at(probes)[0]).max())
