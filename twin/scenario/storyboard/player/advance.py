@@ -56,7 +56,7 @@ from twin.scenario.storyboard.player.layout import real_column, whole_column
 from twin.scenario.storyboard.player.speeds import REACHED, step_profile, step_speed
 from twin.scenario.storyboard.player.synchronise import along_way, step_synchronise, way_left
 from twin.scenario.storyboard.player.transition import CLOSE, PI, ZERO, sign_of
-from twin.scenario.storyboard.player.ways import way_at_time, way_length, way_point, way_times
+from twin.scenario.storyboard.player.ways import way_at_time, way_length, way_place, way_times
 from twin.scenario.storyboard.program import actions as records
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
@@ -130,7 +130,7 @@ def step_follow(
             result.speed = (target - s) / step_s
     else:
         # Forwards along the line if it heads along it, whatever its gear.
-        heads = sign_of(portable_cos(place.heading - way_point(tables, way, s).heading))
+        heads = sign_of(portable_cos(place.heading - way_place(tables, now, slot, e, s).heading))
         along = sign_of(speed) * heads
         target = s + along * wp.abs(speed) * step_s
         if closed:
@@ -140,7 +140,7 @@ def step_follow(
                 result.over = 1
                 rest = wp.where(along > ZERO, target - length, -target)
             target = wp.clamp(target, ZERO, length)
-    point = way_point(tables, way, target)
+    point = way_place(tables, now, slot, e, target)
     now.reals[slot, e, Real.WAY] = target
     place.x = point.x
     place.y = point.y

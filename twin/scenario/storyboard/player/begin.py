@@ -33,7 +33,7 @@ from twin.scenario.storyboard.player.layout import layout_of, real_column, whole
 from twin.scenario.storyboard.player.speeds import start_profile, start_speed
 from twin.scenario.storyboard.player.synchronise import start_synchronise
 from twin.scenario.storyboard.player.transition import PI, ZERO
-from twin.scenario.storyboard.player.ways import way_point
+from twin.scenario.storyboard.player.ways import way_place
 from twin.scenario.storyboard.program import actions as records
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
@@ -164,9 +164,13 @@ def start_follow(
     """Put a body on its trajectory; backwards if it drives backwards and times do not say more."""
     way = tables.programs[program, ProgramColumn.TRAJECTORY] + tables.wholes[wholes + _WAY]
     s = tables.reals[reals + _WAY_S]
-    point = way_point(tables, way, s)
     now.wholes[slot, e, Whole.TRAJECTORY] = way
     now.reals[slot, e, Real.WAY] = s
+    now.reals[slot, e, Real.WAY_X] = now.reals[slot, e, Real.X]
+    now.reals[slot, e, Real.WAY_Y] = now.reals[slot, e, Real.Y]
+    now.reals[slot, e, Real.WAY_Z] = now.reals[slot, e, Real.Z]
+    now.reals[slot, e, Real.WAY_HEADING] = now.reals[slot, e, Real.HEADING]
+    point = way_place(tables, now, slot, e, s)
     sign = wp.int32(1)
     if tables.wholes[wholes + _WAY_TIMED] != 0:
         now.reals[slot, e, Real.SPEED] = point.speed

@@ -220,6 +220,11 @@ class Real(IntEnum):
     """Where it was at the end of the last step."""
     OLD_Y = 22
     OLD_Z = 23
+    WAY_X = 24
+    """Origin of the trajectory's axes, if it is given in those of the actor."""
+    WAY_Y = 25
+    WAY_Z = 26
+    WAY_HEADING = 27
 
 
 class Whole(IntEnum):

@@ -43,6 +43,7 @@ from twin.scenario.storyboard.program.conditions import (
     DistanceFrame,
     DistanceKind,
 )
+from twin.scenario.storyboard.program.entities import EntityCategory
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
 
@@ -141,6 +142,20 @@ def lasted(since: wp.int32, step: wp.int32, step_s: wp.float64, duration: wp.flo
 
 
 @wp.func
+def in_category(category: wp.int32, wanted: wp.int32) -> wp.bool:
+    """True if a category is one of those meant: -1 any, -2 vehicles, -3 pedestrians, -4 others."""
+    if wanted == -1:
+        return True
+    if wanted == -2:
+        return category <= EntityCategory.TRAM
+    if wanted == -3:
+        return category >= EntityCategory.PEDESTRIAN and category <= EntityCategory.ANIMAL
+    if wanted == -4:
+        return category == EntityCategory.OBSTACLE
+    return category == wanted
+
+
+@wp.func
 def hits(
     tables: ProgramArrays,
     bodies: BodyArrays,
@@ -157,8 +172,8 @@ def hits(
     end = wp.where(entity >= 0, entity + 1, count)
     for other in range(first, end):
         wanted = other != e and bodies.wholes[slot, other, Whole.PRESENT] != 0
-        if entity < 0 and category >= 0:
-            wanted = wanted and tables.entity_wholes[base + other, 0] == category
+        if entity < 0:
+            wanted = wanted and in_category(tables.entity_wholes[base + other, 0], category)
         if wanted and overlapping(box, box_of(tables, bodies, slot, base + other, other)):
             return True
     return False

@@ -1,7 +1,7 @@
 """Warp functions: arriving when another arrives (ASAM OpenSCENARIO XML 1.3, SynchronizeAction).
 
 With s left to go and T until the master arrives, both from the states at the beginning of the step:
-without a final speed v = s / T. With a final speed v1 the speed changes at one rate a up to a
+without a final speed it accelerates by 2 (s / T - v) / T, evenly up to the arrival. With a final speed v1 the speed changes at one rate a up to a
 turning point and at -a from there; the ways of both parts add up to s and their times to T:
 
     v_x = (2 s -+ w) / (2 T),  x = (2 v1 T - 2 s -+ w) / (2 (v1 - v)),  a = (v_x - v) / x,
@@ -161,7 +161,7 @@ def step_synchronise(
             return speed
         return final
     if final_kind == FinalSpeedKind.NONE:
-        return way / time
+        return speed + TWO * (way / time - speed) / time * step_s
     steady = tables.wholes[wholes + _STEADY]
     phase = play.instance_wholes[slot, k, PHASE]
     if steady != SteadyStateKind.NONE and phase != _PHASE_STEADY:

@@ -62,7 +62,7 @@ class ProgramTables:
     wholes: np.ndarray
     """Their integers, int32."""
     trajectories: np.ndarray
-    """First piece, how many, closed, timed; int32 [T, 4]."""
+    """First piece, how many, closed, timed, in the actor's axes; int32 [T, 5]."""
     pieces: np.ndarray
     """float64 [K, 20]."""
     routes: np.ndarray
@@ -179,7 +179,7 @@ class _Packer:
             actor_instances=np.array(self.actors, np.int32),
             reals=np.array(self.reals, np.float64),
             wholes=np.array(self.wholes, np.int32),
-            trajectories=_wholes(rows["trajectories"], 4),
+            trajectories=_wholes(rows["trajectories"], 5),
             pieces=_reals(rows["pieces"], PIECE_COLUMNS),
             routes=_wholes(rows["routes"], 3),
             leg_wholes=_wholes(rows["leg_wholes"], 2),
@@ -295,10 +295,9 @@ class _Packer:
 
     def _add_ways(self, program: Program) -> None:
         for trajectory in program.trajectories:
-            self.rows["trajectories"].append(
-                (len(self.rows["pieces"]), len(trajectory.pieces))
-                + (int(trajectory.closed), int(trajectory.timed))
-            )
+            first = (len(self.rows["pieces"]), len(trajectory.pieces))
+            kinds = (trajectory.closed, trajectory.timed, trajectory.from_actor)
+            self.rows["trajectories"].append((*first, *map(int, kinds)))
             self.rows["pieces"] += _piece_rows(trajectory)
         for route in program.routes:
             self.rows["routes"].append(

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import warp as wp
 
-from twin.scenario.storyboard.player.arrays import ProgramArrays
+from twin.base.portable_math import portable_cos, portable_sin
+from twin.scenario.storyboard.player.arrays import BodyArrays, ProgramArrays
+from twin.scenario.storyboard.player.columns import Real, Whole
 from twin.scenario.storyboard.player.transition import CLOSE, ZERO
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
@@ -87,6 +89,23 @@ def way_point(tables: ProgramArrays, way: wp.int32, s: wp.float64) -> WayPoint:
         point.speed = length / duration
     if length > ZERO:
         point.time += duration * d / length
+    return point
+
+
+@wp.func
+def way_place(
+    tables: ProgramArrays, bodies: BodyArrays, slot: wp.int32, e: wp.int32, s: wp.float64
+) -> WayPoint:
+    """The place in the world of the trajectory that an entity follows."""
+    point = way_point(tables, bodies.wholes[slot, e, Whole.TRAJECTORY], s)
+    turn = bodies.reals[slot, e, Real.WAY_HEADING]
+    if tables.trajectories[bodies.wholes[slot, e, Whole.TRAJECTORY], 4] != 0:
+        cosine, sine = portable_cos(turn), portable_sin(turn)
+        ahead, left = wp.float64(point.x), wp.float64(point.y)
+        point.x = bodies.reals[slot, e, Real.WAY_X] + cosine * ahead - sine * left
+        point.y = bodies.reals[slot, e, Real.WAY_Y] + sine * ahead + cosine * left
+        point.z = bodies.reals[slot, e, Real.WAY_Z] + point.z
+        point.heading = point.heading + turn
     return point
 
 
