@@ -44,7 +44,7 @@ _BORDER = '<border sOffset="0" a="{}" b="{}" c="0" d="0"/>'
 _LEVEL = f'<lane id="-3" type="sidewalk" level="true">{WIDTH}</lane>\n'
 
 
-def shapes(rule: str = "RHT", profiles: bool = True) -> RoadNetwork:
+def shapes_file(rule: str = "RHT", profiles: bool = True) -> bytes:
     """Unconnected roads of every shape, with profiles, offsets, sections, tapers and borders."""
     roads = []
     for number, (length, shape) in enumerate(SHAPES.values()):
@@ -70,10 +70,15 @@ def shapes(rule: str = "RHT", profiles: bool = True) -> RoadNetwork:
                 attributes=f'rule="{rule}"',
             )
         )
-    return read_network(xodr(*roads), "shapes")
+    return xodr(*roads)
 
 
-def composed() -> RoadNetwork:
+def shapes(rule: str = "RHT", profiles: bool = True) -> RoadNetwork:
+    """The network of :func:`shapes_file`."""
+    return read_network(shapes_file(rule, profiles), "shapes")
+
+
+def composed_file() -> bytes:
     """A road of a line, a spiral, an arc and a line, 30 m each."""
     bend = '<spiral curvStart="0" curvEnd="0.02"/>'
     pieces = ((LINE, 0.0), (bend, 30.0), ('<arc curvature="0.02"/>', 60.0), (LINE, 90.0))
@@ -82,7 +87,12 @@ def composed() -> RoadNetwork:
         parts.append(geometry(shape, 30.0, s, at))
         alone = read_network(xodr(road(30.0, geometry(shape, 30.0, at=at))), "t").roads["0"]
         at = _far(alone)
-    return read_network(xodr(road(120.0, "".join(parts))), "composed")
+    return xodr(road(120.0, "".join(parts)))
+
+
+def composed() -> RoadNetwork:
+    """The network of :func:`composed_file`."""
+    return read_network(composed_file(), "composed")
 
 
 def _far(alone: object) -> tuple[float, float, float]:
@@ -92,7 +102,7 @@ def _far(alone: object) -> tuple[float, float, float]:
     return float(pose.x_m), float(pose.y_m), float(pose.heading_rad)
 
 
-def turned() -> RoadNetwork:
+def turned_file() -> bytes:
     """Three roads of 40, 30 and 50 m on a line along x; the second runs the other way.
 
     Two lanes each way on the first and third; the second has a third lane on the side of its lane
@@ -115,34 +125,35 @@ def turned() -> RoadNetwork:
     # Road 1 begins where road 2 begins, and ends where road 0 ends.
     near = lanes({i: ((-i,), (i,)) for i in (2, 1, -1, -2)} | {-3: ((), ())})
     far = lanes({i: ((i,), (-i,)) for i in (2, 1, -1, -2)}, 10.0)
-    return read_network(
-        xodr(
-            road(40.0, lanes=first, road_id="0", link=end("successor", "road", "1", "end")),
-            road(
-                30.0,
-                geometry(LINE, 30.0, at=(70.0, 0.0, math.pi)),
-                near + far,
-                road_id="1",
-                link=end("predecessor", "road", "2", "start")
-                + end("successor", "road", "0", "end"),
-            ),
-            road(
-                50.0,
-                geometry(LINE, 50.0, at=(70.0, 0.0, 0.0)),
-                last,
-                road_id="2",
-                link=end("predecessor", "road", "1", "start"),
-            ),
+    return xodr(
+        road(40.0, lanes=first, road_id="0", link=end("successor", "road", "1", "end")),
+        road(
+            30.0,
+            geometry(LINE, 30.0, at=(70.0, 0.0, math.pi)),
+            near + far,
+            road_id="1",
+            link=end("predecessor", "road", "2", "start") + end("successor", "road", "0", "end"),
         ),
-        "turned",
+        road(
+            50.0,
+            geometry(LINE, 50.0, at=(70.0, 0.0, 0.0)),
+            last,
+            road_id="2",
+            link=end("predecessor", "road", "1", "start"),
+        ),
     )
+
+
+def turned() -> RoadNetwork:
+    """The network of :func:`turned_file`."""
+    return read_network(turned_file(), "turned")
 
 
 TURN_M = 0.5 * math.pi * 20.0
 """Length of the turns of :func:`junction` [m]."""
 
 
-def junction(rule: str = "RHT") -> RoadNetwork:
+def junction_file(rule: str = "RHT") -> bytes:
     """A crossing with ways to the left (4), ahead (5) and to the right (6) out of road 0.
 
     Roads 1 (left), 2 (ahead) and 3 (right) begin at the junction; road 0 of 50 m ends there. The
@@ -178,16 +189,18 @@ def junction(rule: str = "RHT") -> RoadNetwork:
         f'<laneLink from="{side}" to="{side}"/></connection>'
         for k, name in enumerate(("4", "5", "6"))
     )
-    return read_network(
-        xodr(
-            road(50.0, link=end("successor", "junction", "9"), attributes=attributes),
-            leg("1", (70.0, 20.0, 0.5 * math.pi)),
-            leg("2", (90.0, 0.0, 0.0)),
-            leg("3", (70.0, -20.0, -0.5 * math.pi)),
-            way("4", '<arc curvature="0.05"/>', TURN_M, "1"),
-            way("5", LINE, 40.0, "2"),
-            way("6", '<arc curvature="-0.05"/>', TURN_M, "3"),
-            f'<junction id="9" name="j">{connections}</junction>\n',
-        ),
-        "junction",
+    return xodr(
+        road(50.0, link=end("successor", "junction", "9"), attributes=attributes),
+        leg("1", (70.0, 20.0, 0.5 * math.pi)),
+        leg("2", (90.0, 0.0, 0.0)),
+        leg("3", (70.0, -20.0, -0.5 * math.pi)),
+        way("4", '<arc curvature="0.05"/>', TURN_M, "1"),
+        way("5", LINE, 40.0, "2"),
+        way("6", '<arc curvature="-0.05"/>', TURN_M, "3"),
+        f'<junction id="9" name="j">{connections}</junction>\n',
     )
+
+
+def junction(rule: str = "RHT") -> RoadNetwork:
+    """The network of :func:`junction_file`."""
+    return read_network(junction_file(rule), "junction")

@@ -7,9 +7,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import warp as wp
 
-from twin.road.tables.advance_functions import move_at, move_on_lane, road_advance
-from twin.road.tables.apart_functions import road_apart
-from twin.road.tables.lane_functions import (
+from twin.road.tables.road_tables import RoadTables
+from twin.road.walk.distances import road_apart
+from twin.road.walk.lanes import (
     lane_at,
     lane_beside,
     lane_centre,
@@ -20,11 +20,11 @@ from twin.road.tables.lane_functions import (
     lane_type,
     lane_width,
 )
-from twin.road.tables.locate_functions import road_locate
-from twin.road.tables.pose_functions import pose_along, road_pose
-from twin.road.tables.road_arrays import RoadArrays, road_arrays
-from twin.road.tables.road_tables import RoadTables
-from twin.road.tables.spots import road_curvature, road_length
+from twin.road.walk.locating import road_locate
+from twin.road.walk.moves import move_at, move_on_lane, road_advance
+from twin.road.walk.poses import pose_along, road_pose
+from twin.road.walk.road_arrays import RoadArrays, road_arrays
+from twin.road.walk.spots import road_curvature, road_length
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 

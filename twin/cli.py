@@ -223,6 +223,7 @@ def snapshot(
         float | None, typer.Option(help="Fixed exposure value at ISO 100; default: automatic.")
     ] = None,
     scene: Annotated[str, typer.Option(help="Shipped scene, or a scene file.")] = "downtown",
+    road: Annotated[str, typer.Option(help="OpenDRIVE file instead of a scene.")] = "",
     vehicle: Annotated[str, typer.Option(help="Shipped vehicle, or a vehicle file.")] = "opencav",
     distance: Annotated[float, typer.Option(help="Distance to the obstacle [m].")] = 25.0,
     at_m: Annotated[
@@ -241,6 +242,7 @@ def snapshot(
         custom=tuple(custom or ()),
         environment={"family": family, "sun": sun, "date": date, "exposure_ev100": ev100},
         scene=scene,
+        road=road,
         vehicle=vehicle,
         distance_m=distance,
         at_m=at_m,

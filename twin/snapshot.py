@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -21,14 +22,20 @@ from schemas.validation import Mistake, convert_all
 from twin.render.camera import RayCamera
 from twin.render.light.light import begin_sky, fill_light, fill_sky, switch_lamps
 from twin.render.trace.geometry import Geometry
+from twin.road.opendrive.reading.load import load_network
+from twin.road.opendrive.records import DRIVEN_TYPES
+from twin.road.opendrive.road_frame import RoadPose
+from twin.road.opendrive.road_map import RoadMap
 from twin.scenario.surroundings import place_before
+from twin.vehicle.columns import COLUMN, TELEMETRY, columns
 from twin.vehicle.vehicle_file import load_vehicle
 from twin.world.kernel_cache import prepare_kernels
-from twin.world.scene import load_scene
+from twin.world.roads import road_world
+from twin.world.scene import Scene, load_scene
 from twin.world.sky.environment import light_of, wind_towards
 from twin.world.sky.sun import Daylight
 from twin.world.sky.weather import WeatherParameters, weather_of
-from twin.world.street.build import build_world
+from twin.world.street.build import World, build_world
 
 HOURS = ("00:00", "06:05", "06:50", "09:00", "12:00", "16:00", "18:25", "18:58")
 """Local times of the usual sheet: night, dawn, sunrise, day, sunset and dusk of an equinox."""
@@ -37,6 +44,7 @@ _PLAIN = Environment()
 _ENCODING = {".png": [], ".jpg": [cv2.IMWRITE_JPEG_QUALITY, 88]}
 _LABEL_PX = 22
 _NIGHT_BELOW_LX = 1000.0
+_INTO_ROAD_M = 20.0
 
 
 def usual_lights(weather: str, illuminance_lx: float) -> Lights:
@@ -57,6 +65,7 @@ def contact_sheet(
     at_m: float | None = None,
     camera: Camera | None = None,
     scene: str = "downtown",
+    road: str = "",
     vehicle: str = "opencav",
     device: str = "cpu",
     lights: Lights | None = None,
@@ -71,6 +80,7 @@ def contact_sheet(
         distance_m: distance from the ego's front to the obstacle, along the lane [m].
         at_m: the ego stands at this station of its lane instead [m].
         camera: size and field of view of one picture; 320x180 by default.
+        road: an OpenDRIVE file instead of a scene; the ego stands on its first road.
         lights: lamps of the ego; those of :func:`usual_lights` by default.
 
     Raises:
@@ -82,7 +92,11 @@ def contact_sheet(
         raise ValueError(f"snapshot: {path}: give a file that ends in {' or '.join(_ENCODING)}")
     found = {n: weather_of(n, environment.family, environment.custom) for n in weathers}
     camera = camera or Camera(width=320, height=180)
-    street = _Street(scene, vehicle, camera, device)
+    street = (
+        _OpenDrive(road, vehicle, camera, device)
+        if road
+        else _Street(load_scene(scene), None, vehicle, camera, device)
+    )
     street.stand(distance_m, at_m)
     rows = []
     for time in times:
@@ -113,6 +127,8 @@ class SheetRequest:
     environment: Mapping[str, Any] = field(default_factory=dict)
     """Further keys of :class:`schemas.sections.environment.Environment`."""
     scene: str = "downtown"
+    road: str = ""
+    """An OpenDRIVE file instead of a scene."""
     vehicle: str = "opencav"
     distance_m: float = 25.0
     at_m: float | None = None
@@ -148,6 +164,7 @@ def write_sheet(path: str | Path, request: SheetRequest) -> None:
         at_m=request.at_m,
         camera=size,
         scene=request.scene,
+        road=request.road,
         vehicle=request.vehicle,
         device=request.device,
     )
@@ -171,10 +188,12 @@ def _custom(text: str) -> tuple[str, dict[str, Any]]:
 class _Street:
     """One camera behind a windscreen, in a street."""
 
-    def __init__(self, scene: str, vehicle: str, camera: Camera, device: str) -> None:
+    def __init__(
+        self, target: Scene, world: World | None, vehicle: str, camera: Camera, device: str
+    ) -> None:
         prepare_kernels()
-        target, car = load_scene(scene), load_vehicle(vehicle)
-        world = self._world = build_world(target)
+        car = load_vehicle(vehicle)
+        world = self._world = build_world(target) if world is None else world
         for note in world.notes:
             print(note, file=sys.stderr)
         self._front_m = car.front_offset_m
@@ -210,6 +229,13 @@ class _Street:
             pose = (float(x), float(y), float(yaw))
         self._pose.assign(np.array([pose]))
 
+    def _stand_at(self, pose: RoadPose) -> None:
+        """Put the ego on a surface that may be tilted."""
+        state = np.zeros((1, len(TELEMETRY)))
+        state[0, [COLUMN[name] for name in ("x_m", "y_m", "z_m")]] = pose[:3]
+        state[0, columns("orientation")] = _quaternion(*(float(angle) for angle in pose[3:]))
+        self._pose = wp.array(state, dtype=wp.float64, device=self._pose.device)
+
     def picture(
         self,
         light: Daylight,
@@ -227,6 +253,43 @@ class _Street:
         row["active"], row["hazard"], row["noise"], row["key"] = 1, 1.0, self._noise, key
         begin_sky(row, key)
         return self._eye.render(self._pose)[0]
+
+
+class _OpenDrive(_Street):
+    """One camera on the first road of an OpenDRIVE file."""
+
+    def __init__(self, road: str, vehicle: str, camera: Camera, device: str) -> None:
+        self._roads = RoadMap(load_network(Path(road)))
+        super().__init__(Scene(scene="road"), road_world(self._roads), vehicle, camera, device)
+
+    def stand(self, distance_m: float, at_m: float | None) -> None:  # noqa: ARG002 - no obstacle
+        """Put the ego at the station ``at_m``, else a little behind the beginning, on the innermost
+        lane that is driven, along it."""
+        frame = next(iter(self._roads.frames.values()))
+        length = frame.road.length_m
+        s = min(_INTO_ROAD_M, 0.5 * length) if at_m is None else at_m
+        if not 0.0 <= s <= length:
+            raise ValueError(
+                f"snapshot: at-m {s:g}: not on road {frame.road.id[:40]}, which is {length:.1f} m "
+                f"long; give a number from 0 to {length:.1f}"
+            )
+        lanes = frame.sections[int(frame.section_at(s))].section.lanes
+        driven = sorted((abs(i.id), i.id) for i in lanes if i.type in DRIVEN_TYPES)
+        lane = driven[0][1] if driven else 0
+        self._stand_at(frame.lane_pose(lane, s, with_traffic=lane != 0))
+
+
+def _quaternion(heading: float, pitch: float, roll: float) -> tuple[float, float, float, float]:
+    """x, y, z, w of heading about z, then pitch about y, then roll about x [rad]."""
+    cy, sy = math.cos(0.5 * heading), math.sin(0.5 * heading)
+    cp, sp = math.cos(0.5 * pitch), math.sin(0.5 * pitch)
+    cr, sr = math.cos(0.5 * roll), math.sin(0.5 * roll)
+    return (
+        sr * cp * cy - cr * sp * sy,
+        cr * sp * cy + sr * cp * sy,
+        cr * cp * sy - sr * sp * cy,
+        cr * cp * cy + sr * sp * sy,
+    )
 
 
 def _labelled(image: np.ndarray, text: str) -> np.ndarray:

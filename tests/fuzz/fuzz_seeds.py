@@ -23,6 +23,7 @@ import pyarrow.parquet as pq
 from autodrive_logs import config, drive
 from darknet_oracle import random_weights
 from fuzz_target import SEEDS
+from road_networks import composed_file, junction_file, shapes_file, turned_file
 from targets_assets import CFG, small_network
 from targets_wire import CONTROL, DRIVE, PART, STEERING, VIEW
 from tiny_networks import write_dark_spot_detector
@@ -247,6 +248,13 @@ def _yaml() -> None:
     _write("yaml-dataset", "empty", dump_yaml({**head, "counts": {"train": {"images": 10}}}))
 
 
+def _roads() -> None:
+    _write("opendrive", "shapes", shapes_file())
+    _write("opendrive", "composed", composed_file())
+    _write("opendrive", "turned", turned_file())
+    _write("opendrive", "junction", junction_file())
+
+
 def main() -> None:
     """Write all."""
     with tempfile.TemporaryDirectory() as name:
@@ -257,6 +265,7 @@ def main() -> None:
         _autodrive()
         _assets(folder)
         _yaml()
+        _roads()
 
 
 if __name__ == "__main__":

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import targets_assets
 import targets_files
+import targets_roads
 import targets_wire
 from fuzz_target import Target
 
@@ -11,4 +12,5 @@ TARGETS: dict[str, Target] = {
     **targets_wire.TARGETS,
     **targets_files.TARGETS,
     **targets_assets.TARGETS,
+    **targets_roads.TARGETS,
 }

@@ -1,4 +1,4 @@
-"""twin.road.tables.advance_functions: along lanes, over ends of roads, through junctions."""
+"""twin.road.walk.moves: along lanes, over ends of roads, through junctions."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ pytest.importorskip("lxml", reason="lxml is not installed")
 from road_networks import TURN_M, composed, junction, shapes, turned
 from road_walks import ANY_LANE, Walks
 
-from twin.road.tables.advance_functions import CROSSINGS_MAX
 from twin.road.tables.road_tables import flat_tables, road_tables
+from twin.road.walk.moves import CROSSINGS_MAX
 
 
 @pytest.fixture(scope="module")

@@ -1,4 +1,4 @@
-"""twin.road.tables: places of points on roads, and how far apart places are."""
+"""twin.road.walk: places of points on roads, and how far apart places are."""
 
 from __future__ import annotations
 

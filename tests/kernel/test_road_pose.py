@@ -1,4 +1,4 @@
-"""twin.road.tables: places, headings, lanes against RoadFrame, which computes them exactly."""
+"""twin.road.walk: places, headings, lanes against RoadFrame, which computes them exactly."""
 
 from __future__ import annotations
 

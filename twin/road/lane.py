@@ -204,7 +204,8 @@ def _beside_arc(along: np.ndarray, across: np.ndarray, curvature: np.ndarray) ->
     bent = np.where(curvature == 0.0, 1.0, curvature)
     radius = 1.0 / np.abs(bent)
     off = radius - np.sign(bent) * across
-    return np.sign(bent) * (radius - np.sqrt(along * along + off * off))
+    beside: np.ndarray = np.sign(bent) * (radius - np.sqrt(along * along + off * off))
+    return beside
 
 
 def _settled(values: np.ndarray) -> np.ndarray:

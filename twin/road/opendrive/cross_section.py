@@ -49,7 +49,8 @@ class CrossSection:
     def width(self, lane_id: int, s_m: np.ndarray) -> np.ndarray:
         """Of a lane [m]."""
         inner, outer = self.inner(lane_id, s_m), self.outer(lane_id, s_m)
-        return np.abs(outer[0] - inner[0])
+        width: np.ndarray = np.abs(outer[0] - inner[0])
+        return width
 
     def lane_at(self, s_m: np.ndarray, t_m: np.ndarray) -> np.ndarray:
         """Ids of the lanes in which places lie, 0 where there is none; the centre line belongs to

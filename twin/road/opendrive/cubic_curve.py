@@ -50,12 +50,14 @@ class CubicCurve:
             if np.array_equal(settled, p):
                 break
             p = settled
-        return np.clip(p, start, end)
+        within: np.ndarray = np.clip(p, start, end)
+        return within
 
     def speed(self, p: np.ndarray) -> np.ndarray:
         """Metres of the curve per p."""
         du, dv = _slope(self.u, p), _slope(self.v, p)
-        return np.sqrt(du * du + dv * dv)
+        speed: np.ndarray = np.sqrt(du * du + dv * dv)
+        return speed
 
     def at(self, s_m: np.ndarray) -> tuple[np.ndarray, ...]:
         """u, v [m], the direction's cosine and sine in their axes, and the curvature [1/m]."""

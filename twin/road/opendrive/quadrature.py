@@ -31,4 +31,5 @@ def integrate(
     total = np.zeros(np.shape(half))
     for node, weight in _HALF:
         total = total + weight * (function(middle - half * node) + function(middle + half * node))
-    return half * total
+    integral: np.ndarray = half * total
+    return integral

@@ -129,7 +129,7 @@ class RoadFrame:
             record = section.section.lane(lane)
             sign[mine] = -1.0 if record and traffic_sign(self.road, record) < 0 else 1.0
             if record and record.heights:
-                inner, outer = _heights(record, at - section.section.start_m)
+                inner, outer = lane_heights(record, at - section.section.start_m)
                 width = np.maximum(section.width(lane, at), 1e-9)
                 rise = (outer - inner) / width * (1.0 if lane > 0 else -1.0)
                 lift[mine] = 0.5 * (inner + outer) + rise * offset[mine]
@@ -291,7 +291,9 @@ def traffic_sign(road: RoadRecord, lane: Lane) -> int:
     return -sign if lane.direction == "reversed" else sign
 
 
-def _heights(lane: Lane, ahead: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def lane_heights(lane: Lane, ahead: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Heights above the road of a lane's inner and outer border, by way since its section begins;
+    0 before the first [m]."""
     starts = np.array([height.start_m for height in lane.heights])
     rows = np.array([(0.0, 0.0), *((height.inner_m, height.outer_m) for height in lane.heights)])
     row = rows[np.searchsorted(starts, ahead, "right")]

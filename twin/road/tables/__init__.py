@@ -1,1 +1,1 @@
-"""Roads as flat tables, and the functions with which kernels walk on them."""
+"""Road networks as flat tables."""

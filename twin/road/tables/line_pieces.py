@@ -32,23 +32,30 @@ _PROBES = np.array([0.1, 0.3, 0.5, 0.7, 0.9])
 _ANGLES_MIN = 1e-12
 
 
-def line_pieces(line: ReferenceLine) -> np.ndarray:
-    """The parts of a reference line, in order, float64 [P, 11] (:data:`LINE_COLUMNS`)."""
+def line_pieces(line: ReferenceLine, most: int) -> np.ndarray:
+    """The parts of a reference line, in order, float64 [P, 11] (:data:`LINE_COLUMNS`).
+
+    Raises:
+        ValueError: there would be more than ``most``.
+    """
     ends = np.minimum(np.append(line.starts[1:], line.length_m), line.length_m)
-    parts = []
+    parts: list[np.ndarray] = []
     begin = 0.0
     for index, end in enumerate(ends.tolist()):
         if end > begin or (index == len(ends) - 1 and not parts):
-            parts.append(_cut(line, index, begin, end))
+            parts.append(_cut(line, index, begin, end, most))
+            most -= len(parts[-1])
         begin = max(begin, end)
     return np.concatenate(parts)
 
 
-def _cut(line: ReferenceLine, index: int, begin: float, end: float) -> np.ndarray:
+def _cut(line: ReferenceLine, index: int, begin: float, end: float, most: int) -> np.ndarray:
     """Parts of one geometry from station ``begin`` to ``end``."""
     whole = [np.zeros((0, len(LINE_COLUMNS)))]
     low, high = np.array([begin]), np.array([end])
     while len(low):
+        if len(low) > most:
+            raise ValueError("it bends so much that its tables would be too large")
         rows, close = _hermite(line, index, low, high)
         close |= high - low < 2.0 * PIECE_M_MIN
         whole.append(rows[close])
@@ -58,7 +65,8 @@ def _cut(line: ReferenceLine, index: int, begin: float, end: float) -> np.ndarra
             np.column_stack([middle, high[~close]]).ravel(),
         )
     rows = np.concatenate(whole)
-    return rows[np.argsort(rows[:, 0], kind="stable")]
+    ordered: np.ndarray = rows[np.argsort(rows[:, 0], kind="stable")]
+    return ordered
 
 
 def _hermite(
@@ -106,4 +114,5 @@ def _close(exact: np.ndarray, rows: np.ndarray, ahead: np.ndarray) -> np.ndarray
 
 
 def _upper(rows: np.ndarray, k: int, ahead: np.ndarray) -> np.ndarray:
-    return rows[:, k + 2] + ahead * rows[:, k + 3]
+    upper: np.ndarray = rows[:, k + 2] + ahead * rows[:, k + 3]
+    return upper

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twin.road.opendrive.lane_graph import lane_graph
+from twin.road.opendrive.lane_graph import LaneGraph, LaneKey, lane_graph
 from twin.road.opendrive.profile import CubicProfile
 from twin.road.opendrive.records import (
     DRIVEN_TYPES,
@@ -25,11 +25,11 @@ from twin.road.opendrive.records import (
 from twin.road.opendrive.road_frame import RoadFrame, traffic_sign
 from twin.road.opendrive.road_map import RoadMap
 from twin.road.tables.line_pieces import LINE_COLUMNS, line_pieces
-from twin.road.tables.road_ways import RoadWays, road_ways
+from twin.road.tables.road_ways import RoadWays, no_ways, road_ways
 from twin.road.tables.way_lengths import way_lengths
 
-LINE_PIECES_MAX = 2_000_000
-"""Most parts of all reference lines, 176 MB."""
+LINE_PIECES_MAX = 500_000
+"""Most parts of all reference lines, 44 MB."""
 LANE_TYPE_CODES = tuple(sorted(LANE_TYPES))
 """Lane types; a code is an index of it."""
 ROAD_COLUMNS = ("line", "section", "elevation", "superelevation", "lane_offset")
@@ -42,8 +42,8 @@ SECTION_COLUMNS = ("lane", "left", "level_left", "level_right")
 innermost level lane on each side, 0: none."""
 LANE_COLUMNS = ("width", "bordered", "type", "sign", "before", "after")
 """Where a lane's rows of ``widths`` begin; 1 if they are borders; the code of its type; the way it
-is driven (1 along s, -1 against it, 0 both); the lanes that touch it at the beginning and the end,
-0: none. Of several the first that the file names counts."""
+is driven (1 along s, -1 against it, 0 both); the lanes before and after it in the same road, 0:
+none. Of several the first that the file names counts."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,15 +81,13 @@ def road_tables(network: RoadNetwork) -> RoadTables:
         ValueError: a reference line has no direction somewhere, or there are too many parts.
     """
     frames = tuple(RoadMap(network).frames.values())
-    lines = [line_pieces(frame.line) for frame in frames]
-    if sum(map(len, lines)) > LINE_PIECES_MAX:
-        raise ValueError(
-            f"{network.file}: {sum(map(len, lines))} cubics for its reference lines; at most "
-            f"{LINE_PIECES_MAX} are made"
-        )
+    lines = _lines(network, frames)
+    graph = lane_graph(network)
     pool, widths = _Cubics(), _Cubics()
-    roads, sections, lanes = [], [], []
-    links = _lane_links(network)
+    roads: list[tuple[int, ...]] = []
+    sections: list[tuple[int, ...]] = []
+    lanes: list[tuple[int, ...]] = []
+    links = _lane_links(network, graph)
     line_first = np.cumsum([0, *map(len, lines)]).tolist()
     for number, road in enumerate(network.roads.values()):
         first = (pool.count, pool.add(road.elevation), pool.add(road.superelevation))
@@ -99,13 +97,16 @@ def road_tables(network: RoadNetwork) -> RoadTables:
             level = (frames[number].sections[index].level_from(side) for side in (1, -1))
             sections.append((len(lanes), len(section.left), *level))
             lanes += [
-                (*_lane_row(road, section, lane_id, widths), *links[road.id, index, lane_id])
+                (
+                    *_lane_row(road, section, lane_id, widths),
+                    *links[LaneKey(road.id, index, lane_id)],
+                )
                 for lane_id in _ids(section)
             ]
     roads.append((line_first[-1], len(sections), pool.count, pool.count, pool.count))
     sections.append((len(lanes), 0, 0, 0))
     lanes.append((widths.count, *(0,) * (len(LANE_COLUMNS) - 1)))
-    ways = road_ways(network, frames)
+    ways = road_ways(network, frames, graph)
     return RoadTables(
         roads=np.array(roads, np.int32),
         extents=np.array([_extent(frame, rows) for frame, rows in zip(frames, lines, strict=True)]),
@@ -121,6 +122,19 @@ def road_tables(network: RoadNetwork) -> RoadTables:
     )
 
 
+def _lines(network: RoadNetwork, frames: tuple[RoadFrame, ...]) -> list[np.ndarray]:
+    """Parts of all reference lines."""
+    lines: list[np.ndarray] = []
+    left = LINE_PIECES_MAX
+    for frame in frames:
+        try:
+            lines.append(line_pieces(frame.line, left))
+        except ValueError as error:
+            raise ValueError(f"{network.file}: road {frame.road.id[:40]}: {error}") from None
+        left -= len(lines[-1])
+    return lines
+
+
 def flat_tables() -> RoadTables:
     """Tables without a road: flat ground."""
     return RoadTables(
@@ -132,7 +146,7 @@ def flat_tables() -> RoadTables:
         section_starts_m=np.zeros(0),
         sections=np.zeros((1, len(SECTION_COLUMNS)), np.int32),
         lanes=np.zeros((1, len(LANE_COLUMNS)), np.int32),
-        ways=road_ways(None, ()),
+        ways=no_ways(),
         lengths_m=np.zeros((0, 0)),
         road_ids=(),
     )
@@ -178,29 +192,25 @@ def _lane_row(
     return first, int(not lane.widths), code, traffic_sign(road, lane)
 
 
-def _lane_links(network: RoadNetwork) -> dict[tuple[str, int, int], tuple[int, int]]:
-    """Lanes before and after every lane of a section, 0: none; junctions are in the ways."""
-    joints = lane_graph(network).joints
+def _lane_links(network: RoadNetwork, graph: LaneGraph) -> dict[LaneKey, tuple[int, int]]:
+    """Lanes before and after every lane in the same road, 0: none; other roads are in the ways."""
+    joints = graph.joints
     links = {}
     for road in network.roads.values():
         last = len(road.sections) - 1
         for index, section in enumerate(road.sections):
             for lane in section.lanes:
-                pair = []
-                for side, edge, link, targets in (
-                    ("start", index == 0, road.predecessor, lane.predecessors),
-                    ("end", index == last, road.successor, lane.successors),
-                ):
-                    there = (link.id if link is not None else None) if edge else road.id
-                    touching = [
-                        key.lane
-                        for key, _ in joints.get(((road.id, index, lane.id), side), ())  # type: ignore[call-overload]
-                        if key.road == there
-                    ]
-                    named = [target for target in targets if target in touching]
-                    pair.append((named or touching or [0])[0])
-                links[road.id, index, lane.id] = (pair[0], pair[1])
+                key = LaneKey(road.id, index, lane.id)
+                before = joints.get((key, "start"), ()) if index > 0 else ()
+                after = joints.get((key, "end"), ()) if index < last else ()
+                links[key] = _first(before, lane.predecessors), _first(after, lane.successors)
     return links
+
+
+def _first(joints: tuple[tuple[LaneKey, str], ...], named: tuple[int, ...]) -> int:
+    """The first lane that the file names, else the first that names this one, else 0."""
+    touching = [key.lane for key, _ in joints]
+    return next((lane for lane in (*named, *touching) if lane in touching), 0)
 
 
 def _extent(frame: RoadFrame, rows: np.ndarray) -> tuple[float, ...]:

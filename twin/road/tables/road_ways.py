@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twin.road.opendrive.lane_graph import LaneGraph, LaneKey, incoming_end, lane_graph
+from twin.road.opendrive.lane_graph import LaneGraph, LaneKey, incoming_end
 from twin.road.opendrive.records import ContactPoint, Junction, RoadNetwork, RoadRecord
 from twin.road.opendrive.road_frame import RoadFrame
 
@@ -50,24 +50,24 @@ class _Way:
     lanes: tuple[tuple[int, int], ...]
 
 
-def road_ways(network: RoadNetwork | None, frames: Sequence[RoadFrame]) -> RoadWays:
-    """The ways of all roads; ``frames`` in the order of the file. None: no roads."""
-    first, ways, turns, lanes = [0], [], [], []
+def road_ways(network: RoadNetwork, frames: Sequence[RoadFrame], graph: LaneGraph) -> RoadWays:
+    """The ways of all roads; ``frames`` in the order of the file, ``graph`` of its lanes."""
+    first, ways, turns = [0], [], []
+    lanes: list[tuple[int, int]] = []
     junctions = []
-    if network is not None:
-        numbers = {road_id: number for number, road_id in enumerate(network.roads)}
-        junction_numbers = {name: number for number, name in enumerate(network.junctions)}
-        ends = _Ends(network, {frame.road.id: frame for frame in frames})
-        for road in network.roads.values():
-            for end, link in (("start", road.predecessor), ("end", road.successor)):
-                for way in ends.ways(road, "start" if end == "start" else "end"):
-                    contact = int(way.contact == "end")
-                    ways.append((numbers[way.road], contact, int(way.told), len(lanes)))
-                    turns.append(way.turn_rad)
-                    lanes += way.lanes
-                first.append(len(ways))
-                at_junction = link is not None and link.kind == "junction"
-                junctions.append(junction_numbers[link.id] if link and at_junction else -1)
+    numbers = {road_id: number for number, road_id in enumerate(network.roads)}
+    junction_numbers = {name: number for number, name in enumerate(network.junctions)}
+    ends = _Ends(network, {frame.road.id: frame for frame in frames}, graph)
+    for road in network.roads.values():
+        for end, link in (("start", road.predecessor), ("end", road.successor)):
+            for way in ends.ways(road, "start" if end == "start" else "end"):
+                contact = int(way.contact == "end")
+                ways.append((numbers[way.road], contact, int(way.told), len(lanes)))
+                turns.append(way.turn_rad)
+                lanes += way.lanes
+            first.append(len(ways))
+            at_junction = link is not None and link.kind == "junction"
+            junctions.append(junction_numbers[link.id] if link and at_junction else -1)
     return RoadWays(
         first=np.array(first, np.int32),
         ways=np.array([*ways, (-1, 0, 0, len(lanes))], np.int32),
@@ -77,18 +77,31 @@ def road_ways(network: RoadNetwork | None, frames: Sequence[RoadFrame]) -> RoadW
     )
 
 
+def no_ways() -> RoadWays:
+    """Of a network without roads."""
+    return RoadWays(
+        first=np.zeros(1, np.int32),
+        ways=np.zeros((1, len(WAY_COLUMNS)), np.int32),
+        turns_rad=np.zeros(0),
+        lanes=np.zeros((0, 2), np.int32),
+        junctions=np.zeros(0, np.int32),
+    )
+
+
 class _Ends:
     """What touches the ends of roads."""
 
-    def __init__(self, network: RoadNetwork, frames: dict[str, RoadFrame]) -> None:
+    def __init__(
+        self, network: RoadNetwork, frames: dict[str, RoadFrame], graph: LaneGraph
+    ) -> None:
         self._network = network
         self._frames = frames
-        self._graph: LaneGraph = lane_graph(network)
+        self._graph = graph
         self._told: dict[tuple[str, ContactPoint], list[_Way]] = {}
         self._back: dict[tuple[str, ContactPoint], list[_Way]] = {}
         for junction in network.junctions.values():
-            for road, end, way in self._through(junction):
-                self._told.setdefault((road, end), []).append(way)
+            for road_id, end, way in self._through(junction):
+                self._told.setdefault((road_id, end), []).append(way)
         for road in network.roads.values():
             if road.junction is not None:
                 for other, end, way in self._backwards(road):

@@ -43,4 +43,5 @@ def way_lengths(ways: RoadWays, lengths_m: np.ndarray) -> np.ndarray:
         for road, contact, _, _ in ways.ways[ways.first[end] : ways.first[end + 1]].tolist():
             reached = 2 * road + contact
             entering[:, reached] = np.minimum(entering[:, reached], leaving[:, end])
-    return np.minimum(entering, touching)
+    shortest: np.ndarray = np.minimum(entering, touching)
+    return shortest

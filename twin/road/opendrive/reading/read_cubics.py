@@ -10,7 +10,7 @@ from twin.road.opendrive.records import Cubic
 
 def read_cubics(nodes: list[Node], key: str = "s") -> tuple[Cubic, ...]:
     """Polynomials in the order of their starts, which must not go back."""
-    cubics = []
+    cubics: list[Cubic] = []
     for node in nodes:
         start = node.number(key, low=0.0)
         if cubics and start < cubics[-1].start_m:

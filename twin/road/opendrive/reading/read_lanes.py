@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Literal, Protocol, TypeVar
 
 from twin.road.opendrive.reading.node import Node
 from twin.road.opendrive.reading.read_cubics import lowest, read_cubics
@@ -125,7 +126,11 @@ def _lane(node: Node, side: str, length_m: float) -> Lane:
     )
 
 
-_DIRECTIONS = {"standard": "standard", "reversed": "reversed", "both": "both"}
+_DIRECTIONS: dict[str, Literal["standard", "reversed", "both"]] = {
+    "standard": "standard",
+    "reversed": "reversed",
+    "both": "both",
+}
 
 
 def _check_widths(widths: Sequence[Cubic], nodes: Sequence[Node], length_m: float) -> None:
@@ -145,8 +150,18 @@ def _links(nodes: Sequence[Node]) -> dict[str, tuple[int, ...]]:
     return links
 
 
-def _in_order(nodes, read):  # type: ignore[no-untyped-def]
-    records = []
+class _Placed(Protocol):
+    """A record that begins somewhere."""
+
+    @property
+    def start_m(self) -> float: ...
+
+
+_Record = TypeVar("_Record", bound=_Placed)
+
+
+def _in_order(nodes: Sequence[Node], read: Callable[[Node], _Record]) -> tuple[_Record, ...]:
+    records: list[_Record] = []
     for node in nodes:
         record = read(node)
         if records and record.start_m < records[-1].start_m:

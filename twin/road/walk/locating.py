@@ -5,10 +5,10 @@ from __future__ import annotations
 import warp as wp
 
 from twin.base.portable_math import portable_cos, portable_sin
-from twin.road.tables.lane_functions import lane_at
-from twin.road.tables.pose_functions import level_edge, tilted_across
-from twin.road.tables.road_arrays import RoadArrays
-from twin.road.tables.spots import (
+from twin.road.walk.lanes import lane_at
+from twin.road.walk.poses import level_edge, tilted_across
+from twin.road.walk.road_arrays import RoadArrays
+from twin.road.walk.spots import (
     HALF,
     LINE,
     ONE,

@@ -9,9 +9,9 @@ from __future__ import annotations
 import warp as wp
 
 from twin.base.portable_math import portable_atan2, portable_cos, portable_sin
-from twin.road.tables.lane_functions import border_at, section_row
-from twin.road.tables.road_arrays import RoadArrays
-from twin.road.tables.spots import (
+from twin.road.walk.lanes import border_at, section_row
+from twin.road.walk.road_arrays import RoadArrays
+from twin.road.walk.spots import (
     ONE,
     ZERO,
     elevation_at,

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import warp as wp
 
-from twin.road.tables.road_arrays import RoadArrays
-from twin.road.tables.spots import HALF, SECTION, ZERO, cubic_at, offset_at
+from twin.road.walk.road_arrays import RoadArrays
+from twin.road.walk.spots import HALF, SECTION, ZERO, cubic_at, offset_at
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 

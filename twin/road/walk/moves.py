@@ -15,9 +15,9 @@ from __future__ import annotations
 
 import warp as wp
 
-from twin.road.tables.lane_functions import centre_in, lane_in, lane_row, section_row
-from twin.road.tables.road_arrays import RoadArrays
-from twin.road.tables.spots import ONE, SECTION, ZERO, road_curvature, road_length
+from twin.road.walk.lanes import centre_in, lane_in, lane_row, section_row
+from twin.road.walk.road_arrays import RoadArrays
+from twin.road.walk.spots import ONE, SECTION, ZERO, road_curvature, road_length
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 

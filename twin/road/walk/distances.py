@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import warp as wp
 
-from twin.road.tables.road_arrays import RoadArrays
-from twin.road.tables.spots import ZERO, road_length
+from twin.road.walk.road_arrays import RoadArrays
+from twin.road.walk.spots import ZERO, road_length
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 

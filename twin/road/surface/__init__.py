@@ -1,0 +1,1 @@
+"""Roads as triangles: lanes, kerbs, marks and the ground around."""

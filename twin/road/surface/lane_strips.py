@@ -1,0 +1,45 @@
+"""Lanes as strips of triangles, with kerbs where neighbours differ in height."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from twin.road.opendrive.records import Lane
+from twin.road.opendrive.road_frame import RoadFrame, lane_heights
+from twin.road.surface.patch import SurfacePatch, strip
+from twin.road.surface.stations import edge_points
+
+KERB_M = 0.005
+"""Least step between lanes that gets a kerb [m]."""
+LOWERED_M = 0.01
+"""How far lanes of no use lie below the others: where roads of a junction overlap they give way."""
+_LOWERED = frozenset({"none"})
+
+
+def lane_strips(frame: RoadFrame, number: int, s_m: np.ndarray) -> Iterator[SurfacePatch | None]:
+    """The lanes of lane section ``number``, cut at stations; kerbs between them."""
+    section = frame.sections[number]
+    inside = np.clip(s_m, section.section.start_m, np.nextafter(section.section.end_m, 0.0))
+    for sign, lanes in ((1.0, section.section.left), (-1.0, section.section.right)):
+        rim = edge_points(frame, inside, section.outer(0, inside)[0])
+        lift = np.zeros(len(inside))
+        for lane in lanes:
+            heights = edge_heights(lane, inside - section.section.start_m)
+            inner = edge_points(frame, inside, section.inner(lane.id, inside)[0], heights[0])
+            outer = edge_points(frame, inside, section.outer(lane.id, inside)[0], heights[1])
+            sides = (outer, inner) if sign > 0.0 else (inner, outer)
+            yield strip("lane", lane.type, *sides)
+            if (np.abs(heights[0] - lift) > KERB_M).any():
+                low_first = rim if sign > 0.0 else inner
+                yield strip("kerb", "", inner if sign > 0.0 else rim, low_first)
+            rim, lift = outer, heights[1]
+
+
+def edge_heights(lane: Lane, ahead_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Heights above the road of a lane's inner and outer border, by way since the section begins
+    [m]."""
+    lowered = LOWERED_M if lane.type in _LOWERED else 0.0
+    inner, outer = lane_heights(lane, ahead_m)
+    return inner - lowered, outer - lowered

@@ -1,0 +1,1 @@
+"""Warp functions with which kernels walk on the roads of a network."""
