@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warp as wp
 
-from twin.road.tables.road_arrays import RoadArrays
+from twin.road.walk.road_arrays import RoadArrays
 from twin.scenario.storyboard.player.arrays import BodyArrays, PlayArrays, ProgramArrays
 from twin.scenario.storyboard.player.columns import (
     Domain,

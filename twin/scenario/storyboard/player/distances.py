@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import warp as wp
 
-from twin.road.tables.road_arrays import RoadArrays
+from twin.road.walk.road_arrays import RoadArrays
 from twin.scenario.storyboard.player.arrays import BodyArrays, PlayArrays, ProgramArrays
 from twin.scenario.storyboard.player.columns import Real
 from twin.scenario.storyboard.player.ground import place_of

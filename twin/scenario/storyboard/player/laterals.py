@@ -12,8 +12,8 @@ from __future__ import annotations
 import warp as wp
 
 from twin.base.portable_math import portable_atan2
-from twin.road.tables.lane_functions import lane_centre
-from twin.road.tables.road_arrays import RoadArrays
+from twin.road.walk.lanes import lane_centre
+from twin.road.walk.road_arrays import RoadArrays
 from twin.scenario.storyboard.player.arrays import BodyArrays, PlayArrays, ProgramArrays
 from twin.scenario.storyboard.player.columns import Real, Whole
 from twin.scenario.storyboard.player.ground import BodyPlace, direction_of, lane_counted

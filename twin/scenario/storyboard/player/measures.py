@@ -10,8 +10,8 @@ from __future__ import annotations
 import warp as wp
 
 from twin.base.portable_math import portable_cos, portable_sin
-from twin.road.tables.apart_functions import road_apart
-from twin.road.tables.road_arrays import RoadArrays
+from twin.road.walk.distances import road_apart
+from twin.road.walk.road_arrays import RoadArrays
 from twin.scenario.storyboard.player.arrays import BodyArrays, ProgramArrays
 from twin.scenario.storyboard.player.boxes import (
     PlaneBox,

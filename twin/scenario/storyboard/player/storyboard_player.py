@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from twin.road.tables.road_arrays import road_arrays
+from twin.road.walk.road_arrays import road_arrays
 from twin.road.tables.road_tables import RoadTables, flat_tables
 from twin.scenario.storyboard.player.advance import advance_kernel
 from twin.scenario.storyboard.player.arrays import (

@@ -17,8 +17,8 @@ from __future__ import annotations
 import warp as wp
 
 from twin.base.portable_math import portable_cos
-from twin.road.tables.apart_functions import road_apart
-from twin.road.tables.road_arrays import RoadArrays
+from twin.road.walk.distances import road_apart
+from twin.road.walk.road_arrays import RoadArrays
 from twin.scenario.storyboard.player.arrays import BodyArrays, PlayArrays, ProgramArrays
 from twin.scenario.storyboard.player.columns import Real, Whole
 from twin.scenario.storyboard.player.ground import BodyPlace
