@@ -136,7 +136,7 @@ def step_follow(
         if closed:
             target = target - wp.floor(target / length) * length
         elif (along > ZERO and target > length - CLOSE) or (along < ZERO and target < CLOSE):
-            if wp.abs(speed) > ZERO:
+            if wp.abs(speed) * step_s > ZERO:
                 result.over = 1
                 rest = wp.where(along > ZERO, target - length, -target)
             target = wp.clamp(target, ZERO, length)
@@ -173,7 +173,7 @@ def measure(
     cosine, sine = portable_cos(place.heading), portable_sin(place.heading)
     vx, vy = speed * cosine, speed * sine
     vz = wp.float64(0.0)
-    jumped = now.wholes[slot, e, Whole.JUMPED] != 0
+    jumped = now.wholes[slot, e, Whole.JUMPED] != 0 or step_s == ZERO
     if not jumped and driven:
         vx = dx / step_s
         vy = dy / step_s

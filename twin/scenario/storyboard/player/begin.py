@@ -268,6 +268,7 @@ def begin_kernel(
                 place = found_place(roads, place)
                 place = posed_place(roads, place, False)
                 keep_place(now, slot, e, place)
+                appear(now, slot, e)
             elif kind == TELEPORT or kind == ADD or kind == SYNCHRONISE:
                 places = wp.where(kind == SYNCHRONISE, 2, 1)
                 for which in range(places):

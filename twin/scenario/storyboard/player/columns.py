@@ -178,12 +178,13 @@ class ConditionState(IntEnum):
     LAST = 0
     """Its expression at the last step; -1: not evaluated yet."""
     HELD = 1
-    """Its value at the last step, after edges and before delays."""
-    CHANGES = 2
+    """Its value since :attr:`SINCE`, after edges and before delays."""
+    SINCE = 2
+    CHANGES = 3
     """Of its value so far."""
-    SEEN = 3
+    SEEN = 4
     """Bits of states and transitions of its element since it was last evaluated."""
-    LATEST = 4
+    LATEST = 5
     """State of its element at that time."""
 
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import warp as wp
 
-from twin.base.portable_math import portable_cos, portable_sin
 from twin.road.walk.road_arrays import RoadArrays
 from twin.scenario.storyboard.player.arrays import BodyArrays, PlayArrays, ProgramArrays
 from twin.scenario.storyboard.player.columns import (
+    ConditionState,
     EntityWhole,
     InstanceColumn,
     InstanceState,
@@ -59,10 +59,9 @@ def reset_kernel(
         play.element_skips[slot, i] = 0
     if i < play.conditions.shape[1]:
         for column in range(play.conditions.shape[2]):
-            play.conditions[slot, i, column] = -1
-        play.conditions[slot, i, 1] = 0
-        play.conditions[slot, i, 2] = 0
-        play.conditions[slot, i, 3] = 0
+            play.conditions[slot, i, column] = 0
+        play.conditions[slot, i, ConditionState.LAST] = -1
+        play.conditions[slot, i, ConditionState.LATEST] = -1
     if i < play.instance_states.shape[1]:
         play.instance_states[slot, i] = wp.int32(InstanceState.IDLE)
     if i < play.variables.shape[1]:
@@ -112,25 +111,6 @@ def open_kernel(
             if do_global(tables, play, bodies, slot, program, k):
                 state = wp.int32(InstanceState.DONE)
         play.instance_states[slot, k] = state
-
-
-@wp.kernel
-def close_kernel(
-    # args
-    slot: wp.int32,
-    # state in and out
-    bodies: BodyArrays,
-):
-    """What follows from where Init has put bodies: velocities, and where steps begin."""
-    e = wp.tid()
-    heading = bodies.reals[slot, e, Real.HEADING]
-    speed = bodies.reals[slot, e, Real.SPEED]
-    bodies.reals[slot, e, Real.VX] = speed * portable_cos(heading)
-    bodies.reals[slot, e, Real.VY] = speed * portable_sin(heading)
-    bodies.reals[slot, e, Real.OLD_X] = bodies.reals[slot, e, Real.X]
-    bodies.reals[slot, e, Real.OLD_Y] = bodies.reals[slot, e, Real.Y]
-    bodies.reals[slot, e, Real.OLD_Z] = bodies.reals[slot, e, Real.Z]
-    bodies.wholes[slot, e, Whole.JUMPED] = 0
 
 
 @wp.kernel

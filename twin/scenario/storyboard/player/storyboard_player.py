@@ -28,7 +28,6 @@ from twin.scenario.storyboard.player.columns import (
 )
 from twin.scenario.storyboard.player.decide import decide_kernel, settle_kernel
 from twin.scenario.storyboard.player.reset import (
-    close_kernel,
     copy_kernel,
     impose_kernel,
     open_kernel,
@@ -80,6 +79,7 @@ class StoryboardPlayer:
 
     Time is counted in steps: a state after n steps is that at ``n * step_s``. A step reads the
     states at its beginning, starts and stops elements, begins and steps actions, and moves bodies.
+    At time 0 the storyboard runs once more, without time, when a slot is started.
     """
 
     def __init__(
@@ -121,7 +121,7 @@ class StoryboardPlayer:
         self._before = body_arrays(slots, self.entities, self.device)
 
     def start(self, slot: int, program_index: int) -> None:
-        """Put a slot at time 0 of a program: what Init does at once is done."""
+        """Put a slot at time 0 of a program, after Init and a run of the storyboard without time."""
         assert 0 <= slot < self.slots
         assert 0 <= program_index < len(self.programs)
         model = [self._programs, self._roads]
@@ -136,24 +136,31 @@ class StoryboardPlayer:
                 (self.slots, self.entities),
                 [*model, slot, level, self._before, self.bodies, self._play],
             )
-        self._launch(close_kernel, self.entities, [slot, self.bodies])
+        self._run(slot, 0)
 
     def step(self) -> None:
         """One step of all slots that run."""
+        self._run(_ALL, 1)
+
+    def _run(self, only: int, steps: int) -> None:
+        """The storyboard and all bodies; at its beginning a slot runs once without time."""
         model = [self._programs, self._roads]
         everyone = (self.slots, self.entities)
-        self._launch(decide_kernel, self.slots, [*model, -1, self.step_s, self.bodies, self._play])
+        step_s = self.step_s * steps
+        self._launch(
+            decide_kernel, self.slots, [*model, only, self.step_s, self.bodies, self._play]
+        )
         self._copy()
         self._launch(
-            begin_kernel, everyone, [*model, -1, -1, self._before, self.bodies, self._play]
+            begin_kernel, everyone, [*model, only, _ALL, self._before, self.bodies, self._play]
         )
         self._copy()
         self._launch(
             advance_kernel,
             everyone,
-            [*model, -1, self.step_s, self._before, self.bodies, self._play],
+            [*model, only, step_s, self._before, self.bodies, self._play],
         )
-        self._launch(settle_kernel, self.slots, [self._programs, -1, 1, self._play])
+        self._launch(settle_kernel, self.slots, [self._programs, only, steps, self._play])
 
     def running(self, slot: int) -> bool:
         """True until a slot's storyboard has stopped."""
@@ -232,6 +239,7 @@ class StoryboardPlayer:
         wp.launch(kernel, dim=dim, inputs=inputs, device=self.device)
 
 
+_ALL = -1
 _CLEARED = ("entities", "elements", "conditions", "instances", "variables")
 _OVERFLOWS = {
     int(Overflow.TRANSITIONS): (
