@@ -77,7 +77,9 @@ def test_elements_stand_in_depth_first_order(tmp_path: Path) -> None:
             'coordinateSystem="lane" relativeDistanceType="longitudinal"/>',
             "TimeHeadwayCondition",
             {
-                **{"entity": 1, "freespace": True, "frame": conditions.DistanceFrame.LANE},
+                "entity": 1,
+                "freespace": True,
+                "frame": conditions.DistanceFrame.LANE,
                 "kind": conditions.DistanceKind.LONGITUDINAL,
             },
         ),
