@@ -187,6 +187,24 @@ def start_follow(
 
 
 @wp.func
+def follows(
+    tables: ProgramArrays,
+    play: PlayArrays,
+    slot: wp.int32,
+    instance0: wp.int32,
+    first: wp.int32,
+    end: wp.int32,
+) -> wp.bool:
+    """True if any of a body's instances, ``first`` to ``end`` - 1, follows a trajectory."""
+    for at in range(first, end):
+        k = tables.actor_instances[at]
+        if play.instance_states[slot, k] == InstanceState.RUNNING:
+            if tables.instances[instance0 + k, InstanceColumn.KIND] == FOLLOW:
+                return True
+    return False
+
+
+@wp.func
 def appear(now: BodyArrays, slot: wp.int32, e: wp.int32):
     """A body that was nowhere is seen by everyone."""
     if now.wholes[slot, e, Whole.PRESENT] == 0:
@@ -288,7 +306,8 @@ def begin_kernel(
                     else:
                         target.leg = now.wholes[slot, e, Whole.LEG]
                         keep_place(now, slot, e, target)
-                        now.wholes[slot, e, Whole.TRAJECTORY] = -1
+                        if not follows(tables, play, slot, instance0, first, end):
+                            now.wholes[slot, e, Whole.TRAJECTORY] = -1
                         now.wholes[slot, e, Whole.JUMPED] = 1
                         appear(now, slot, e)
             else:

@@ -184,12 +184,11 @@ def step_speeds(
         speed = step_profile(tables, play, slot, k, reals, wholes, step_s)
         motion.over = play.instance_wholes[slot, k, REACHED]
     else:
-        ways = tables.programs[program, ProgramColumn.TRAJECTORY]
         master = tables.wholes[wholes + _MASTER]
-        left = way_left(tables, now, roads, play, slot, k, ways, e, 0, reals, wholes)
-        master_left = way_left(tables, before, roads, play, slot, k, ways, master, 1, reals, wholes)
-        along = along_way(before, slot, e, step)
-        master_along = along_way(before, slot, master, step)
+        left = way_left(tables, now, roads, play, slot, k, e, 0, reals, wholes)
+        master_left = way_left(tables, before, roads, play, slot, k, master, 1, reals, wholes)
+        along = along_way(before, slot, e)
+        master_along = along_way(before, slot, master)
         speed = step_synchronise(
             tables, before, play, slot, k, reals, wholes, speed, along, left, master_left,
             master_along, step_s,
