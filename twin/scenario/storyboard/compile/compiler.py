@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
-from twin.road.opendrive.lane_graph import lane_graph
+from twin.road.opendrive.lane_graph import LaneGraph, lane_graph
 from twin.road.opendrive.reading.load import load_network
 from twin.road.opendrive.records import RoadNetwork
 from twin.road.opendrive.road_map import RoadMap
@@ -15,6 +16,7 @@ from twin.scenario.storyboard.compile.fates import (
     HANDLERS,
     NO_EFFECT,
     NO_EFFECT_ATTRIBUTES,
+    NO_EFFECT_NAMES,
     REFUSED_TYPES,
 )
 from twin.scenario.storyboard.compile.storyboards import compile_init, compile_storyboard
@@ -35,24 +37,42 @@ class CompiledScenario:
     notes: tuple[str, ...]
 
 
-def compile_scenario(effective: EffectiveScenario) -> Program:
+class LoadedRoads(NamedTuple):
+    """A road network with its coordinates and its lane graph."""
+
+    network: RoadNetwork
+    roads: RoadMap
+    graph: LaneGraph
+
+
+RoadCache = dict[Path, LoadedRoads]
+"""Road networks that were read before, for scenarios that share one."""
+
+
+def compile_scenario(effective: EffectiveScenario, cache: RoadCache | None = None) -> Program:
     """The program of a scenario.
+
+    Args:
+        effective: the scenario.
+        cache: read networks are kept there, and are not read again.
 
     Raises:
         ValueError: a line with file and line number per mistake, at most 100.
     """
-    return compile_with_notes(effective).program
+    return compile_with_notes(effective, cache).program
 
 
-def compile_with_notes(effective: EffectiveScenario) -> CompiledScenario:
-    """The program of a scenario and its notes; raises as :func:`compile_scenario`."""
+def compile_with_notes(
+    effective: EffectiveScenario, cache: RoadCache | None = None
+) -> CompiledScenario:
+    """The program of a scenario and its notes; as :func:`compile_scenario`."""
     root = effective.root
     if effective.kind != "ScenarioFile":
         raise ValueError(f"{root.file}:1: a {effective.kind} is no scenario to play")
     context = Compilation(HANDLERS)
     parts = {child.type_name: child for child in root.children}
     _refuse(root, context)
-    network = _roads(parts["RoadNetwork"], context)
+    network = _roads(parts["RoadNetwork"], context, {} if cache is None else cache)
     _variables(effective, context)
     entities = compile_entities(parts["Entities"], context)
     if len(entities) > ENTITIES_MAX:
@@ -87,29 +107,31 @@ def _refuse(root: ScenarioElement, context: Compilation) -> None:
         if element.type_name in REFUSED_TYPES:
             words = f"{element.name} is refused: {REFUSED_TYPES[element.type_name]}"
             context.mistakes.add(element.file, element.line, words)
-        name = element.name if element.name in NO_EFFECT else element.type_name
-        if name in NO_EFFECT:
-            context.note(element, f"no effect: {NO_EFFECT[name]}")
+        reason = NO_EFFECT.get(element.type_name) or NO_EFFECT_NAMES.get(element.name)
+        if reason is not None:
+            context.note(element, f"no effect: {reason}")
         for key in element.values:
-            reason = NO_EFFECT_ATTRIBUTES.get((element.type_name, key))
-            if reason is not None:
-                context.note(element, f"{key} has no effect: {reason}")
+            why = NO_EFFECT_ATTRIBUTES.get((element.type_name, key))
+            if why is not None:
+                context.note(element, f"{key} has no effect: {why}")
 
 
-def _roads(element: ScenarioElement, context: Compilation) -> RoadNetwork | None:
+def _roads(element: ScenarioElement, context: Compilation, cache: RoadCache) -> RoadNetwork | None:
     logic = element.first("LogicFile")
     if logic is None:
         return None
     path: Path = logic.file.parent / str(logic.values["filepath"])
-    try:
-        network = load_network(path)
-        context.roads = RoadMap(network)
-    except ValueError as error:
-        context.mistakes.lines += str(error).splitlines()
-        return None
-    context.graph = lane_graph(network)
-    context.road_numbers = {road: number for number, road in enumerate(network.roads)}
-    return network
+    if path not in cache:
+        try:
+            network = load_network(path)
+            cache[path] = LoadedRoads(network, RoadMap(network), lane_graph(network))
+        except ValueError as error:
+            context.mistakes.lines += str(error).splitlines()
+            return None
+    loaded = cache[path]
+    context.roads, context.graph = loaded.roads, loaded.graph
+    context.road_numbers = {road: number for number, road in enumerate(loaded.network.roads)}
+    return loaded.network
 
 
 _TEXTS = ("string",)

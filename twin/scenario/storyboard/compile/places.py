@@ -1,15 +1,16 @@
 """Positions of OpenSCENARIO: those that depend on no moving entity are resolved here, once.
 
-A position on a lane heads the way the lane is driven, one on a road along its reference line. A
-relative orientation is added to that, an absolute one (the default) stands alone.
+A position on a lane heads the way the lane is driven, one on a road along its reference line, one
+on a route by road coordinates along the route. A relative orientation is added to that, an absolute
+one (the default) stands alone.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
+from msgspec.structs import replace
 
 from twin.road.opendrive.grid import cosine, sine
 from twin.scenario.storyboard.compile.context import (
@@ -143,21 +144,13 @@ def _route(element: ScenarioElement, context: Compilation) -> FixedPosition:
     if where.name == "FromCurrentEntity":
         raise RefusalError(where, "a place on a route that moves with an entity is not played")
     leg, s_m, forward = path.at(where, float(where.values["pathS"]))
-    if where.name == "FromRoadCoordinates":
-        place = road_position(context, where, leg, s_m, float(where.values["t"]))
-    else:
+    if where.name == "FromLaneCoordinates":
         offset = number_of(where, "laneOffset", 0.0)
         place = lane_position(context, where, leg, lane_number(where), s_m, offset)
-        forward = forward == (_headed_along(context, leg, place))
-    if not forward:
-        place = turned_round(place)
+    else:
+        place = road_position(context, where, leg, s_m, float(where.values["t"]))
+        place = place if forward else turned_round(place)
     return oriented(element, place)
-
-
-def _headed_along(context: Compilation, road_id: str, place: FixedPosition) -> bool:
-    assert context.roads is not None
-    along = float(context.roads.frame(road_id).pose(place.s_m, place.t_m).heading_rad)
-    return math.cos(place.heading_rad - along) > 0.0
 
 
 def turned_round(place: FixedPosition) -> FixedPosition:
