@@ -174,7 +174,7 @@ class StoryboardPlayer:
 
     def states(self) -> EntityStates:
         """The states of all entities, copied from the device."""
-        reals, wholes = self.bodies.reals.numpy(), self.bodies.wholes.numpy()
+        reals, wholes = np.array(self.bodies.reals.numpy()), np.array(self.bodies.wholes.numpy())
         return EntityStates(
             x_m=reals[:, :, Real.X],
             y_m=reals[:, :, Real.Y],
