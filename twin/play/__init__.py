@@ -1,0 +1,1 @@
+"""Playing of scenario files without a stack (`twin play`)."""

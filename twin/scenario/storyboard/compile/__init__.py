@@ -1,0 +1,1 @@
+"""Compiler of OpenSCENARIO files: effective scenarios become storyboard programs."""

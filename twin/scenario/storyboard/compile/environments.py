@@ -1,0 +1,100 @@
+"""Environments: weather, light and the state of the road."""
+
+from __future__ import annotations
+
+from twin.scenario.storyboard.compile.context import (
+    Compilation,
+    Handler,
+    RefusalError,
+    number_of,
+    seconds_of,
+)
+from twin.scenario.storyboard.openscenario.element import ScenarioElement
+from twin.scenario.storyboard.program.program import StoryboardEnvironment
+
+_OKTAS = ("zero", "one", "two", "three", "four", "five", "six", "seven", "eight")
+_CLOUDS = {"free": 0.0, "cloudy": 0.5, "overcast": 1.0, "rainy": 1.0}
+"""Shares of the sky for the words of versions before 1.2."""
+
+
+def _environment(element: ScenarioElement, context: Compilation) -> StoryboardEnvironment:
+    values: dict[str, float] = {}
+    time = element.first("TimeOfDay")
+    if time is not None:
+        values["time_of_day_s"] = seconds_of(str(time.values["dateTime"]))
+        if time.values["animation"]:
+            context.note(time, "the clock goes on, the picture of the sky stays")
+    weather = element.first("Weather")
+    if weather is not None:
+        values |= _weather(weather, context)
+    road = element.first("RoadCondition")
+    if road is not None:
+        values["friction_factor"] = float(road.values["frictionScaleFactor"])
+        if "wetness" in road.values:
+            context.note(road, "wetness has no effect beside frictionScaleFactor")
+    for key, value in values.items():
+        if key.endswith(("_factor", "_m", "_k", "_h", "_mps")) and value < 0.0:
+            raise RefusalError(
+                element, f"{key.replace('_', ' ')} is {value:g}, it must not be negative"
+            )
+    return StoryboardEnvironment(element.label, **values)
+
+
+def _weather(element: ScenarioElement, context: Compilation) -> dict[str, float]:
+    values: dict[str, float] = {}
+    clouds = _clouds(element)
+    if clouds is not None:
+        values["cloud_fraction"] = clouds
+    if "temperature" in element.values:
+        values["temperature_k"] = float(element.values["temperature"])
+    if "atmosphericPressure" in element.values:
+        context.note(element, "atmosphericPressure has no effect")
+    if element.first("DomeImage") is not None:
+        context.note(element, "DomeImage has no effect; the sky follows the sun and the clouds")
+    for child in element.children:
+        if child.type_name in _PARTS:
+            values |= _PARTS[child.type_name](child)
+    return values
+
+
+def _clouds(element: ScenarioElement) -> float | None:
+    if "fractionalCloudCover" in element.values:
+        word = str(element.values["fractionalCloudCover"]).removesuffix("Oktas")
+        # Nine oktas: the sky cannot be seen, for fog or snow.
+        return min(_OKTAS.index(word), 8) / 8.0 if word in _OKTAS else 1.0
+    return _CLOUDS.get(str(element.values.get("cloudState", "")))
+
+
+def _sun(element: ScenarioElement) -> dict[str, float]:
+    illuminance = number_of(element, "illuminance", number_of(element, "intensity", -1.0))
+    values = {
+        "sun_azimuth_rad": float(element.values["azimuth"]),
+        "sun_elevation_rad": float(element.values["elevation"]),
+    }
+    return values | ({"sun_illuminance_lx": illuminance} if illuminance >= 0.0 else {})
+
+
+def _fog(element: ScenarioElement) -> dict[str, float]:
+    return {"fog_visual_range_m": float(element.values["visualRange"])}
+
+
+def _precipitation(element: ScenarioElement) -> dict[str, float]:
+    rate = number_of(element, "precipitationIntensity", number_of(element, "intensity", 0.0))
+    kind = element.values["precipitationType"]
+    return {
+        "rain_mm_per_h": rate if kind == "rain" else 0.0,
+        "snow_mm_per_h": rate if kind == "snow" else 0.0,
+    }
+
+
+def _wind(element: ScenarioElement) -> dict[str, float]:
+    return {
+        "wind_direction_rad": float(element.values["direction"]),
+        "wind_speed_mps": float(element.values["speed"]),
+    }
+
+
+_PARTS = {"Sun": _sun, "Fog": _fog, "Precipitation": _precipitation, "Wind": _wind}
+
+ENVIRONMENTS: dict[str, Handler] = {"Environment": _environment}
+"""Handlers of environments by element type."""

@@ -1,0 +1,119 @@
+"""What happens with every element type: the one table of handlers, and what has none and why."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from twin.scenario.storyboard.compile.actions import ACTIONS
+from twin.scenario.storyboard.compile.conditions import CONDITIONS
+from twin.scenario.storyboard.compile.context import Handler
+from twin.scenario.storyboard.compile.entities import ENTITIES
+from twin.scenario.storyboard.compile.environments import ENVIRONMENTS
+from twin.scenario.storyboard.compile.motions import MOTIONS
+from twin.scenario.storyboard.compile.places import POSITIONS
+from twin.scenario.storyboard.compile.routes import ROUTES
+from twin.scenario.storyboard.compile.trajectories import TRAJECTORIES
+from twin.scenario.storyboard.openscenario.standard import REFUSED
+
+HANDLERS: Mapping[str, Handler] = {
+    **ENTITIES,
+    **POSITIONS,
+    **TRAJECTORIES,
+    **ROUTES,
+    **CONDITIONS,
+    **MOTIONS,
+    **ACTIONS,
+    **ENVIRONMENTS,
+}
+"""Handlers by element type."""
+
+REFUSED_TYPES: Mapping[str, str] = {
+    **REFUSED,
+    "ConnectTrailerAction": "trailers are not coupled",
+    "DisconnectTrailerAction": "trailers are not coupled",
+    "ExternalObjectReference": "objects of other files are not known",
+    "GeoPosition": "positions by latitude and longitude are not played; use WorldPosition",
+    "OverrideControllerValueAction": "pedals of a controller are not overridden",
+    "PositionOfCurrentEntity": "a place on a route that moves with an entity is not played",
+    "RandomRouteAction": "routes are not drawn at random; assign one",
+    "RelativeClearanceCondition": "free space on lanes is not watched; use "
+    "RelativeDistanceCondition",
+    "SensorReferenceSet": "visibility for single sensors is not played",
+    "TrafficAction": "traffic is not generated; give every entity by name",
+    "TrafficSignalControllerAction": "controllers of signals are not played; set the signal's "
+    "state by TrafficSignalStateAction",
+    "TrafficSignalControllerCondition": "controllers of signals are not played; use "
+    "TrafficSignalCondition",
+    "Trailer": "trailers are not coupled",
+    "TrailerAction": "trailers are not coupled",
+    "UserDefinedLight": "only lamps of the standard are known",
+}
+"""Element types that are refused where they stand in a scenario, with the reason."""
+
+NO_EFFECT: Mapping[str, str] = {
+    "AnimationAction": "bodies move by their speed",
+    "Color": "lamps have the colour of their kind",
+    "CustomContent": "it is for other tools",
+    "DomeImage": "the sky follows the sun and the clouds",
+    "TrafficSignals": "controllers of signals do not switch by themselves",
+    "TrailerCoupler": "trailers are not coupled",
+    "TrailerHitch": "trailers are not coupled",
+    "UsedArea": "the whole road network is used",
+}
+"""Element types without effect, with the reason; each is noted."""
+
+NO_EFFECT_NAMES: Mapping[str, str] = {
+    "SceneGraphFile": "roads are drawn from the road network",
+}
+"""Elements without effect whose type others share, by name."""
+
+NO_EFFECT_ATTRIBUTES: Mapping[tuple[str, str], str] = {
+    ("DistanceCondition", "routingAlgorithm"): "distances follow the road",
+    ("RelativeDistanceCondition", "routingAlgorithm"): "distances follow the road",
+    ("TimeHeadwayCondition", "routingAlgorithm"): "distances follow the road",
+    ("TimeToCollisionCondition", "routingAlgorithm"): "distances follow the road",
+    ("TransitionDynamics", "followingMode"): "transitions are exact",
+    ("LightState", "luminousIntensity"): "lamps are as bright as their kind",
+    ("GeoPosition", "verticalRoadSelection"): "the position is refused",
+}
+"""Attributes without effect, with the reason; each is noted."""
+
+STRUCTURE = frozenset(
+    {
+        *("Act", "Action", "Actors", "AbsoluteSpeed", "AbsoluteTargetLane", "AddEntityAction"),
+        *("AbsoluteTargetLaneOffset", "AbsoluteTargetSpeed", "Axle", "Axles", "BoundingBox"),
+        *("ByEntityCondition", "ByObjectType", "ByType", "ByValueCondition", "Center"),
+        *("ClothoidSplineSegment", "Condition", "ConditionGroup", "ControlPoint"),
+        *("DeleteEntityAction", "Dimensions", "DynamicConstraints", "Entities"),
+        *("EntityCondition", "EntityRef", "EntitySelection", "Event", "FinalSpeed", "Fog"),
+        *("InRoutePosition", "Init", "InitActions", "Knot", "LaneChangeTarget"),
+        *("LaneOffsetActionDynamics", "LaneOffsetTarget", "LightState", "LightType"),
+        *("Maneuver", "ManeuverGroup", "ModifyRule", "MonitorDeclaration", "None"),
+        *("ObjectController", "Orientation", "ParameterAddValueRule", "ParameterModifyAction"),
+        *("ParameterMultiplyByValueRule", "ParameterSetAction", "Performance", "Position"),
+        *("PositionInLaneCoordinates", "PositionInRoadCoordinates", "Precipitation", "Private"),
+        *("RelativeSpeedToMaster", "RelativeTargetLane", "RelativeTargetLaneOffset"),
+        *("RelativeTargetSpeed", "RoadCondition", "RoadNetwork", "RouteRef", "ScenarioObject"),
+        *("SelectedEntities", "Shape", "SpeedActionTarget", "SpeedProfileEntry", "Story"),
+        *("Storyboard", "Sun", "TargetDistanceSteadyState", "TargetTimeSteadyState"),
+        *("TimeOfDay", "TimeReference", "TimeToCollisionConditionTarget", "Timing"),
+        *("TrajectoryFollowingMode", "TrajectoryRef", "TransitionDynamics"),
+        *("TriggeringEntities", "VariableAddValueRule", "VariableDeclaration"),
+        *("VariableModifyAction", "VariableModifyRule", "VariableMultiplyByValueRule"),
+        *("VariableSetAction", "VehicleLight", "Vertex", "Waypoint", "Weather", "Wind"),
+    }
+)
+"""Element types that handlers of others read as a part of theirs."""
+
+
+def fate_of(type_name: str, attribute: str = "") -> str:
+    """What happens with an element type or one of its attributes: a word, often a reason."""
+    if type_name in REFUSED_TYPES:
+        return f"refused: {REFUSED_TYPES[type_name]}"
+    if type_name in NO_EFFECT:
+        return f"no effect: {NO_EFFECT[type_name]}"
+    if (type_name, attribute) in NO_EFFECT_ATTRIBUTES:
+        return f"no effect: {NO_EFFECT_ATTRIBUTES[type_name, attribute]}"
+    if type_name in HANDLERS or type_name in STRUCTURE:
+        return "played"
+    return "read"

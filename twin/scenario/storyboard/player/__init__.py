@@ -1,0 +1,1 @@
+"""The player of storyboard programs: flat tables and the kernels that interpret them."""

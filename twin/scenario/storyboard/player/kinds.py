@@ -1,0 +1,69 @@
+"""Codes of actions and conditions, and the columns of their numbers that kernels read."""
+
+from __future__ import annotations
+
+from typing import get_args
+
+from twin.scenario.storyboard.player.columns import Domain
+from twin.scenario.storyboard.program import actions, conditions
+from twin.scenario.storyboard.program.actions import (
+    Action,
+    GlobalAction,
+    LightAction,
+    PrivateAction,
+    VisibilityAction,
+)
+
+ACTION_TYPES: tuple[type, ...] = (*get_args(PrivateAction), *get_args(GlobalAction))
+"""Types of actions; a code is an index of it."""
+CONDITION_TYPES: tuple[type, ...] = (
+    *get_args(conditions.EntityExpression),
+    *get_args(conditions.ValueExpression),
+)
+"""Types of conditions; a code is an index of it."""
+
+_LONGITUDINAL = (
+    actions.SpeedAction,
+    actions.SpeedProfileAction,
+    actions.LongitudinalDistanceAction,
+    actions.SynchronizeAction,
+)
+_LATERAL = (actions.LaneChangeAction, actions.LaneOffsetAction, actions.LateralDistanceAction)
+_ROUTING = (actions.AssignRouteAction, actions.AcquirePositionAction)
+
+
+def action_code(record: type) -> int:
+    """Code of a type of action."""
+    return ACTION_TYPES.index(record)
+
+
+def condition_code(expression: object) -> int:
+    """Code of a condition's type."""
+    return CONDITION_TYPES.index(type(expression))
+
+
+def kind_code(record: type) -> int:
+    """Code of a type of condition."""
+    return CONDITION_TYPES.index(record)
+
+
+def domains_of(action: Action) -> int:
+    """What an action controls (ASAM OpenSCENARIO XML 1.3, section 7.5.2); bits of ``Domain``.
+
+    A trajectory with times controls both; one without leaves the speed to other actions.
+    """
+    if isinstance(action, _LONGITUDINAL):
+        return Domain.LONGITUDINAL
+    if isinstance(action, _LATERAL):
+        return Domain.LATERAL
+    if isinstance(action, _ROUTING):
+        return Domain.ROUTING
+    if isinstance(action, actions.TeleportAction):
+        return Domain.LONGITUDINAL | Domain.LATERAL
+    if isinstance(action, actions.FollowTrajectoryAction):
+        lateral = Domain.LATERAL | Domain.ROUTING
+        return lateral | Domain.LONGITUDINAL if action.timed else lateral
+    if isinstance(action, LightAction):
+        return Domain.LIGHTS
+    assert isinstance(action, VisibilityAction | actions.ControllerAction | GlobalAction)
+    return Domain.NONE
