@@ -21,6 +21,7 @@ from twin.scenario.storyboard.interpreter.arrays import (
 from twin.scenario.storyboard.interpreter.begin import begin_kernel
 from twin.scenario.storyboard.interpreter.decide import decide_kernel, settle_kernel
 from twin.scenario.storyboard.interpreter.reset import (
+    close_kernel,
     copy_kernel,
     impose_kernel,
     open_kernel,
@@ -138,6 +139,7 @@ class StoryboardPlayer:
                 (self.slots, self.entities),
                 [*model, slot, level, self._before, self.bodies, self._play],
             )
+        self._launch(close_kernel, self.entities, [slot, self.bodies])
         self._run(slot, 0)
 
     def step(self) -> None:
