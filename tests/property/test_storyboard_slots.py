@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 
 from twin.bench.storyboard_traffic import driver_traffic, reacting_traffic, ring_network
 from twin.road.tables.road_tables import road_tables
-from twin.scenario.storyboard.player.columns import SlotColumn
 from twin.scenario.storyboard.player.storyboard_player import StoryboardPlayer
 
 PROGRAMS = (
@@ -122,4 +121,4 @@ def test_slots_that_do_not_run_stay():
         player.step()
     assert not player.running(1)
     assert player.bodies.reals.numpy()[1].any() == np.False_
-    assert player._play.slots.numpy()[1, SlotColumn.STEP] == 0
+    assert player.steps(1) == 0

@@ -96,7 +96,7 @@ def reacting_traffic(cars: int, variant: int = 0) -> Program:
     for car in range(cars):
         lane = -1 - (car // QUEUE) % LANES
         s = 10.0 + 22.0 * (cars - car) + 3.0 * variant
-        init.append(InitAction(TeleportAction(_on_ring(s, lane)), car))
+        init.append(InitAction(TeleportAction(on_ring(s, lane)), car))
         init.append(InitAction(_speed(22.0 + car % 5 + variant, 0.0), car))
         _add_group(elements, car, _reactions(car, lane, variant))
     return Program(
@@ -112,7 +112,7 @@ def driver_traffic(cars: int) -> Program:
     init = []
     for car in range(cars):
         lane = -2 - car % 3
-        init.append(InitAction(TeleportAction(_on_ring(10.0 + 9.0 * (cars - car), lane)), car))
+        init.append(InitAction(TeleportAction(on_ring(10.0 + 9.0 * (cars - car), lane)), car))
         init.append(InitAction(_speed(18.0 + car % 7, 0.0), car))
         init.append(InitAction(ControllerAction(True, True, car % 3), car))
     models = (DriverModel(33.0), DriverModel(22.0, politeness=0.1), DriverModel(28.0, 1.0))
@@ -176,7 +176,7 @@ def _change(lane: int) -> LaneChangeAction:
     return LaneChangeAction(dynamics, -1, lane, 0.0)
 
 
-def _on_ring(s_m: float, lane: int) -> FixedPosition:
+def on_ring(s_m: float, lane: int) -> FixedPosition:
     """Middle of a lane on the first half circle."""
     t = (lane + 0.5) * LANE_M
     angle = s_m / RADIUS_M - math.pi / 2
