@@ -276,6 +276,9 @@ def sun_kernel(build: KernelOptions, second: bool, features: Features = NONE) ->
         slot = pixel.slot
         if lights[slot].active == 0:
             return
+        if wp.static(not second):  # noqa: SIM102 (resolved before the kernel is compiled)
+            if lights[slot].shadows == 0:  # nothing to ask, nothing to list
+                return
         face = seen.face[thread]
         if face < 0:
             return
