@@ -20,7 +20,7 @@ class _Section(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     pass
 
 
-class ArriveOrder(_Section, frozen=True):
+class ArriveOrder(_Section, frozen=True, kw_only=True):
     """Arrive somewhere at the moment when somebody else arrives: where both ways cross.
 
     The speed follows from what is left of both ways, anew in each step.
@@ -40,7 +40,7 @@ class ArriveOrder(_Section, frozen=True):
             raise ValueError("at and meet_at belong together: give both or none")
 
 
-class KeepOrder(_Section, frozen=True):
+class KeepOrder(_Section, frozen=True, kw_only=True):
     """Keep a gap to another one, for ever."""
 
     to: str = "ego"
@@ -61,7 +61,7 @@ class KeepOrder(_Section, frozen=True):
             raise ValueError("give either gap_m or gap_s")
 
 
-class LampOrders(_Section, frozen=True):
+class LampOrders(_Section, frozen=True, kw_only=True):
     """Lamps of a vehicle; what is not given stays as it is."""
 
     brake: Lamp | None = None
@@ -74,7 +74,7 @@ class LampOrders(_Section, frozen=True):
     reversing: Lamp | None = None
 
 
-class ActorOrders(_Section, frozen=True):
+class ActorOrders(_Section, frozen=True, kw_only=True):
     """What one actor does; `in_s`, `over_m` and `shape` say how it changes speed or lane."""
 
     speed_mps: Annotated[float, Meta(ge=0, le=100)] | None = None
@@ -121,7 +121,6 @@ class ActorOrders(_Section, frozen=True):
             )
             if there
         ]
-        # With a path a speed may be given beside `arrive`: it is that of the first step.
         if len(speeds) > 1:
             raise ValueError(f"given {' and '.join(speeds)}, which all change the speed: give one")
         sideways = [

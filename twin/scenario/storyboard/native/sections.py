@@ -45,7 +45,7 @@ class _Section(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     pass
 
 
-class IdmSettings(_Section, frozen=True):
+class IdmSettings(_Section, frozen=True, kw_only=True):
     """The driver model ``behaviour: idm``: following by IDM, changing lanes by MOBIL.
 
     Treiber, Hennecke, Helbing 2000, Phys. Rev. E 62; Kesting, Treiber, Helbing 2007, TRR 1999.
@@ -67,7 +67,7 @@ class IdmSettings(_Section, frozen=True):
     """Weight of what a lane change does to others [-]."""
 
 
-class EgoStart(_Section, frozen=True):
+class EgoStart(_Section, frozen=True, kw_only=True):
     """Where the ego begins."""
 
     lane: LaneNumber
@@ -86,7 +86,7 @@ class EgoStart(_Section, frozen=True):
     """What it does at one junction after the other; not given: the straightest way."""
 
 
-class ActorStart(_Section, frozen=True):
+class ActorStart(_Section, frozen=True, kw_only=True):
     """An actor and where it begins: along the road, and across it."""
 
     kind: KindName
@@ -143,7 +143,7 @@ class ActorStart(_Section, frozen=True):
             raise ValueError("what is parked stands: leave speed_mps out, or give a lane")
 
 
-class StoryEvent(_Section, frozen=True):
+class StoryEvent(_Section, frozen=True, kw_only=True):
     """An event: it starts when everything that it waits for holds, once."""
 
     at_s: Annotated[float, Meta(ge=0, le=86400)] | None = None
@@ -160,7 +160,7 @@ class StoryEvent(_Section, frozen=True):
     """What who does; the ego only where the scenario drives it."""
 
 
-class ScenarioEnd(_Section, frozen=True):
+class ScenarioEnd(_Section, frozen=True, kw_only=True):
     """When the scenario ends; whatever comes first."""
 
     after_s: Annotated[float, Meta(gt=0, le=3600)] = 60.0
@@ -175,7 +175,7 @@ class ScenarioEnd(_Section, frozen=True):
     """So long after all events have ended [s]."""
 
 
-class NativeScenario(_Section, frozen=True):
+class NativeScenario(_Section, frozen=True, kw_only=True):
     """A scenario file."""
 
     scenario: Annotated[str, Meta(pattern="^[a-z0-9][a-z0-9-]{0,63}$")]

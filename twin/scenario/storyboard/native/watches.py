@@ -11,7 +11,7 @@ class _Section(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     pass
 
 
-class ValueRange(_Section, frozen=True):
+class ValueRange(_Section, frozen=True, kw_only=True):
     """What a value must be: below a bound, above one, or between both."""
 
     below: Annotated[float, Meta(ge=-1e6, le=1e6)] | None = None
@@ -26,7 +26,7 @@ class ValueRange(_Section, frozen=True):
             raise ValueError(f"above {self.above:g} must be less than below {self.below:g}")
 
 
-class ScenarioSpot(_Section, frozen=True):
+class ScenarioSpot(_Section, frozen=True, kw_only=True):
     """A place on the road: along it by `s_m`, across it by one of the others."""
 
     s_m: Annotated[float, Meta(ge=0, le=1e5)]
@@ -47,7 +47,7 @@ class ScenarioSpot(_Section, frozen=True):
             raise ValueError("given lane and lateral_m, only one may be")
 
 
-class ActorWatch(_Section, frozen=True):
+class ActorWatch(_Section, frozen=True, kw_only=True):
     """Conditions on the ego or an actor; all of those given must hold."""
 
     to: str = ""
