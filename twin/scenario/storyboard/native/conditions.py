@@ -23,7 +23,6 @@ from twin.scenario.storyboard.program.conditions import (
     ValueExpression,
 )
 
-_ROAD = {"freespace": True, "frame": DistanceFrame.ROAD}
 Groups = tuple[tuple[Condition, ...], ...]
 
 
@@ -168,20 +167,20 @@ def _bounds(bounds: ValueRange) -> list[tuple[float, ComparisonRule, str]]:
 
 
 def _expression(field: str, value: float, rule: ComparisonRule, other: int) -> EntityExpression:
-    along, across = DistanceKind.LONGITUDINAL, DistanceKind.LATERAL
+    road, along, across = DistanceFrame.ROAD, DistanceKind.LONGITUDINAL, DistanceKind.LATERAL
     match field:
         case "gap_m":
-            return records.RelativeDistanceCondition(other, value, rule, kind=along, **_ROAD)
+            return records.RelativeDistanceCondition(other, value, rule, True, road, along)
         case "lateral_gap_m":
-            return records.RelativeDistanceCondition(other, value, rule, kind=across, **_ROAD)
+            return records.RelativeDistanceCondition(other, value, rule, True, road, across)
         case "distance_m":
             return records.RelativeDistanceCondition(
                 other, value, rule, True, DistanceFrame.ENTITY, DistanceKind.EUCLIDEAN
             )
         case "headway_s":
-            return records.TimeHeadwayCondition(other, value, rule, kind=along, **_ROAD)
+            return records.TimeHeadwayCondition(other, value, rule, True, road, along)
         case "ttc_s":
-            return records.TimeToCollisionCondition(other, None, value, rule, kind=along, **_ROAD)
+            return records.TimeToCollisionCondition(other, None, value, rule, True, road, along)
         case "relative_speed_mps":
             return records.RelativeSpeedCondition(other, value, rule, SpeedAxis.LONGITUDINAL)
         case "speed_mps":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 
@@ -33,8 +34,14 @@ class ActorWay:
     """From its beginning."""
     x_m: np.ndarray
     y_m: np.ndarray
-    places: tuple[FixedPosition, ...]
-    """On the roads, at each point; none of a trajectory."""
+    legs: tuple[RouteLeg, ...] = ()
+    """Lanes that it follows; none of a trajectory."""
+    leg: np.ndarray | None = None
+    """Index of the leg of each point."""
+    s_m: np.ndarray | None = None
+    """Place of each point along the leg's road."""
+    offset_m: float = 0.0
+    """To the left of the middles of the lanes, as the actor sees it."""
     trajectory: int = -1
     """Index of the trajectory; -1: along lanes."""
 
@@ -127,25 +134,30 @@ def route_of(name: str, legs: list[RouteLeg]) -> RoadRoute:
 
 def lane_way(place: StartPlace, ground: ScenarioGround, legs: list[RouteLeg]) -> ActorWay:
     """The line of an actor's middle along lanes, at its distance from their middles."""
-    places: list[FixedPosition] = []
-    for leg in legs:
-        sign = 1 if leg.to_s_m >= leg.from_s_m else -1
+    offset = place.offset_m * place.sign
+    columns: list[list[np.ndarray]] = [[], [], [], []]
+    for index, leg in enumerate(legs):
         count = max(int(abs(leg.to_s_m - leg.from_s_m) / _STEP_M) + 1, 2)
-        offset = place.offset_m * place.sign * sign
-        places += [
-            ground.fixed(leg.road, leg.lane, float(s), offset, sign)
-            for s in np.linspace(leg.from_s_m, leg.to_s_m, count)
-        ]
-    x, y = (np.array([getattr(one, name) for one in places]) for name in ("x_m", "y_m"))
+        s = np.linspace(leg.from_s_m, leg.to_s_m, count)
+        pose = ground.frame(leg.road).lane_pose(leg.lane, s, _sign(leg) * offset)
+        for column, values in zip(
+            columns, (pose.x_m, pose.y_m, np.full(count, index), s), strict=True
+        ):
+            column.append(values)
+    x, y, numbers, stations = (np.concatenate(column) for column in columns)
     distance = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
-    return ActorWay(distance, x, y, tuple(places))
+    return ActorWay(distance, x, y, tuple(legs), numbers, stations, offset)
+
+
+def _sign(leg: RouteLeg) -> int:
+    return 1 if leg.to_s_m >= leg.from_s_m else -1
 
 
 def line_way(points: list[FixedPosition], trajectory: int) -> ActorWay:
     """The line through points."""
     x, y = (np.array([getattr(one, name) for one in points]) for name in ("x_m", "y_m"))
     distance = np.concatenate([[0.0], np.cumsum(_lengths(points))])
-    return ActorWay(distance, x, y, (), trajectory)
+    return ActorWay(distance, x, y, trajectory=trajectory)
 
 
 def line_trajectory(name: str, points: list[FixedPosition]) -> Trajectory:
@@ -178,7 +190,7 @@ def line_trajectory(name: str, points: list[FixedPosition]) -> Trajectory:
 def _lengths(points: list[FixedPosition]) -> list[float]:
     return [
         math.hypot(other.x_m - one.x_m, other.y_m - one.y_m)
-        for one, other in zip(points, points[1:], strict=False)
+        for one, other in itertools.pairwise(points)
     ]
 
 
@@ -206,13 +218,13 @@ def crossing(one: ActorWay, other: ActorWay) -> tuple[float, float] | None:
 
 def position_on(way: ActorWay, distance_m: float, ground: ScenarioGround) -> FixedPosition:
     """The place so far along a way along lanes."""
+    assert way.leg is not None
+    assert way.s_m is not None
     at = min(max(distance_m, 0.0), float(way.distance_m[-1]))
-    index = int(np.clip(np.searchsorted(way.distance_m, at, "right") - 1, 0, len(way.places) - 2))
-    one, other = way.places[index], way.places[index + 1]
-    if one.road != other.road or one.lane != other.lane:
-        return one
+    index = int(np.clip(np.searchsorted(way.distance_m, at, "right") - 1, 0, len(way.s_m) - 2))
+    leg, s = way.legs[int(way.leg[index])], float(way.s_m[index])
     step = float(way.distance_m[index + 1] - way.distance_m[index])
-    share = (at - float(way.distance_m[index])) / step if step > 0.0 else 0.0
-    s = one.s_m + share * (other.s_m - one.s_m)
-    sign = 1 if other.s_m >= one.s_m else -1
-    return ground.fixed(one.road, one.lane, s, one.lane_offset_m, sign)
+    if way.leg[index + 1] == way.leg[index] and step > 0.0:
+        share = (at - float(way.distance_m[index])) / step
+        s += share * float(way.s_m[index + 1] - way.s_m[index])
+    return ground.fixed(leg.road, leg.lane, s, _sign(leg) * way.offset_m, _sign(leg))
