@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 from schemas.validation import suggest
 from twin.scenario.storyboard.native.bodies import WALKERS
@@ -18,6 +20,7 @@ from twin.scenario.storyboard.native.ways import (
     lane_way,
     line_trajectory,
     line_way,
+    nearest,
     position_on,
     route_of,
 )
@@ -101,7 +104,7 @@ class ActionCompiler:
             ego = name == "ego"
             start = self.scenario.ego if ego else self.scenario.actors[name]
             path = "ego" if ego else f"actors.{name}"
-            legs = self.mistakes.attempt(path, lambda p=place, s=start: self._legs(p, s.turns))
+            legs = self.mistakes.attempt(path, partial(self._legs, place, start.turns))
             self.courses[name] = ActorCourse(place.lane, legs or [])
             actions: list[PrivateAction] = [
                 records.TeleportAction(place.origin),
@@ -145,7 +148,7 @@ class ActionCompiler:
             self.courses[name].moves = True
         return actions
 
-    def _legs(self, place: StartPlace, turns: list[str]) -> list[RouteLeg]:
+    def _legs(self, place: StartPlace, turns: Sequence[str]) -> list[RouteLeg]:
         if place.lane == 0 or (place.s_m == 0.0 and not turns):
             return []
         return followed_lanes(place, self.ground, list(turns))
@@ -213,8 +216,7 @@ class ActionCompiler:
             )
             actions += [("path", follow)] if follow else []
         if orders.turns:
-            turns = list(orders.turns)
-            legs = self.mistakes.attempt(path, lambda: self._legs(place, turns))
+            legs = self.mistakes.attempt(path, partial(self._legs, place, orders.turns))
             if legs:
                 course.legs = legs
                 actions.append(("turns", self._route(f"{name} turns", legs)))
@@ -287,10 +289,13 @@ class ActionCompiler:
             for index, (key, spot, who) in enumerate(
                 (("at", arrive.at, place), ("meet_at", arrive.meet_at, master))
             ):
-                position = self.mistakes.attempt(
-                    f"{path}.{key}", lambda s=spot, w=who: spot_position(s, self.ground, w)[0]
-                )
-                ends[index] = (position or ends[index][0], -1, 0.0)
+                place_of = partial(spot_position, spot, self.ground, who)
+                position = self.mistakes.attempt(f"{path}.{key}", place_of)
+                if position is not None:
+                    line = self.courses[who.name].path
+                    number = -1 if line is None else line.trajectory
+                    along = 0.0 if line is None else nearest(line, position[0])
+                    ends[index] = (position[0], number, along)
         else:
             ways = self._way(name), self._way(arrive.meet)
             meeting = crossing(*ways)
@@ -381,7 +386,7 @@ def line_points(
 def synchronisation(
     arrive: ArriveOrder, master: int, ends: list[tuple[FixedPosition, int, float]]
 ) -> records.SynchronizeAction:
-    """The action; ``ends`` are position, trajectory and way along it of the actor and the master."""
+    """The action; ``ends``: position, trajectory and way along it of the actor and the master."""
     (position, trajectory, along), (master_position, master_trajectory, master_along) = ends
     final = FinalSpeedKind.NONE if arrive.speed_mps is None else FinalSpeedKind.ABSOLUTE
     return records.SynchronizeAction(

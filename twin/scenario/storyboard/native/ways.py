@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -47,7 +48,7 @@ class ActorWay:
 
 
 def followed_lanes(
-    place: StartPlace, ground: ScenarioGround, turns: list[str], key: str = "turns"
+    place: StartPlace, ground: ScenarioGround, turns: Sequence[str], key: str = "turns"
 ) -> list[RouteLeg]:
     """The lanes that an actor follows from its start, a turn at every junction, then straight on.
 
@@ -97,7 +98,7 @@ def _bend(ground: ScenarioGround, lane: DrivenLane) -> float:
     """By how much the heading changes along a road, to the left positive."""
     frame = ground.roads.frames[lane.key.road]
     ends = [float(frame.pose(s).heading_rad) for s in (0.0, frame.road.length_m)]
-    return lane.sign * math.remainder(ends[1] - ends[0], 2.0 * math.pi)
+    return float(lane.sign * math.remainder(ends[1] - ends[0], 2.0 * math.pi))
 
 
 def _turn_name(bend_rad: float) -> str:
@@ -228,3 +229,14 @@ def position_on(way: ActorWay, distance_m: float, ground: ScenarioGround) -> Fix
         share = (at - float(way.distance_m[index])) / step
         s += share * float(way.s_m[index + 1] - way.s_m[index])
     return ground.fixed(leg.road, leg.lane, s, _sign(leg) * way.offset_m, _sign(leg))
+
+
+def nearest(way: ActorWay, place: FixedPosition) -> float:
+    """How far along a way its point is that is nearest to a place."""
+    x, y = way.x_m[:-1], way.y_m[:-1]
+    dx, dy = np.diff(way.x_m), np.diff(way.y_m)
+    share = (place.x_m - x) * dx + (place.y_m - y) * dy
+    share = np.clip(share / np.maximum(dx * dx + dy * dy, 1e-12), 0.0, 1.0)
+    apart = np.hypot(x + share * dx - place.x_m, y + share * dy - place.y_m)
+    index = int(np.argmin(apart))
+    return float(way.distance_m[index] + share[index] * np.diff(way.distance_m)[index])
