@@ -98,7 +98,11 @@ def play_scenario(
     keep()
     columns = dict(zip(_COLUMNS, (np.stack(column) for column in zip(*rows, strict=True))))
     return ScenarioPlay(
-        program, np.array(times), **columns, events=_events(program, player), limits=player.overflows(0)
+        program,
+        np.array(times),
+        **columns,
+        events=_events(program, player),
+        limits=player.overflows(0),
     )
 
 

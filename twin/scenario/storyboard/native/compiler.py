@@ -41,7 +41,7 @@ from twin.scenario.storyboard.program.actions import (
     PrivateAction,
     TransitionDynamics,
 )
-from twin.scenario.storyboard.program.conditions import ElementState, Trigger
+from twin.scenario.storyboard.program.conditions import ComparisonRule, ElementState, Trigger
 from twin.scenario.storyboard.program.program import (
     ElementKind,
     InitAction,
@@ -272,6 +272,13 @@ def _stop(
     return Trigger(tuple(groups))
 
 
+def _begun() -> Trigger:
+    """After time 0: players evaluate the storyboard at time 0 with a step of no length, in which a
+    synchronisation could only stop its actor."""
+    after = conditions_of.SimulationTimeCondition(0.0, ComparisonRule.GREATER)
+    return Trigger(((condition("the scenario has begun", after),),))
+
+
 def _elements(
     parts: list[_Part],
     triggers: dict[str, Trigger | None],
@@ -282,7 +289,7 @@ def _elements(
     if not parts:
         return elements
     elements.append(StoryElement(ElementKind.STORY, "events", 0))
-    elements.append(StoryElement(ElementKind.ACT, "act", _STORY))
+    elements.append(StoryElement(ElementKind.ACT, "act", _STORY, start=_begun()))
     for part in parts:
         assert len(elements) == part.first
         group = StoryElement(ElementKind.GROUP, part.actor, _ACT, actors=(numbers[part.actor],))
