@@ -1,8 +1,9 @@
 """Warp functions: arriving when another arrives (ASAM OpenSCENARIO XML 1.3, SynchronizeAction).
 
 With s left to go and T until the master arrives, both from the states at the beginning of the step:
-without a final speed it accelerates by 2 (s / T - v) / T, evenly up to the arrival. With a final speed v1 the speed changes at one rate a up to a
-turning point and at -a from there; the ways of both parts add up to s and their times to T:
+without a final speed it accelerates by 2 (s / T - v) / T, evenly up to the arrival. With a final
+speed v1 the speed changes at one rate a up to a turning point and at -a from there; the ways of
+both parts add up to s and their times to T:
 
     v_x = (2 s -+ w) / (2 T),  x = (2 v1 T - 2 s -+ w) / (2 (v1 - v)),  a = (v_x - v) / x,
     w = sqrt(4 s^2 - 4 (v1 + v) T s + 2 (v1^2 + v^2) T^2)
@@ -19,11 +20,11 @@ import warp as wp
 from twin.base.portable_math import portable_cos, portable_sin
 from twin.road.walk.distances import road_apart
 from twin.road.walk.road_arrays import RoadArrays
-from twin.scenario.storyboard.player.arrays import BodyArrays, PlayArrays, ProgramArrays
+from twin.scenario.storyboard.interpreter.arrays import BodyArrays, PlayArrays, ProgramArrays
+from twin.scenario.storyboard.interpreter.ground import BodyPlace
+from twin.scenario.storyboard.interpreter.transition import CLOSE, FAR, HALF, TWO, ZERO, sign_of
 from twin.scenario.storyboard.player.columns import Real, Whole
-from twin.scenario.storyboard.player.ground import BodyPlace
 from twin.scenario.storyboard.player.layout import real_column, whole_column
-from twin.scenario.storyboard.player.transition import CLOSE, FAR, HALF, TWO, ZERO, sign_of
 from twin.scenario.storyboard.program import actions as records
 from twin.scenario.storyboard.program.actions import FinalSpeedKind, SteadyStateKind
 

@@ -5,7 +5,23 @@ from __future__ import annotations
 import warp as wp
 
 from twin.road.walk.road_arrays import RoadArrays
-from twin.scenario.storyboard.player.arrays import BodyArrays, PlayArrays, ProgramArrays
+from twin.scenario.storyboard.interpreter.arrays import BodyArrays, PlayArrays, ProgramArrays
+from twin.scenario.storyboard.interpreter.distances import gap_now, start_gap
+from twin.scenario.storyboard.interpreter.ground import (
+    BodyPlace,
+    direction_of,
+    found_place,
+    keep_place,
+    place_of,
+    posed_place,
+    resolved_place,
+    wrapped,
+)
+from twin.scenario.storyboard.interpreter.laterals import start_lane_change, start_offset
+from twin.scenario.storyboard.interpreter.speeds import start_profile, start_speed
+from twin.scenario.storyboard.interpreter.synchronise import start_synchronise
+from twin.scenario.storyboard.interpreter.transition import PI, ZERO
+from twin.scenario.storyboard.interpreter.ways import way_place
 from twin.scenario.storyboard.player.columns import (
     Domain,
     EntityWhole,
@@ -16,24 +32,8 @@ from twin.scenario.storyboard.player.columns import (
     SlotColumn,
     Whole,
 )
-from twin.scenario.storyboard.player.distances import gap_now, start_gap
-from twin.scenario.storyboard.player.ground import (
-    BodyPlace,
-    direction_of,
-    found_place,
-    keep_place,
-    place_of,
-    posed_place,
-    resolved_place,
-    wrapped,
-)
 from twin.scenario.storyboard.player.kinds import action_code
-from twin.scenario.storyboard.player.laterals import start_lane_change, start_offset
 from twin.scenario.storyboard.player.layout import layout_of, real_column, whole_column
-from twin.scenario.storyboard.player.speeds import start_profile, start_speed
-from twin.scenario.storyboard.player.synchronise import start_synchronise
-from twin.scenario.storyboard.player.transition import PI, ZERO
-from twin.scenario.storyboard.player.ways import way_place
 from twin.scenario.storyboard.program import actions as records
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
