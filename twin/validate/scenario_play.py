@@ -96,7 +96,8 @@ def play_scenario(
         if player.steps(0) % every == 0 and player.running(0):
             keep()
     keep()
-    columns = dict(zip(_COLUMNS, (np.stack(column) for column in zip(*rows, strict=True))))
+    stacks = (np.stack(column) for column in zip(*rows, strict=True))
+    columns = dict(zip(_COLUMNS, stacks, strict=True))
     return ScenarioPlay(
         program,
         np.array(times),
