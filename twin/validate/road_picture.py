@@ -92,6 +92,11 @@ def write_picture(folder: Path, roads: RoadMap) -> Path:
     return path
 
 
+def draw_roads(axes: Any, roads: RoadMap, box: tuple[float, float, float, float]) -> None:
+    """Draw lanes, marks, signals and objects within x and y of ``box`` into a figure's axes."""
+    _draw(axes, roads, box, marks=max(box[2] - box[0], box[3] - box[1]) <= _MARKS_SHOWN_M)
+
+
 def _extent(roads: RoadMap) -> tuple[float, float, float, float]:
     """Of all lanes, with a margin."""
     xs, ys = [], []
