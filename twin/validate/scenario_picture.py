@@ -12,7 +12,7 @@ from schemas.escape import escape
 from twin.road.opendrive.road_map import RoadMap
 from twin.scenario.storyboard.program.entities import StoryboardEntity
 from twin.validate.road_picture import draw_roads
-from twin.validate.scenario_play import PlayedEvent, ScenarioPlay
+from twin.validate.scenario_play import ScenarioPlay
 
 _WIDTH_IN = 15.0
 _HEIGHT_MAX_IN = 13.0
@@ -62,12 +62,10 @@ def write_scenario_picture(path: Path, roads: RoadMap | None, play: ScenarioPlay
     axes.set_title(
         f"{name}: {play.time_s[-1]:.1f} s, outlines every {_GHOST_S:.0f} s{scale}", loc="left"
     )
-    axes.legend(
-        loc="upper center", bbox_to_anchor=(0.5, -0.12 * 3.0 / height_in), ncols=6, frameon=False
-    )
+    figure.legend(loc="outside lower center", ncols=6, frameon=False)
     path.parent.mkdir(parents=True, exist_ok=True)
     metadata = {"Software": None} if path.suffix == ".png" else {"Date": None, "Creator": None}
-    figure.savefig(path, dpi=110, facecolor="white", metadata=metadata)
+    figure.savefig(path, dpi=110, facecolor="white", bbox_inches="tight", metadata=metadata)
 
 
 def _box(play: ScenarioPlay) -> tuple[float, float, float, float]:
@@ -94,7 +92,7 @@ def _draw_entity(axes: Any, play: ScenarioPlay, index: int, entity: StoryboardEn
     label = escape(entity.name, 40)
     moments = [play.at(t) for t in np.arange(0.0, play.time_s[-1] + 1e-9, _GHOST_S)]
     for moment in moments:
-        _outline(axes, play, index, moment, entity, facecolor="none", edgecolor=color, alpha=0.55)
+        _outline(axes, play, index, moment, entity, facecolor=color, edgecolor="white", alpha=0.4)
     _outline(
         axes,
         play,
@@ -123,29 +121,26 @@ def _outline(
 
 
 def _draw_events(axes: Any, play: ScenarioPlay) -> None:
-    """A dot where an actor's event began, and its name beside it; names do not cover each other."""
-    high = 0.0
-    for number, event in enumerate(event for event in play.events if event.started):
-        index, moment = play.entity(event.actor), play.at(event.time_s)
-        x, y = play.middle(event.actor)[moment]
-        color = _color(play, index)
-        axes.plot(
-            [x], [y], marker="o", markersize=6, color=color, markeredgecolor="white", zorder=13
-        )
-        high = 26.0 + 15.0 * (number % 4)
+    """A dot where an actor's events began, and their names beside it."""
+    began: dict[tuple[str, float], list[str]] = {}
+    for event in play.events:
+        if event.started and not event.belongs:
+            began.setdefault((event.actor, event.time_s), []).append(event.name)
+    for number, ((actor, time_s), names) in enumerate(began.items()):
+        x, y = play.middle(actor)[play.at(time_s)]
+        color = _color(play, play.entity(actor))
+        axes.plot([x], [y], marker="o", markersize=6, color=color, mec="white", zorder=13)
+        # Labels that follow one another stand on different sides and at different heights.
+        above = 26.0 + 15.0 * (number % 4)
+        words = escape(f"{time_s:.2f} s {actor}: {', '.join(names)}", 120).replace("$", r"\$")
         axes.annotate(
-            _words(event),
+            words,
             (x, y),
-            (8.0, high if number % 2 == 0 else -high),
+            (8.0, above if number % 2 == 0 else -above),
             textcoords="offset points",
-            fontsize=8,
+            fontsize=9,
             color=color,
             arrowprops={"arrowstyle": "-", "color": color, "linewidth": 0.7},
             bbox={"boxstyle": "round,pad=0.2", "facecolor": "#ffffffd0", "edgecolor": "none"},
             zorder=14,
         )
-
-
-def _words(event: PlayedEvent) -> str:
-    name = escape(event.name, 40).replace("$", r"\$")
-    return f"{event.time_s:.2f} s {escape(event.actor, 40)}: {name}"

@@ -1,4 +1,4 @@
-"""One scenario, played without anybody at the ego's wheel: where everybody is, what happens when."""
+"""One scenario, played with nobody at the ego's wheel: where everybody is, what happens when."""
 
 from __future__ import annotations
 
@@ -25,6 +25,8 @@ class PlayedEvent:
     name: str
     actor: str
     started: bool
+    belongs: bool = False
+    """It is part of an event of the file, such as the stop at the end of a path."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,5 +113,7 @@ def _events(program: Program, transitions: list[Transition]) -> tuple[PlayedEven
         if element.kind is ElementKind.EVENT and (started or ended):
             group = program.elements[program.elements[element.parent].parent]
             time_s = transition.step * STEP_S
-            events.append(PlayedEvent(time_s, element.name, group.name, started))
+            # Scenario files have one event in a maneuver, of the same name; what follows is ours.
+            belongs = element.name.startswith(f"{program.elements[element.parent].name} ")
+            events.append(PlayedEvent(time_s, element.name, group.name, started, belongs))
     return tuple(events)
