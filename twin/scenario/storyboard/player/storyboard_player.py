@@ -120,6 +120,7 @@ class StoryboardPlayer:
         self.bodies: BodyArrays = body_arrays(slots, self.entities, self.device)
         """States on the device, updated in place: columns ``Real`` and ``Whole``."""
         self._before = body_arrays(slots, self.entities, self.device)
+        self._graph: Any = None
 
     def start(self, slot: int, program_index: int) -> None:
         """Put a slot at time 0 of a program, after Init and a run of its storyboard."""
@@ -140,8 +141,16 @@ class StoryboardPlayer:
         self._run(slot, 0)
 
     def step(self) -> None:
-        """One step of all slots that run."""
-        self._run(_ALL, 1)
+        """One step of all slots that run; on a GPU as one graph, which is made at the first."""
+        if self._graph is None and self.device.is_cuda:
+            self._run(_ALL, 1)  # loads the kernels
+            with wp.ScopedCapture(self.device) as capture:
+                self._run(_ALL, 1)
+            self._graph = capture.graph
+        elif self._graph is not None:
+            wp.capture_launch(self._graph)
+        else:
+            self._run(_ALL, 1)
 
     def _run(self, only: int, steps: int) -> None:
         """The storyboard and all bodies; at its beginning a slot runs once without time."""

@@ -26,12 +26,7 @@ from twin.scenario.storyboard.player.kinds import condition_code
 from twin.scenario.storyboard.player.layout import flatten
 from twin.scenario.storyboard.program.conditions import ElementStateCondition, Trigger
 from twin.scenario.storyboard.program.entities import StoryboardEntity
-from twin.scenario.storyboard.program.places import (
-    FixedPosition,
-    Position,
-    RoadRoute,
-    Trajectory,
-)
+from twin.scenario.storyboard.program.places import FixedPosition, Position, RoadRoute, Trajectory
 from twin.scenario.storyboard.program.program import DriverModel, Program
 from twin.scenario.storyboard.program.record import ProgramRecord
 
