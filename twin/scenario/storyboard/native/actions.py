@@ -180,8 +180,8 @@ class ActionCompiler:
 
     def _check_driver(self, path: str, start: ActorStart) -> None:
         if start.kind in WALKERS or start.lane is None:
-            words = f"a {start.kind}" if start.kind in WALKERS else "an actor without a lane"
-            self.mistakes.add(path, f"{words} has no driver model")
+            words = f"of kind {start.kind}" if start.kind in WALKERS else "without a lane"
+            self.mistakes.add(path, f"no driver model moves an actor {words}")
 
     def _speed(self, path: str, name: str, orders: ActorOrders) -> records.SpeedAction:
         speed = 0.0 if orders.stop else orders.speed_mps or 0.0
@@ -351,7 +351,7 @@ class ActionCompiler:
             actions.append(("behaviour", self._model(name, start)))
         if orders.lamps is not None:
             if start is not None and start.kind in WALKERS:
-                self.mistakes.add(f"{path}.lamps", f"a {start.kind} has no lamps")
+                self.mistakes.add(f"{path}.lamps", f"an actor of kind {start.kind} has no lamps")
             actions += [("lamp", action) for action in lamp_actions(orders.lamps)]
         if orders.visible is not None:
             shown = orders.visible
