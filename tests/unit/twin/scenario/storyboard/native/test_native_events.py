@@ -311,7 +311,8 @@ def test_what_events_wait_for(tmp_path, watch, expected):
 def test_everything_that_an_event_waits_for_must_hold(tmp_path):
     event = (
         "event: {at_s: 2, delay_s: 0.5, "
-        "when: {van: {gap_m: {above: 5, below: 25}}, ego: {speed_mps: {above: 1}}}, do: {van: {stop: true}}}"
+        "when: {van: {gap_m: {above: 5, below: 25}}, ego: {speed_mps: {above: 1}}}, "
+        "do: {van: {stop: true}}}"
     )
     groups, trigger = conditions(tmp_path, event)
     assert len(groups) == 1
