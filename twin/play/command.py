@@ -14,13 +14,7 @@ from twin.base.errors import UsageError, storage_error
 
 
 def play(
-    file: Annotated[
-        Path,
-        typer.Argument(
-            help="An OpenSCENARIO XML file (.xosc), 1.0 to 1.3; a scenario file (.yaml); or the "
-            "name of a shipped scenario."
-        ),
-    ],
+    file: Annotated[Path, typer.Argument(help="A .xosc or .yaml file, or a shipped scenario.")],
     distribution: Annotated[
         Path | None, typer.Option(help="A parameter distribution file that varies it.")
     ] = None,

@@ -47,7 +47,7 @@ def write_scenario_picture(path: Path, roads: RoadMap | None, play: ScenarioPlay
     wide, high = box[2] - box[0], box[3] - box[1]
     stretch = max(1.0, wide / high / _ASPECT_MAX)
     height_in = float(np.clip(_WIDTH_IN * stretch * high / wide, 2.0, _HEIGHT_MAX_IN))
-    figure = figures.Figure(figsize=(_WIDTH_IN, height_in + 2.0), layout="constrained")
+    figure = figures.Figure(figsize=(_WIDTH_IN, height_in + 1.3), layout="constrained")
     axes = figure.subplots()
     if roads is not None:
         draw_roads(axes, roads, box)

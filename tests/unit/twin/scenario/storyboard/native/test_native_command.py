@@ -99,7 +99,8 @@ def test_a_scenario_file_is_played(file, tmp_path):
     poses = tmp_path / "poses.csv"
     result = CliRunner().invoke(twin, ["play", str(file), "--csv", str(poses), "--output", "json"])
     assert result.exit_code == 0, result.output
-    rows = [row for row in csv.DictReader(poses.open()) if row["entity"] == "van"]
+    lines = poses.read_text().splitlines()
+    rows = [row for row in csv.DictReader(lines) if row["entity"] == "van"]
     assert float(rows[0]["speed_mps"]) == 25.0
     assert float(rows[-1]["time_s"]) == pytest.approx(0.5)
     # Braking by 3 m/s2 since 0.2 s.

@@ -45,6 +45,8 @@ def test_mistakes_read_as_the_manual_says(tmp_path):
     assert f"my.yaml: {mistakes_of(tmp_path, start)[0]}\n" in PAGE
     other = FIRST.replace("after: cut_in", "after: cutin")
     assert f"my.yaml: {mistakes_of(tmp_path, other)[0]}\n" in PAGE
+    apart = FIRST.replace("speed_mps: 15, at_mps2: 4", "arrive: {}")
+    assert f"my.yaml: {mistakes_of(tmp_path, apart)[0]}\n" in PAGE
     twice = FIRST.replace("events:", "  car: {kind: car, lane: 3, ahead_m: 41}\nevents:")
     assert f"my.yaml: {mistakes_of(tmp_path, twice)[0]}\n" in PAGE
 
