@@ -16,6 +16,7 @@ from twin.scenario.storyboard.compile.compiler import (
 from twin.scenario.storyboard.native.compiler import compile_native
 from twin.scenario.storyboard.native.document import is_native, load_native
 from twin.scenario.storyboard.openscenario.scenario import Permutation, expand
+from twin.world.kernel_cache import prepare_kernels
 
 PLAYED_MAX = 10_000
 """Permutations that are played by one command."""
@@ -44,6 +45,7 @@ def play_file(
     permutations = _chosen(expand(file, distribution), file, distribution, permutation)
     cache: RoadCache = {}
     compiled = [compile_with_notes(chosen.scenario(), cache) for chosen in permutations]
+    prepare_kernels()
     tables: dict[str, RoadTables] = {}
     played: list[PlayedScenario | None] = [None] * len(compiled)
     ended = 0
