@@ -184,3 +184,35 @@ def test_nobody_touches_anybody_before_the_first_event(name):
     for number, one in enumerate(names):
         for other in names[:number]:
             assert apart(play, one, other)[: moment + 1].min() > 1.0, (one, other)
+
+
+def touching(play: ScenarioPlay, one: str, other: str) -> np.ndarray:
+    """Where boxes overlap that stand along x [T]."""
+    boxes = [play.program.entities[play.entity(name)].box for name in (one, other)]
+    gap = np.abs(play.middle(one) - play.middle(other))
+    length, width = (0.5 * sum(getattr(b, k) for b in boxes) for k in ("length_m", "width_m"))
+    return (gap[:, 0] < length) & (gap[:, 1] < width)
+
+
+@pytest.mark.parametrize("ego_mps", [18.0, 30.0])
+def test_traffic_flows_and_nobody_touches_anybody(ego_mps):
+    play = played("free-traffic", ego__speed_mps=ego_mps)
+    names = [entity.name for entity in play.program.entities]
+    assert len(names) == 17
+    for number, one in enumerate(names):
+        for other in names[:number]:
+            assert not touching(play, one, other).any(), (one, other)
+    assert play.time_s[-1] == pytest.approx(30.0)
+    # All drive on, about as fast as they like or as those ahead of them do.
+    assert play.speed_mps[:, 1:].min() > 16.0
+    aside = {name: np.ptp(play.middle(name)[:, 1]) for name in names}
+    assert sum(way > 3.5 for way in aside.values()) >= 2
+    assert aside["truck_one"] < 0.01
+    assert aside["truck_two"] < 0.01
+
+
+def test_traffic_makes_way_for_a_slow_ego():
+    """Behind an ego at 18 m/s somebody who would like 36 m/s changes lanes."""
+    play = played("free-traffic", ego__speed_mps=18.0)
+    assert play.middle("car_five")[-1, 1] - play.middle("ego")[-1, 1] > 3.5
+    assert play.middle("car_five")[0, 1] == play.middle("ego")[0, 1]

@@ -19,8 +19,10 @@ _HEIGHT_MAX_IN = 13.0
 _MARGIN_M = 12.0
 _ASPECT_MAX = 14.0
 """A longer picture than this is stretched across the road, and says so."""
-_GHOST_S = 1.0
-"""Time between two outlines of a moving body."""
+_GHOSTS_S = (1.0, 2.0, 5.0, 10.0, 20.0, 60.0, 600.0)
+"""Times between two outlines of a moving body, of which the first counts that is long enough."""
+_GHOSTS_MAX = 120
+"""Outlines of a picture; more would hide each other."""
 _EGO_COLOR = "#2a4bd0"
 _COLORS = (
     *("#d4472f", "#e08a1e", "#2f8f4e", "#8a4fb5", "#c23b7a", "#1f8a94", "#7a5a2f", "#b0a020"),
@@ -54,13 +56,14 @@ def write_scenario_picture(path: Path, roads: RoadMap | None, play: ScenarioPlay
     axes.set_xlim(box[0], box[2])
     axes.set_ylim(box[1], box[3])
     axes.set_aspect(stretch, adjustable="box")
+    period_s = _period(play)
     for index, entity in enumerate(play.program.entities):
-        _draw_entity(axes, play, index, entity)
+        _draw_entity(axes, play, index, entity, period_s)
     _draw_events(axes, play)
     name = escape(play.program.name, 120).replace("$", r"\$")
     scale = "" if stretch == 1.0 else f"; {stretch:.1f} times as wide across as along"
     axes.set_title(
-        f"{name}: {play.time_s[-1]:.1f} s, outlines every {_GHOST_S:.0f} s{scale}", loc="left"
+        f"{name}: {play.time_s[-1]:.1f} s, outlines every {period_s:.0f} s{scale}", loc="left"
     )
     figure.legend(loc="outside lower center", ncols=6, frameon=False)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -84,13 +87,21 @@ def _color(play: ScenarioPlay, index: int) -> str:
     return _COLORS[(index - 1) % len(_COLORS)]
 
 
-def _draw_entity(axes: Any, play: ScenarioPlay, index: int, entity: StoryboardEntity) -> None:
-    """Way, outlines at whole seconds, and where it ended."""
+def _period(play: ScenarioPlay) -> float:
+    """Time between outlines, so that there are not too many [s]."""
+    seconds = len(play.program.entities) * float(play.time_s[-1])
+    return next((p for p in _GHOSTS_S if seconds / p <= _GHOSTS_MAX), _GHOSTS_S[-1])
+
+
+def _draw_entity(
+    axes: Any, play: ScenarioPlay, index: int, entity: StoryboardEntity, period_s: float
+) -> None:
+    """Way, an outline at every period, and where it ended."""
     color = _color(play, index)
     middle = play.middle(entity.name)
     axes.plot(middle[:, 0], middle[:, 1], color=color, linewidth=1.6, zorder=10)
     label = escape(entity.name, 40)
-    moments = [play.at(t) for t in np.arange(0.0, play.time_s[-1] + 1e-9, _GHOST_S)]
+    moments = [play.at(t) for t in np.arange(0.0, play.time_s[-1] + 1e-9, period_s)]
     for moment in moments:
         _outline(axes, play, index, moment, entity, facecolor=color, edgecolor="white", alpha=0.4)
     _outline(
