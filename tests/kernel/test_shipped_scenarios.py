@@ -11,6 +11,8 @@ from twin.scenario.storyboard.native.compiler import compile_native
 from twin.scenario.storyboard.native.document import load_native, shipped_scenarios, with_values
 from twin.validate.scenario_play import ScenarioPlay, play_scenario
 
+pytestmark = pytest.mark.slow
+
 
 def played(name: str, **values: float) -> ScenarioPlay:
     """``values``: numbers by path, with two underscores for each dot."""

@@ -66,6 +66,7 @@ def test_a_distribution_varies_no_scenario_file(file):
         )
 
 
+@pytest.mark.slow
 def test_a_picture_is_drawn_the_same_each_time(file, tmp_path):
     paths = [tmp_path / "new" / "one.png", tmp_path / "two.png"]
     for path in paths:
@@ -77,6 +78,7 @@ def test_a_picture_is_drawn_the_same_each_time(file, tmp_path):
     assert len(one) > 10_000
 
 
+@pytest.mark.slow
 def test_a_picture_needs_the_name_of_one(file, tmp_path):
     with pytest.raises(UsageError, match=r"look\.jpeg: a picture is a \.png or \.svg file"):
         CliRunner().invoke(
@@ -86,6 +88,7 @@ def test_a_picture_needs_the_name_of_one(file, tmp_path):
         )
 
 
+@pytest.mark.slow
 def test_a_picture_that_cannot_be_written_is_no_mistake_of_the_file(file):
     with pytest.raises((UsageError, InfrastructureError), match="no-such-device"):
         CliRunner().invoke(
@@ -95,6 +98,7 @@ def test_a_picture_that_cannot_be_written_is_no_mistake_of_the_file(file):
         )
 
 
+@pytest.mark.slow
 def test_a_scenario_file_is_played(file, tmp_path):
     poses = tmp_path / "poses.csv"
     result = CliRunner().invoke(twin, ["play", str(file), "--csv", str(poses), "--output", "json"])
