@@ -70,25 +70,32 @@ def scenario(
     """Check a scenario with the files it uses, and say what it does.
 
     Prints entities, events with what they wait for, and when the scenario ends; of an OpenSCENARIO
-    file also parameters and catalogs, for the first permutation of a distribution.
+    file also parameters and catalogs, for the first permutation of a distribution. Notes about what
+    has no effect go to stderr.
 
     `twin validate scenario cut-in --picture cut-in.png` also plays it, with nobody at the ego's
     wheel, and draws what happened.
 
-    Exit code 2: a line for everything that is wrong, with file and line number or key.
+    Exit code 2: a line for everything that is wrong or cannot be played, with file and line number
+    or key.
     """
     from twin.validate.scenario_check import check_scenario, draw_scenario
 
     mistakes: list[str] = []
     lines: list[str] = []
+    notes: list[str] = []
     try:
-        lines = check_scenario(file, distribution)
+        lines, notes = check_scenario(file, distribution)
         if picture is not None:
             draw_scenario(file, distribution, picture)
     except ValueError as error:
         mistakes = str(error).splitlines()
+    if output is not Output.json:
+        for note in notes:
+            print(f"note: {note}", file=sys.stderr)
     if output is Output.json:
-        print(json.dumps({"valid": not mistakes, "mistakes": mistakes, "outline": lines}))
+        words = {"valid": not mistakes, "mistakes": mistakes, "notes": notes, "outline": lines}
+        print(json.dumps(words))
     elif mistakes:
         raise UsageError("\n".join(mistakes))
     else:

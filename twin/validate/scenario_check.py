@@ -11,21 +11,28 @@ from twin.scenario.storyboard.native.outline import native_outline
 from twin.scenario.storyboard.program.program import Program
 
 
-def check_scenario(file: Path, distribution: Path | None) -> list[str]:
-    """Lines that say what a scenario does.
+def check_scenario(file: Path, distribution: Path | None) -> tuple[list[str], list[str]]:
+    """Lines that say what a scenario does, and notes about what has no effect.
 
     Raises:
         ValueError: a line per mistake.
     """
     if is_native(str(file)):
-        _no_distribution(file, distribution)
+        if distribution is not None:
+            raise ValueError(f"{file}: a campaign varies scenario files, no distribution does")
         document = load_native(file)
-        return native_outline(document, compile_native(document))
+        return native_outline(document, compile_native(document)), []
+    from twin.scenario.storyboard.compile.compiler import compile_with_notes
     from twin.scenario.storyboard.openscenario.outline import outline
     from twin.scenario.storyboard.openscenario.scenario import expand
 
     permutations = expand(file, distribution)
-    return outline(permutations[0].scenario(), permutations) if permutations else []
+    if not permutations:
+        return [], []
+    effective = permutations[0].scenario()
+    lines = outline(effective, permutations)
+    notes = compile_with_notes(effective).notes if effective.kind == "ScenarioFile" else ()
+    return lines, list(notes)
 
 
 def draw_scenario(file: Path, distribution: Path | None, picture: Path) -> None:
@@ -62,8 +69,3 @@ def _program(file: Path, distribution: Path | None) -> Program:
     if not permutations:
         raise ValueError(f"{distribution}: no permutation")
     return compile_scenario(permutations[0].scenario())
-
-
-def _no_distribution(file: Path, distribution: Path | None) -> None:
-    if distribution is not None:
-        raise ValueError(f"{file}: a campaign varies scenario files, no distribution does")
