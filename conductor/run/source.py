@@ -12,7 +12,7 @@ from conductor.run.stack_check import stack_mistakes
 from conductor.run.twin_check import twin_mistakes
 from schemas.campaign import UNREPEATABLE, Campaign
 from schemas.case import Case
-from schemas.files.assets import asset_digest, file_digest, is_path
+from schemas.files.assets import ROAD_SUFFIX, asset_digest, file_digest, is_path
 from schemas.files.yaml_file import YamlError, load_yaml
 from schemas.plan import Plan, examine
 from schemas.sections.autonomy import driver
@@ -242,8 +242,11 @@ def _missing_models(campaign: Campaign, cases: list[Case]) -> list[Mistake]:
 
 def _missing_files(cases: list[Case]) -> list[Mistake]:
     mistakes = []
-    for field, folder in (("scene", "world/scenes"), ("vehicle", "vehicle/models")):
-        names = _simulator_files(folder)
+    for field, patterns in (
+        ("scene", ("world/scenes/*.yaml", f"road/shipped/*{ROAD_SUFFIX}")),
+        ("vehicle", ("vehicle/models/*.yaml",)),
+    ):
+        names = _simulator_files(*patterns)
         for name in sorted({getattr(case.rig, field) for case in cases}):
             if name not in names and not (is_path(name) and Path(name).is_file()):
                 mistakes.append(
@@ -310,9 +313,10 @@ def _sweep_rate(path: Path, lidar: Lidar, mount: dict[str, Any], control_hz: int
     return []
 
 
-def _simulator_files(folder: str) -> list[str]:
+def _simulator_files(*patterns: str) -> list[str]:
     """Names of files that the simulator ships."""
-    return sorted(path.stem for path in _simulator_folder(folder).glob("*.yaml"))
+    root = _simulator_folder("")
+    return sorted(path.stem for pattern in patterns for path in root.glob(pattern))
 
 
 def _simulator_folder(folder: str) -> Path:

@@ -22,7 +22,12 @@ from schemas.files.yaml_file import load_yaml
 FILE_BYTES_MAX = 2 << 30
 """Largest scene, vehicle, mesh or model file [bytes]."""
 
-_FILE_KEYS = ("file", "heightmap")
+ROAD_SUFFIX = ".xodr"
+"""How names of OpenDRIVE files end."""
+_SUFFIXES = (".yaml", ".yml", ROAD_SUFFIX)
+"""How names end that are paths of files."""
+
+_FILE_KEYS = ("file", "heightmap", "opendrive")
 """Keys of scene and vehicle files whose values are paths, relative to the file."""
 _NAME_KEYS = ("profile",)
 """Keys whose values are names, or such paths."""
@@ -44,11 +49,12 @@ _TEXT_BYTES_MAX = 64 << 20
 
 def is_path(name: str) -> bool:
     """Whether a scene's or vehicle's name is the path of a file."""
-    return "/" in name or name.endswith((".yaml", ".yml"))
+    return "/" in name or name.endswith(_SUFFIXES)
 
 
 def asset_files(path: Path) -> list[Path]:
-    """The YAML file itself, the files it names, and the files that those name; each once.
+    """The file itself, the files it names, and the files that those name; each once. An OpenDRIVE
+    file names none.
 
     Files that do not exist are left out: whoever loads them says so.
 
@@ -56,7 +62,7 @@ def asset_files(path: Path) -> list[Path]:
         YamlError: not readable, or not YAML.
     """
     paths = [path]
-    named = _named(load_yaml(path))
+    named = [] if path.suffix == ROAD_SUFFIX else _named(load_yaml(path))
     for name in named:
         paths += mesh_files(path.parent / name)
     unique = dict.fromkeys(file for file in paths if file.is_file())

@@ -125,7 +125,7 @@ class Engine:
         self.objects = InterventionMotion(self._world.motion, self._world.kinds, slots)
         """Movable objects of all slots."""
         self._origin = scene.origin
-        self._street = scene.street
+        self._street = self._world.lane_known
         self._winds = Winds(slots, self.control_period_ns / 1e9)
         self._vehicle = vehicle
         self._exteroceptive = ExteroceptiveSuite(

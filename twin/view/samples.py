@@ -24,6 +24,7 @@ from twin.kpi.table import KpiTable
 from twin.vehicle.state import COLUMN
 from twin.vehicle.vehicle_file import load_vehicle
 from twin.view.items import Cloud, SlotSeen
+from twin.world.road_scene import road_lane
 from twin.world.scene import load_scene
 
 JPEG_QUALITY = 80
@@ -59,12 +60,14 @@ def stage_of(lease: Lease, colliders: np.ndarray, cars: int, target: int | None)
     standing = [] if target is None else [hulls.pop(target)]
     size_m = [2 * standing[0][3], 2 * standing[0][4]] if standing else [LENGTH_M, WIDTH_M]
     vehicle = load_vehicle(lease.case.rig.vehicle)
-    road = scene.road
+    road, lane, beside = scene.road, scene.road.lane(), 1.0
+    if scene.opendrive:  # what lies beside the lane is no generated street
+        lane, beside = road_lane(scene.opendrive)[0], 0.0
     return Stage(
-        lane=road.lane().places(_LANE_STEP_M).tolist(),
+        lane=lane.places(_LANE_STEP_M).tolist(),
         lane_width_m=road.lane_width_m,
-        parking_width_m=road.parking_width_m,
-        sidewalk_width_m=road.sidewalk_width_m,
+        parking_width_m=beside * road.parking_width_m,
+        sidewalk_width_m=beside * road.sidewalk_width_m,
         obstacle_center_m=[*standing[0][:2], HEIGHT_M / 2] if standing else [],
         obstacle_yaw_rad=standing[0][2] if standing else 0.0,
         obstacle_size_m=[*size_m, HEIGHT_M],

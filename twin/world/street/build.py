@@ -8,6 +8,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
+from schemas.files.assets import file_digest
 from schemas.messages import OBJECT_CLASSES
 from twin.actors.motion import Motion, ObjectKind, Still
 from twin.actors.objects import build_cast
@@ -17,6 +18,7 @@ from twin.world.meshes.details import FaceLook, Mask
 from twin.world.meshes.imports import add_imports
 from twin.world.meshes.kept_files import kept_files
 from twin.world.meshes.mesh import Mesh, MeshBuilder
+from twin.world.road_scene import add_roads, road_lane
 from twin.world.scene import Scene
 from twin.world.street import sidewalks
 from twin.world.street.ambient import baked
@@ -52,6 +54,8 @@ class World:
     """World x, y of the street lamps of a road that bends, float64 [L, 2] [m]; None: the rows."""
     lane: LanePath = field(default_factory=lambda: straight(0.0, 1.0))
     """Centre line of the ego's lane."""
+    lane_known: bool = True
+    """The lane is known as far as it goes; False: it says where an ego starts, and no more."""
     kinds: tuple[ObjectKind, ...] = ()
     """Meshes of movable objects."""
     motion: Motion = field(default_factory=Still)
@@ -124,6 +128,8 @@ def build_world(scene: Scene) -> World:
     if scene.meshes or scene.terrain:
         return _build(scene)
     key = msgspec.json.encode(scene)
+    if scene.opendrive:
+        key += _content(scene.opendrive)
     if key not in _built:
         _built.clear()  # one is enough, and they are large
         world = kept("worlds", key, lambda: _build(scene))
@@ -132,6 +138,17 @@ def build_world(scene: Scene) -> World:
 
 
 _built: dict[bytes, World] = {}
+
+
+def _content(file: str) -> bytes:
+    """
+    Raises:
+        ValueError: it cannot be read; one line.
+    """
+    try:
+        return file_digest(Path(file)).encode()
+    except OSError as error:
+        raise ValueError(f"{file}: {error.strerror or error}") from None
 
 
 def _build(scene: Scene) -> World:
@@ -171,6 +188,10 @@ def _build(scene: Scene) -> World:
         things += numbered("street lamp", "pole", len(posts))
         things += numbered("sign", "traffic_sign", len(poles))
         things += numbered("street furniture", "pole", len(pieces))
+    lane, lane_known = layout.lane, scene.street
+    if scene.opendrive:
+        add_roads(mesh, scene.opendrive)
+        lane, lane_known = road_lane(scene.opendrive)
     imported = add_imports(mesh, scene, len(classes), files)
     classes += imported.classes
     solid = [item for item in scene.meshes if item.solid]
@@ -187,7 +208,8 @@ def _build(scene: Scene) -> World:
         lamps_right=lamps_right,
         lamps_left=lamps_left,
         lamps=bent_lamps,
-        lane=layout.lane,
+        lane=lane,
+        lane_known=lane_known,
         kinds=tuple(replace(kind, mesh=own) for kind, own in kinds),
         motion=cast.motion,
         textures=imported.textures,
