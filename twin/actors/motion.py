@@ -44,6 +44,11 @@ class Placement:
     """float32 [S, M], brake lamps 0 or 1."""
     lamps: np.ndarray
     """float32 [S, M], head and tail lamps 0 or 1; who calls decides whether it is dark."""
+    half_m: np.ndarray | None = None
+    """float64 [S, M, 2], half length and half width of each; None: those of the kinds."""
+    class_index: np.ndarray | None = None
+    """int32 [S, M], index into :data:`schemas.messages.OBJECT_CLASSES` of objects that are another
+    thing in every slot; None: the world says what each is."""
 
 
 class Motion(Protocol):

@@ -11,7 +11,8 @@ import numpy as np
 from schemas.files.assets import file_digest
 from schemas.messages import OBJECT_CLASSES
 from twin.actors.motion import Motion, ObjectKind, Still
-from twin.actors.objects import build_cast
+from twin.actors.objects import Cast, build_cast
+from twin.actors.palette import BodyRoom, build_palette
 from twin.road.lane import LanePath, straight
 from twin.world.kept import kept
 from twin.world.meshes.details import FaceLook, Mask
@@ -73,7 +74,8 @@ class World:
     """Class of each static instance, index into :data:`schemas.messages.OBJECT_CLASSES`; by default
     all are cars."""
     mover_classes: tuple[int, ...] = ()
-    """Class of each movable object."""
+    """Class of each movable object; of those that are another thing in every slot, M of each class
+    in turn (:attr:`twin.actors.motion.Placement.class_index`)."""
     has_obstacle: bool = True
     """The first collider is the broken-down car."""
     cars: int = 0
@@ -116,23 +118,27 @@ class World:
         return float(self.colliders[0, 0] - self.colliders[0, 3])
 
 
-def build_world(scene: Scene) -> World:
+def build_world(scene: Scene, bodies: int = 0) -> World:
     """Build the world of ``scene``; the same files give the same arrays. Do not write to them.
 
     A scene without files of its own is built once and kept on disk (:mod:`twin.world.kept`); of
     others, what their files hold is.
 
+    Args:
+        scene: the scene.
+        bodies: room for so many bodies that a scenario brings, see :mod:`twin.actors.palette`.
+
     Raises:
         ValueError: a file or an object of the scene that cannot be used; one line.
     """
     if scene.meshes or scene.terrain:
-        return _build(scene)
-    key = msgspec.json.encode(scene)
+        return _build(scene, bodies)
+    key = msgspec.json.encode(scene) + (b"%d" % bodies if bodies else b"")
     if scene.opendrive:
         key += _content(scene.opendrive)
     if key not in _built:
         _built.clear()  # one is enough, and they are large
-        world = kept("worlds", key, lambda: _build(scene))
+        world = kept("worlds", key, lambda: _build(scene, bodies))
         _built[key] = replace(world, key=key)
     return _built[key]
 
@@ -151,7 +157,7 @@ def _content(file: str) -> bytes:
         raise ValueError(f"{file}: {error.strerror or error}") from None
 
 
-def _build(scene: Scene) -> World:
+def _build(scene: Scene, bodies: int = 0) -> World:
     files = kept_files(scene)  # first: a file that cannot be used is refused at once
     mesh = MeshBuilder()
     layout = lay_out(scene)
@@ -196,7 +202,7 @@ def _build(scene: Scene) -> World:
     classes += imported.classes
     solid = [item for item in scene.meshes if item.solid]
     things += [named(Path(m.file).stem, m.object_class or m.semantic) for m in solid]
-    cast = build_cast(scene.objects)
+    cast = _cast(scene, bodies)
     meshes = [mesh.build(), *(kind.mesh for kind in cast.kinds)]
     if scene.bake:
         meshes = baked(meshes)
@@ -223,3 +229,19 @@ def _build(scene: Scene) -> World:
         things=(*things, *cast.things),
         notes=imported.notes,
     )
+
+
+def _cast(scene: Scene, bodies: int) -> Cast:
+    """
+    Raises:
+        ValueError: the scene's objects cannot be; one line.
+    """
+    if not bodies:
+        return build_cast(scene.objects)
+    if scene.objects:
+        raise ValueError(
+            f"scene {scene.scene}: its objects would move beside those of the scenario; remove them"
+        )
+    classes = np.repeat(np.arange(len(OBJECT_CLASSES)), bodies)
+    things = [Thing(f"body {number}", "car") for number in range(1, bodies + 1)]
+    return Cast(build_palette().kinds, BodyRoom(bodies), tuple(classes.tolist()), tuple(things))
