@@ -14,6 +14,7 @@ from schemas.campaign import UNREPEATABLE, Campaign
 from schemas.case import Case
 from schemas.files.assets import ROAD_SUFFIX, asset_digest, file_digest, is_path
 from schemas.files.yaml_file import YamlError, load_yaml
+from schemas.kinds.scenario import kind_of
 from schemas.plan import Plan, examine
 from schemas.sections.autonomy import driver
 from schemas.sections.lidar import Lidar
@@ -115,9 +116,9 @@ def _identity(campaign: Campaign, shown: str) -> StackIdentity:
 
 
 def _digests(campaign: Campaign) -> dict[str, str]:
-    """SHA-256 of every scene, vehicle and model file that the campaign names by path."""
+    """SHA-256 of every scene, vehicle, scenario and model file that the campaign names by path."""
     named = set()
-    for field in ("scene", "vehicle"):
+    for field in ("scene", "vehicle", *kind_of(campaign.scenario).files):
         axis = f"scenario.{field}"
         named.add(getattr(campaign.scenario, field))
         named.update(str(value) for value in campaign.matrix.get(axis, ()))
@@ -242,12 +243,19 @@ def _missing_models(campaign: Campaign, cases: list[Case]) -> list[Mistake]:
 
 def _missing_files(cases: list[Case]) -> list[Mistake]:
     mistakes = []
+    # What is wrong with files of the scenario, its family says.
+    brought = {
+        name
+        for case in cases
+        for name in kind_of(case.variation.scenario).files_of(case.variation.scenario)
+    }
     for field, patterns in (
         ("scene", ("world/scenes/*.yaml", f"road/shipped/*{ROAD_SUFFIX}")),
         ("vehicle", ("vehicle/models/*.yaml",)),
     ):
         names = _simulator_files(*patterns)
-        for name in sorted({getattr(case.rig, field) for case in cases}):
+        used = {getattr(case.rig, field) for case in cases}
+        for name in sorted(used - brought):
             if name not in names and not (is_path(name) and Path(name).is_file()):
                 mistakes.append(
                     Mistake(

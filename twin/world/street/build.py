@@ -171,10 +171,10 @@ def _build(scene: Scene, bodies: int = 0) -> World:
         stop = sidewalks.bus_stop(layout)
         add_ground(mesh, scene, layout)
         free = [(*stop, 1.0)] if stop else []
-        parked, bodies = add_parked(mesh, scene, layout, len(colliders), free)
+        parked, sorts = add_parked(mesh, scene, layout, len(colliders), free)
         colliders += parked
-        classes += bodies
-        things += [Thing(f"parked {body} {n}", body) for n, body in enumerate(bodies, start=1)]
+        classes += sorts
+        things += [Thing(f"parked {body} {n}", body) for n, body in enumerate(sorts, start=1)]
         houses = [*add_buildings(mesh, scene, layout), *add_bends(mesh, scene, layout)]
         trees = sidewalks.add_trees(mesh, scene, layout)
         others += [*houses, *trees]
