@@ -233,30 +233,31 @@ def walk(
     rest = wp.abs(distance)
     walking = wp.int32(1)
     section = section_row(roads, move.road, move.s)
-    for _ in range(_CROSSINGS_MAX):
-        if walking == 1:
-            along = move.sign * forward
-            last = roads.roads[move.road + 1, SECTION] - 1
-            first = roads.roads[move.road, SECTION]
-            inner = section != wp.where(along > 0, last, first)
-            border = wp.where(along > 0, road_length(roads, move.road), ZERO)
-            if inner:
-                border = roads.section_starts[section + wp.where(along > 0, 1, 0)]
-            way = wp.max((border - move.s) * wp.float64(along), ZERO)
-            # A station between two sections belongs to the second.
-            if rest < way or (rest == way and not (inner and along > 0)):
-                move.s += rest * wp.float64(along)
-                rest = ZERO
-                walking = 0
-            elif inner:
-                rest -= way
-                move = into_section(roads, move, along, section)
-                section += along
-            else:
-                rest -= way
-                move = into_road(roads, route, span, move, along, section)
-                section = section_row(roads, move.road, move.s)
-                walking = 1 - move.at_end
+    crossed = wp.int32(0)
+    while walking == 1 and crossed < _CROSSINGS_MAX:
+        crossed += 1
+        along = move.sign * forward
+        last = roads.roads[move.road + 1, SECTION] - 1
+        first = roads.roads[move.road, SECTION]
+        inner = section != wp.where(along > 0, last, first)
+        border = wp.where(along > 0, road_length(roads, move.road), ZERO)
+        if inner:
+            border = roads.section_starts[section + wp.where(along > 0, 1, 0)]
+        way = wp.max((border - move.s) * wp.float64(along), ZERO)
+        # A station between two sections belongs to the second.
+        if rest < way or (rest == way and not (inner and along > 0)):
+            move.s += rest * wp.float64(along)
+            rest = ZERO
+            walking = 0
+        elif inner:
+            rest -= way
+            move = into_section(roads, move, along, section)
+            section += along
+        else:
+            rest -= way
+            move = into_road(roads, route, span, move, along, section)
+            section = section_row(roads, move.road, move.s)
+            walking = 1 - move.at_end
     if walking == 1:
         move.at_end = 1
     move.rest = rest
