@@ -14,6 +14,7 @@ from twin.scenario.storyboard.compile.compiler import (
     compile_with_notes,
 )
 from twin.scenario.storyboard.openscenario.scenario import Permutation, expand
+from twin.world.kernel_cache import prepare_kernels
 
 PLAYED_MAX = 10_000
 """Permutations that are played by one command."""
@@ -38,6 +39,7 @@ def play_file(
     permutations = _chosen(expand(file, distribution), file, distribution, permutation)
     cache: RoadCache = {}
     compiled = [compile_with_notes(chosen.scenario(), cache) for chosen in permutations]
+    prepare_kernels()
     tables: dict[str, RoadTables] = {}
     played: list[PlayedScenario | None] = [None] * len(compiled)
     ended = 0
