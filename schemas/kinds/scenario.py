@@ -130,6 +130,8 @@ class ScenarioKind:
     """Keys whose values are names of shipped files, or paths; files count by their contents."""
     brings_scene: str = ""
     """The one of ``files`` whose file says where the case takes place, unless ``scene`` does."""
+    scene_name: str = ""
+    """``module:attribute`` of a function that says which scene it is: config -> name or path."""
     numbers: str = ""
     """Key with numbers of the file by name, which axes of a matrix set as ``FAMILY.NAME``."""
     motion: str = ""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -29,6 +29,7 @@ from twin.kpi.recorder import KpiRecorder
 from twin.rig.command_delay import Delays
 from twin.rig.slot import Finished
 from twin.scenario import families
+from twin.scenario.body_motion import BodyMotion, StartPose
 from twin.scenario.protocol import ScenarioRun
 from twin.scenario.surroundings import Surroundings
 from twin.sensors import exteroceptive
@@ -48,7 +49,6 @@ from twin.vehicle.nearest import NEAREST
 from twin.vehicle.state import COLUMN
 from twin.vehicle.vehicle_file import load_vehicle
 from twin.world.kernel_cache import prepare_kernels
-from twin.world.scene import load_scene
 from twin.world.sky.environment import CaseEnvironment
 from twin.world.sky.wind import Winds
 from twin.world.street.build import World, build_world
@@ -112,7 +112,7 @@ class Engine:
         prepare_kernels()
         self._device = _known_device(device)
         check_files(case)
-        scene = load_scene(case.rig.scene)
+        scene = families.scene_of(case)
         vehicle = load_vehicle(case.rig.vehicle)
         self.slots = slots
         self._watch = watch or Stopwatch()
@@ -121,8 +121,12 @@ class Engine:
         self.tick = np.zeros(slots, np.int32)
         self.sim_time_ns = np.zeros(slots, np.int64)
         self._steps = self.control_period_ns // PHYSICS_STEP_NS
-        self._world = build_world(scene)
-        self.objects = InterventionMotion(self._world.motion, self._world.kinds, slots)
+        self._world = build_world(scene, case.rig.bodies)
+        self._motion: BodyMotion | None = None
+        if case.rig.bodies:
+            self._motion = families.motion_of(case, vehicle, self._world, slots, self._device)
+        script = self._motion or self._world.motion
+        self.objects = InterventionMotion(script, self._world.kinds, slots)
         """Movable objects of all slots."""
         self._origin = scene.origin
         self._street = self._world.lane_known
@@ -211,9 +215,11 @@ class Engine:
         environment = CaseEnvironment(case, self._origin)
         self.objects.begin(slot, case.variation.objects)
         ground = self._ground(slot, case)
-        x_m, y_m, yaw_rad = families.start_of(case.variation.scenario, ground)
-        speed_mps = case.variation.scenario.ego_speed_mps
-        self._vehicles.place(slot, x_m, speed_mps, 1.0, y_m=y_m, yaw_rad=yaw_rad, refresh=False)
+        start, ground = self._start(slot, case, ground)
+        x_m, y_m, z_m, yaw_rad, speed_mps = start
+        self._vehicles.place(
+            slot, x_m, speed_mps, 1.0, y_m=y_m, z_m=z_m, yaw_rad=yaw_rad, refresh=False
+        )
         self._unmeasured = True  # once for all that begin together
         self._surveyed = False
         self._vehicles.active[slot] = 1
@@ -225,7 +231,13 @@ class Engine:
         run = families.begin(case.variation.scenario, ground, x_m, y_m)
         self._runs[slot] = _Run(case, environment, run, ground)
         kind = kind_of(case.variation.scenario)
-        self._recorder.begin(slot, kind.columns, target=ground.target is not None)
+        self._recorder.begin(
+            slot,
+            kind.columns,
+            target=ground.target is not None,
+            nearest=kind.nearest,
+            names=[thing.name for thing in self._things(slot)] if self._motion else None,
+        )
         self._limits.begin(slot, case.variation.scenario)
         self.active[slot] = True
         self.tick[slot] = 0
@@ -242,9 +254,27 @@ class Engine:
             self._world, self._vehicle, kind, scenario.scene, street=self._street
         )
 
+    def _start(self, slot: int, case: Case, ground: Surroundings) -> tuple[StartPose, Surroundings]:
+        """Where the ego begins, and what the scenario looks at then."""
+        if self._motion is None:
+            scenario = case.variation.scenario
+            x_m, y_m, yaw_rad = families.start_of(scenario, ground)
+            return StartPose(x_m, y_m, 0.0, yaw_rad, scenario.ego_speed_mps), ground
+        start = self._motion.begin(slot, case)
+        return start, replace(ground, events=self._motion.events(slot))
+
+    def _things(self, slot: int) -> Sequence[Thing]:
+        """What the hulls of a slot belong to."""
+        things = self._world.things
+        if self._motion is None:
+            return things
+        return [*things[: len(self._world.colliders)], *self._motion.things(slot)]
+
     def clear(self, slot: int) -> None:
         """Make ``slot`` inactive; its case is forgotten."""
         self._runs[slot] = None
+        if self._motion is not None:
+            self._motion.clear(slot)
         self.objects.clear(slot)
         self.active[slot] = False
         self.tick[slot] = 0
@@ -333,6 +363,8 @@ class Engine:
         self._winds.hold(slot, held=not on)
         self._exteroceptive.hold(slot, held=not on)
         self._suite.hold(slot, held=not on)
+        if self._motion is not None:
+            self._motion.hold(slot, held=not on)
 
     # --- a tick -----------------------------------------------------------------------------
 
@@ -359,7 +391,10 @@ class Engine:
         if hulls.size:
             hulls[..., 0:2] = placement.position_m[..., :2]
             hulls[..., 2] = placement.yaw_rad
-            hulls[..., 3:5] = self._hull_sizes[placement.kind] * there[..., None]
+            sizes = placement.half_m
+            if sizes is None:
+                sizes = self._hull_sizes[placement.kind]
+            hulls[..., 3:5] = sizes * there[..., None]
             hulls[..., 5:7] = placement.velocity_mps[..., :2]
             hulls[..., 7] = placement.yaw_rate_radps
         return hulls
@@ -414,7 +449,7 @@ class Engine:
         if poses:
             self._carry(poses)
         else:
-            self._vehicles.advance(self._steps)
+            self._advance()
         self._watch.lap("physics")
         self._surveyed = False
         self.tick[self.active] += 1
@@ -422,6 +457,24 @@ class Engine:
         finished += self._ended()
         self._watch.lap("step")
         return finished
+
+    def _advance(self) -> None:
+        """One control period of vehicles and of bodies that a scenario moves.
+
+        Both go on from the same states: in a step of the scenario, the vehicle meets the bodies as
+        they move at its beginning, and the scenario sees the vehicle as it is then.
+        """
+        if self._motion is None:
+            self._vehicles.advance(self._steps)
+            return
+        vehicles, steps = self._vehicles, self._motion.steps
+        for done in range(0, self._steps, steps):
+            if done:
+                vehicles.movers[...] = self._movers(self.objects.at(self.sim_time_ns / 1e9))
+                vehicles.switch_step[...] -= steps
+                vehicles.first_step[...] += steps
+            self._motion.step(vehicles.state[:, 0], self.active)
+            vehicles.advance(steps)
 
     def _carry(self, poses: Mapping[int, Pose]) -> None:
         """One control period of which the stack says how it ends in some slots."""
@@ -471,10 +524,15 @@ class Engine:
     def _record(self, slots: list[int], commands: Sequence[Command | None]) -> None:
         if not slots:
             return
-        given = [self._run(slot).scenario.columns() for slot in slots]
+        given = [self._columns(slot) for slot in slots]
         self._recorder.add(
             slots, self.tick, self.sim_time_ns, self.state, commands, given, self._nearest
         )
+
+    def _columns(self, slot: int) -> Mapping[str, float]:
+        """KPI columns that the scenario of a slot gives."""
+        columns = self._run(slot).scenario.columns()
+        return columns if self._motion is None else {**columns, **self._motion.columns(slot)}
 
     def _survey(self) -> None:
         """Begin to measure what every ego is nearest to at the current ticks, see
@@ -496,6 +554,8 @@ class Engine:
             if not faulty[slot]:
                 run.scenario.observe(places[slot, :1], places[slot, 1:])
                 over[slot] |= run.scenario.ended()
+                if self._motion is not None:
+                    over[slot] |= self._motion.ended(slot)
         finished = []
         ending = np.flatnonzero((over | faulty) & self.active).tolist()
         if ending:
@@ -528,8 +588,8 @@ class Engine:
 
     def _hit(self, slot: int) -> Thing | None:
         """What the ego of a slot hit first."""
-        index = self._vehicles.first_hit(slot)
-        return self._world.things[index] if 0 <= index < len(self._world.things) else None
+        index, things = self._vehicles.first_hit(slot), self._things(slot)
+        return things[index] if 0 <= index < len(things) else None
 
     def fail(self, slot: int, reason: str) -> Finished:
         """End the case of a slot whose stack cannot go on, at the current tick."""

@@ -358,4 +358,6 @@ def _movers(engine: Engine, slot: int) -> np.ndarray:
         row[:3] = placement.position_m[slot, index]
         row[3] = placement.yaw_rad[slot, index]
         row[4:] = kind.half_length_m, kind.half_width_m, kind.mesh.points_m[:, 2].max()
+        if placement.half_m is not None:
+            row[4:6] = placement.half_m[slot, index]
     return rows

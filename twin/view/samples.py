@@ -21,11 +21,11 @@ from schemas.wire.view import (
 from twin.actors.car_body import HEIGHT_M, LENGTH_M, WIDTH_M
 from twin.kpi.recorder import CLOSING_MIN_MPS
 from twin.kpi.table import KpiTable
+from twin.scenario import families
 from twin.vehicle.state import COLUMN
 from twin.vehicle.vehicle_file import load_vehicle
 from twin.view.items import Cloud, SlotSeen
 from twin.world.road_scene import road_lane
-from twin.world.scene import load_scene
 
 JPEG_QUALITY = 80
 """Quality of small pictures; for large ones see :mod:`twin.view.quality`."""
@@ -55,7 +55,7 @@ def points_of(cloud: Cloud) -> np.ndarray:
 def stage_of(lease: Lease, colliders: np.ndarray, cars: int, target: int | None) -> Stage:
     """The standing world of a lease's case: ``colliders`` [N, 5], of which the first ``cars`` are
     cars and ``target`` is what the scenario is about."""
-    scene = load_scene(lease.case.rig.scene)
+    scene = families.scene_of(lease.case)
     hulls = colliders.tolist()
     standing = [] if target is None else [hulls.pop(target)]
     size_m = [2 * standing[0][3], 2 * standing[0][4]] if standing else [LENGTH_M, WIDTH_M]

@@ -69,6 +69,7 @@ KIND = ScenarioKind(
     ),
     files=("storyboard",),
     brings_scene="storyboard",
+    scene_name="twin.scenario.storyboard.case.files:scene_name",
     numbers="numbers",
     motion="twin.scenario.storyboard.case.motion:StoryboardMotion",
     bodies=32,
