@@ -10,7 +10,13 @@ import warp as wp
 
 from twin.road.tables.road_tables import RoadTables
 from twin.scenario.storyboard.case.impose import impose_egos_kernel
-from twin.scenario.storyboard.interpreter.arrays import body_arrays, play_arrays, program_arrays
+from twin.scenario.storyboard.interpreter.arrays import (
+    BodyArrays,
+    PlayArrays,
+    body_arrays,
+    play_arrays,
+    program_arrays,
+)
 from twin.scenario.storyboard.player.columns import TRANSITIONS_MAX, SlotColumn
 from twin.scenario.storyboard.player.storyboard_player import StoryboardPlayer
 from twin.scenario.storyboard.player.tables import pack_programs
@@ -143,8 +149,11 @@ class RigPlayer(StoryboardPlayer):
         self._play = play_arrays(self.slots, sizes, self.device)
         self.bodies = body_arrays(self.slots, self.entities, self.device)
         self._before = body_arrays(self.slots, self.entities, self.device)
-        for old, new in ((play, self._play), (bodies, self.bodies)):
-            for name in type(old).vars:
+        for struct, old, new in (
+            (PlayArrays, play, self._play),
+            (BodyArrays, bodies, self.bodies),
+        ):
+            for name in struct.__annotations__:
                 _copy_into(getattr(old, name), getattr(new, name))
 
 
