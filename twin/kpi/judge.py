@@ -184,7 +184,7 @@ def _step(number: str) -> float:
 
 def _limits(scenario: Scenario) -> Scenario:
     """A scenario without the places of its files: a campaign may have moved."""
-    files = dict.fromkeys(kind_of(scenario).files, "")
+    files = dict.fromkeys(kind_of(scenario).files, "-")
     return msgspec.structs.replace(scenario, scene="", vehicle="", **files)
 
 
