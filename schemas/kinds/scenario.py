@@ -135,7 +135,7 @@ class ScenarioKind:
     numbers: str = ""
     """Key with numbers of the file by name, which axes of a matrix set as ``FAMILY.NAME``."""
     motion: str = ""
-    """``module:attribute`` of its :class:`twin.scenario.body_motion.BodyMotionMaker`, if its cases
+    """``module:attribute`` of its :class:`twin.scenario.case_motion.CaseMotionMaker`, if its cases
     bring bodies that move; empty: what moves stands in the scene."""
     bodies: int = 0
     """Most bodies of a case that move by the scenario."""

@@ -6,21 +6,17 @@ import math
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 
 import numpy as np
 import warp as wp
 
 from schemas.case import Case
-from schemas.files.assets import asset_digest
-from schemas.files.yaml_file import YamlError
 from schemas.identity import stream_key
 from schemas.kinds.scenario import kind_of
 from schemas.messages import Command, Lights, Pose, SensorErrors, command_mistake
 from schemas.wire.interventions import PlaceEgo
 from twin.actors.intervention_motion import InterventionMotion
 from twin.actors.motion import Placement
-from twin.base.errors import RefusedError
 from twin.base.stopwatch import Stopwatch
 from twin.fabric.frames import FrameChannel
 from twin.kpi import verdict as judging
@@ -29,7 +25,8 @@ from twin.kpi.recorder import KpiRecorder
 from twin.rig.command_delay import Delays
 from twin.rig.slot import Finished
 from twin.scenario import families
-from twin.scenario.body_motion import BodyMotion, StartPose
+from twin.scenario.case_files import check_files
+from twin.scenario.case_motion import StartPose
 from twin.scenario.protocol import ScenarioRun
 from twin.scenario.surroundings import Surroundings
 from twin.sensors import exteroceptive
@@ -48,7 +45,7 @@ from twin.vehicle.model import PHYSICS_STEP_NS
 from twin.vehicle.nearest import NEAREST
 from twin.vehicle.state import COLUMN
 from twin.vehicle.vehicle_file import load_vehicle
-from twin.world.kernel_cache import prepare_kernels
+from twin.world.kernel_cache import known_device, prepare_kernels
 from twin.world.sky.environment import CaseEnvironment
 from twin.world.sky.wind import Winds
 from twin.world.street.build import World, build_world
@@ -110,7 +107,7 @@ class Engine:
             ValueError: scene or vehicle file not usable, or no such device; one line.
         """
         prepare_kernels()
-        self._device = _known_device(device)
+        self._device = known_device(device)
         check_files(case)
         scene = families.scene_of(case)
         vehicle = load_vehicle(case.rig.vehicle)
@@ -122,9 +119,7 @@ class Engine:
         self.sim_time_ns = np.zeros(slots, np.int64)
         self._steps = self.control_period_ns // PHYSICS_STEP_NS
         self._world = build_world(scene, case.rig.bodies)
-        self._motion: BodyMotion | None = None
-        if case.rig.bodies:
-            self._motion = families.motion_of(case, vehicle, self._world, slots, self._device)
+        self._motion = families.motion_of(case, vehicle, self._world, slots, self._device)
         script = self._motion or self._world.motion
         self.objects = InterventionMotion(script, self._world.kinds, slots)
         """Movable objects of all slots."""
@@ -382,22 +377,7 @@ class Engine:
         """Scripted objects as they are at the current ticks, for cameras, lidars and contacts."""
         self._placement = self.objects.at(self.sim_time_ns / 1e9)
         self._placed_ns[...] = self.sim_time_ns
-        self._vehicles.movers[...] = self._movers(self._placement)
-
-    def _movers(self, placement: Placement) -> np.ndarray:
-        """Hulls of scripted objects [S, M, 8], :data:`twin.vehicle.kernel.MOVER_COLUMNS`."""
-        there = placement.kind >= 0
-        hulls = np.zeros_like(self._vehicles.movers)
-        if hulls.size:
-            hulls[..., 0:2] = placement.position_m[..., :2]
-            hulls[..., 2] = placement.yaw_rad
-            sizes = placement.half_m
-            if sizes is None:
-                sizes = self._hull_sizes[placement.kind]
-            hulls[..., 3:5] = sizes * there[..., None]
-            hulls[..., 5:7] = placement.velocity_mps[..., :2]
-            hulls[..., 7] = placement.yaw_rate_radps
-        return hulls
+        self._vehicles.movers[...] = self._placement.hulls(self._hull_sizes)
 
     def _lamps(self) -> list[Lights | None]:
         """The lamps in force at the current ticks; a command that is due now counts already."""
@@ -470,7 +450,9 @@ class Engine:
         vehicles, steps = self._vehicles, self._motion.steps
         for done in range(0, self._steps, steps):
             if done:
-                vehicles.movers[...] = self._movers(self.objects.at(self.sim_time_ns / 1e9))
+                vehicles.movers[...] = self.objects.at(self.sim_time_ns / 1e9).hulls(
+                    self._hull_sizes
+                )
                 vehicles.switch_step[...] -= steps
                 vehicles.first_step[...] += steps
             self._motion.step(vehicles.state[:, 0], self.active)
@@ -540,7 +522,7 @@ class Engine:
         self._refresh()
         movers = self._vehicles.movers
         if movers.size and not np.array_equal(self._placed_ns, self.sim_time_ns):
-            movers = self._movers(self.objects.at(self.sim_time_ns / 1e9))
+            movers = self.objects.at(self.sim_time_ns / 1e9).hulls(self._hull_sizes)
         self._vehicles.survey(movers)
         self._surveyed = True
 
@@ -606,18 +588,6 @@ class Engine:
         return Finished(slot, "failed", "", [reason], scalars, table, record=record)
 
 
-def _known_device(name: str) -> wp.Device:
-    """
-    Raises:
-        ValueError: there is no such device here; one line.
-    """
-    try:
-        return wp.get_device(name)
-    except Exception as error:
-        known = ", ".join(str(device) for device in wp.get_devices())
-        raise ValueError(f"device '{name}': not here; allowed: {known}") from error
-
-
 def frame_channels(case: Case, slots: int) -> list[FrameChannel]:
     """The arrays of a rig that are large enough to be worth sharing.
 
@@ -625,24 +595,3 @@ def frame_channels(case: Case, slots: int) -> list[FrameChannel]:
         ValueError: the vehicle has no such sensor; one line.
     """
     return exteroceptive.frame_channels(case, load_vehicle(case.rig.vehicle), slots)
-
-
-def check_files(case: Case) -> None:
-    """Refuse scene and vehicle files that are not those of the submission.
-
-    Raises:
-        RefusedError: one is another, or is missing; one line.
-    """
-    for name in (case.rig.scene, case.rig.vehicle):
-        digest = case.rig.files.get(name)
-        if digest is None:  # a shipped one
-            continue
-        try:
-            found = asset_digest(Path(name))
-        except (YamlError, OSError):  # gone, or cut short
-            found = ""
-        if found != digest:
-            raise RefusedError(
-                f"{name}: it, or a file it names, is not what the campaign was submitted with; "
-                "put it back, or run the campaign anew with another --out"
-            )

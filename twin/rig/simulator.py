@@ -155,7 +155,8 @@ class Simulator:
 
     def _build(self) -> None:
         # Warp takes its time to load: the drive session is announced before.
-        from twin.rig.engine import Engine, check_files, frame_channels
+        from twin.rig.engine import Engine, frame_channels
+        from twin.scenario.case_files import check_files
 
         case, slots = self._case, len(self._slots)
         try:

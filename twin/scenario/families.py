@@ -13,7 +13,7 @@ from twin.scenario.protocol import Rows, ScenarioFamily, ScenarioRun
 from twin.scenario.surroundings import Surroundings
 
 if TYPE_CHECKING:
-    from twin.scenario.body_motion import BodyMotion, BodyMotionMaker
+    from twin.scenario.case_motion import CaseMotion, CaseMotionMaker
     from twin.vehicle.vehicle_file import Vehicle
     from twin.world.scene import Scene
     from twin.world.street.build import World
@@ -45,13 +45,17 @@ def scene_of(case: Case) -> Scene:
     return load_scene(case.rig.scene)
 
 
-def motion_of(case: Case, vehicle: Vehicle, world: World, slots: int, device: Any) -> BodyMotion:
-    """What moves the bodies of a rig's cases: that of the scenario's family, or nothing.
+def motion_of(
+    case: Case, vehicle: Vehicle, world: World, slots: int, device: Any
+) -> CaseMotion | None:
+    """What moves the bodies of a rig's cases; None: they bring none.
 
     Raises:
         ValueError: the rig cannot have it; one line.
     """
-    maker: BodyMotionMaker = implementation(kind_of(case.variation.scenario).motion)
+    if not case.rig.bodies:
+        return None
+    maker: CaseMotionMaker = implementation(kind_of(case.variation.scenario).motion)
     return maker(case, vehicle, world.kinds, slots, device)
 
 

@@ -194,10 +194,7 @@ def _build(scene: Scene, bodies: int = 0) -> World:
         things += numbered("street lamp", "pole", len(posts))
         things += numbered("sign", "traffic_sign", len(poles))
         things += numbered("street furniture", "pole", len(pieces))
-    lane, lane_known = layout.lane, scene.street
-    if scene.opendrive:
-        add_roads(mesh, scene.opendrive)
-        lane, lane_known = road_lane(scene.opendrive)
+    lane, lane_known = _roads(mesh, scene) if scene.opendrive else (layout.lane, scene.street)
     imported = add_imports(mesh, scene, len(classes), files)
     classes += imported.classes
     solid = [item for item in scene.meshes if item.solid]
@@ -229,6 +226,12 @@ def _build(scene: Scene, bodies: int = 0) -> World:
         things=(*things, *cast.things),
         notes=imported.notes,
     )
+
+
+def _roads(mesh: MeshBuilder, scene: Scene) -> tuple[LanePath, bool]:
+    """Add the roads of a file; the ego's lane on them, and whether all of it is known."""
+    add_roads(mesh, scene.opendrive)
+    return road_lane(scene.opendrive)
 
 
 def _cast(scene: Scene, bodies: int) -> Cast:

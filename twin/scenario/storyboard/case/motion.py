@@ -9,19 +9,17 @@ import msgspec
 import numpy as np
 
 from schemas.case import Case
-from schemas.files.assets import asset_digest, is_path
 from schemas.kinds.scenarios.storyboard import KIND
 from twin.actors.motion import ObjectKind, Placement
 from twin.actors.palette import nobody
-from twin.base.errors import RefusedError
 from twin.road.opendrive.grid import cosine, settled, sine
 from twin.road.tables.road_tables import RoadTables, road_tables
-from twin.scenario.body_motion import StartPose
+from twin.scenario.case_files import check_scenario_files
+from twin.scenario.case_motion import StartPose
 from twin.scenario.storyboard.case.bodies import CaseBodies, bodies_of
 from twin.scenario.storyboard.case.checks import STEP_NS, other_road, program_mistakes
 from twin.scenario.storyboard.case.files import (
     LoadedStoryboard,
-    file_of,
     load_storyboard,
     scene_name,
 )
@@ -50,7 +48,7 @@ _POSE = [
 
 
 class StoryboardMotion:
-    """Bodies of all slots, see :class:`twin.scenario.body_motion.BodyMotion`."""
+    """Bodies of all slots, see :class:`twin.scenario.case_motion.CaseMotion`."""
 
     actors: Sequence[Any] = ()
     steps = STEP_NS // PHYSICS_STEP_NS
@@ -58,7 +56,7 @@ class StoryboardMotion:
     def __init__(
         self, case: Case, vehicle: Vehicle, kinds: Sequence[ObjectKind], slots: int, device: Any
     ) -> None:
-        """See :class:`twin.scenario.body_motion.BodyMotionMaker`."""
+        """See :class:`twin.scenario.case_motion.CaseMotionMaker`."""
         self.count = case.rig.bodies
         self._kinds = len(kinds)
         self._vehicle = vehicle
@@ -86,7 +84,7 @@ class StoryboardMotion:
 
     def begin(self, slot: int, case: Case) -> StartPose:
         """A case begins: bodies and ego are where they are at time 0 of its storyboard."""
-        _check_content(case)
+        check_scenario_files(case)
         loaded = _load(case)
         name = KIND.config_of(case.variation.scenario).storyboard
         wrong = [*program_mistakes(name, loaded)]
@@ -262,7 +260,8 @@ def scene_file(case: Case) -> str:
     config = KIND.config_of(case.variation.scenario)
     if case.rig.scene == config.storyboard:
         return scene_name(config)
-    return load_scene(case.rig.scene).opendrive
+    scene: str = load_scene(case.rig.scene).opendrive
+    return scene
 
 
 def _load(case: Case) -> LoadedStoryboard:
@@ -272,26 +271,6 @@ def _load(case: Case) -> LoadedStoryboard:
 
 def _tables(road: str) -> RoadTables | None:
     return road_tables(road_map(road).network) if road else None
-
-
-def _check_content(case: Case) -> None:
-    """
-    Raises:
-        RefusedError: the scenario file is another than that of the submission.
-    """
-    name = KIND.config_of(case.variation.scenario).storyboard
-    digest = case.variation.files.get(name)
-    if digest is None or not is_path(name):
-        return
-    try:
-        content = asset_digest(file_of(name))
-    except (ValueError, OSError):  # gone, or cut short
-        content = ""
-    if content != digest:
-        raise RefusedError(
-            f"{name}: it, or a file it names, is not what the campaign was submitted with; "
-            "put it back, or run the campaign anew with another --out"
-        )
 
 
 def _with_vehicle(loaded: LoadedStoryboard, vehicle: Vehicle) -> Program:

@@ -160,7 +160,7 @@ class RigPlayer(StoryboardPlayer):
 _WIDE = ("entities", "elements", "conditions", "instances", "variables")
 
 
-def _copy_into(old: wp.array[Any], new: wp.array[Any]) -> None:
+def _copy_into(old: Any, new: Any) -> None:
     values = new.numpy().copy()
     values[tuple(slice(size) for size in old.shape)] = old.numpy()
     new.assign(values)

@@ -24,7 +24,7 @@ class StartPose(NamedTuple):
     speed_mps: float
 
 
-class BodyMotion(Protocol):
+class CaseMotion(Protocol):
     """Bodies of all slots, from step to step; slots know nothing of one another."""
 
     count: int
@@ -76,12 +76,12 @@ class BodyMotion(Protocol):
         """Names of what may happen in the case of a slot."""
 
 
-class BodyMotionMaker(Protocol):
+class CaseMotionMaker(Protocol):
     """A class of such motions."""
 
     def __call__(
         self, case: Case, vehicle: Vehicle, kinds: Sequence[Any], slots: int, device: Any
-    ) -> BodyMotion:
+    ) -> CaseMotion:
         """For the rig of a case.
 
         Args:
