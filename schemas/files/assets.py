@@ -44,7 +44,8 @@ _LIBRARY = re.compile(rb"[ \t]*mtllib[ \t]+([^\r\n]+)")
 _PLY_TEXTURE = re.compile(
     rb"^comment[ \t]+TextureFile[ \t]+([^\r\n]+)", re.MULTILINE | re.IGNORECASE
 )
-_LOGIC_FILE = re.compile(rb"""<LogicFile\s[^<>]*?filepath\s*=\s*["']([^"'<>]{1,4096})["']""")
+_ROADS = re.compile(rb"""=\s*["']([^"'<>]{1,4096}\.xodr)\s*["']""")
+"""Roads that an OpenSCENARIO file names, also as the value of a parameter."""
 _CATALOGS = re.compile(rb"""<Directory\s[^<>]*?path\s*=\s*["']([^"'<>]{1,4096})["']""")
 _HEAD_BYTES = 64 << 10
 _LINE_BYTES_MAX = 64 << 10
@@ -106,12 +107,12 @@ def file_digest(path: Path, most: int | None = FILE_BYTES_MAX) -> str:
 
 
 def _scenario_files(path: Path) -> list[Path]:
-    """The road of an OpenSCENARIO file, and all files in the folders of its catalogs."""
+    """The roads that an OpenSCENARIO file names, and all files in the folders of its catalogs."""
     try:
         text = read_regular(path, _TEXT_BYTES_MAX)
     except (OSError, ValueError):
         return []  # whoever loads it says why
-    roads = [path.parent / html.unescape(as_text(name)) for name in _LOGIC_FILE.findall(text)]
+    roads = [path.parent / html.unescape(as_text(name)) for name in _ROADS.findall(text)]
     folders = [path.parent / html.unescape(as_text(name)) for name in _CATALOGS.findall(text)]
     catalogs = [
         file for folder in folders if folder.is_dir() for file in folder.glob(f"*{SCENARIO_SUFFIX}")

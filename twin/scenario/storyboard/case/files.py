@@ -114,5 +114,7 @@ def _road(path: Path, program: Program) -> str:
     if is_path(str(path)) and "shipped" not in road.parts:
         known = {file.resolve() for file in asset_files(path)}
         if road.resolve() not in known:
-            raise ValueError(f"{path}: name its road in so many words, not by a parameter")
+            raise ValueError(
+                f"{path}: write the name of its road in one piece, {road} was put together"
+            )
     return str(road)
