@@ -68,7 +68,7 @@ def _place_mistakes(case: Case, name: str, loaded: LoadedStoryboard) -> Iterator
         return  # said where scenes are looked at
     if mistake := other_road(scene.opendrive, loaded.road):
         yield f"{name}: {mistake}"
-    if scene.objects:
+    elif scene.objects:
         yield f"{name}: the scene {case.rig.scene} has objects of its own, which it cannot have"
 
 
