@@ -18,7 +18,6 @@ from schemas.wire.interventions import PlaceEgo
 from twin.actors.intervention_motion import InterventionMotion
 from twin.actors.motion import Placement
 from twin.base.stopwatch import Stopwatch
-from twin.fabric.frames import FrameChannel
 from twin.kpi import verdict as judging
 from twin.kpi.judge_record import judge_record
 from twin.kpi.recorder import KpiRecorder
@@ -29,7 +28,6 @@ from twin.scenario.case_files import check_files
 from twin.scenario.case_motion import StartPose
 from twin.scenario.protocol import ScenarioRun
 from twin.scenario.surroundings import Surroundings
-from twin.sensors import exteroceptive
 from twin.sensors.camera.cameras import camera_sites
 from twin.sensors.data import SensorData
 from twin.sensors.exteroceptive import ExteroceptiveSuite
@@ -100,7 +98,7 @@ class Engine:
             slots: number of slots S, at least 1.
             device: ``cpu`` or ``cuda:N``.
             buffers: host arrays that receive images, by the name of the channel
-                (:func:`frame_channels`).
+                (:func:`twin.sensors.exteroceptive.frame_channels`).
             watch: told where the time goes: ``sense``, ``render``, ``step``, ``physics``.
 
         Raises:
@@ -204,6 +202,15 @@ class Engine:
         """Collider that the scenario of a slot's case is about; None: there is none."""
         index = int(self._vehicles.targets[slot])
         return index if index >= 0 else None
+
+    def closest(self, slot: int) -> tuple[float | None, float | None] | None:
+        """Distance [m] and time [s] to collision with what is nearest, at the current tick; None:
+        the case of the slot is about its target."""
+        run = self._runs[slot]
+        if run is None or not kind_of(run.case.variation.scenario).nearest:
+            return None
+        row = (self._vehicles.nearest() if self._surveyed else self._nearest)[slot].tolist()
+        return (row[0] if row[1] >= 0.0 else None, row[2] if row[3] >= 0.0 else None)
 
     def reset(self, slot: int, case: Case) -> None:
         """Begin ``case`` in ``slot``, at case tick 0."""
@@ -586,12 +593,3 @@ class Engine:
         record = judge_record(run.case, self.state[slot], run.ground, None)
         self.clear(slot)
         return Finished(slot, "failed", "", [reason], scalars, table, record=record)
-
-
-def frame_channels(case: Case, slots: int) -> list[FrameChannel]:
-    """The arrays of a rig that are large enough to be worth sharing.
-
-    Raises:
-        ValueError: the vehicle has no such sensor; one line.
-    """
-    return exteroceptive.frame_channels(case, load_vehicle(case.rig.vehicle), slots)

@@ -45,6 +45,10 @@ class CaseMotion(Protocol):
             ValueError: its files cannot be used; one line.
         """
 
+    def alone(self, slot: int, time_s: float) -> StartPose:
+        """Let a slot that has just begun go on to a time, its ego as the scenario says; where the
+        ego is then."""
+
     def clear(self, slot: int) -> None:
         """Nobody is in a slot any more."""
 

@@ -274,6 +274,7 @@ class ViewPublisher(View):
             clouds={n: _thinned(sensed[n], slot) for n in due if n.startswith("lidar.")},
             label=run.label if run else "",
             target=run is not None and run.target is not None,
+            nearest=engine.closest(slot),
             movers=_movers(engine, slot) if recorded or "state" in due else None,
             readings=_readings(sensed, slot) if recorded or "state" in due else {},
         )

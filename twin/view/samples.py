@@ -114,7 +114,12 @@ def state_of(snapshot: SlotSeen, token: int, seq: int) -> StateSample:
     def value(name: str) -> float:
         return float(state[COLUMN[name]])
 
-    closing = value("closing_mps")
+    dtc_m = ttc_s = None
+    if snapshot.nearest is not None:
+        dtc_m, ttc_s = snapshot.nearest
+    elif snapshot.target:
+        dtc_m, closing = value("dtc_m"), value("closing_mps")
+        ttc_s = dtc_m / closing if closing > CLOSING_MIN_MPS else None
     return StateSample(
         v=SCHEMA_VERSION,
         seq=seq,
@@ -126,8 +131,8 @@ def state_of(snapshot: SlotSeen, token: int, seq: int) -> StateSample:
         yaw_rad=value("yaw_rad"),
         speed_mps=value("speed_mps"),
         accel_mps2=value("accel_mps2"),
-        dtc_m=value("dtc_m") if snapshot.target else None,
-        ttc_s=value("dtc_m") / closing if snapshot.target and closing > CLOSING_MIN_MPS else None,
+        dtc_m=dtc_m,
+        ttc_s=ttc_s,
         collisions=int(state[COLUMN["collisions"]]),
         controls=_controls(snapshot.command),
         boxes=None if snapshot.boxes is None else [_box(row) for row in snapshot.boxes],

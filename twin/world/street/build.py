@@ -32,7 +32,7 @@ from twin.world.things import Thing, named, numbered
 
 OBSTACLE = "obstacle"
 """Name of the broken-down car among the things of a world."""
-NO_LAMPS = (0.0, -1.0e6)
+_NO_LAMPS = (0.0, -1.0e6)
 """Lamps of a world without a street: so far away that they light nothing."""
 
 
@@ -165,7 +165,7 @@ def _build(scene: Scene, bodies: int = 0) -> World:
     classes = ["car"] * len(colliders)
     things = [Thing(OBSTACLE, "car")] * len(colliders)
     others: list[Hull] = []
-    lamps_right = lamps_left = NO_LAMPS
+    lamps_right = lamps_left = _NO_LAMPS
     bent_lamps: np.ndarray | None = None
     if scene.street:
         stop = sidewalks.bus_stop(layout)
@@ -183,7 +183,7 @@ def _build(scene: Scene, bodies: int = 0) -> World:
             bent_lamps = np.concatenate(lamps)
         else:
             lamps_right, lamps_left = (
-                tuple(row[0].tolist()) if len(row) else NO_LAMPS for row in lamps
+                tuple(row[0].tolist()) if len(row) else _NO_LAMPS for row in lamps
             )
         signs, poles = sidewalks.add_signs(mesh, scene, layout, len(classes))
         classes += ["traffic_sign"] * signs

@@ -96,7 +96,18 @@ class StoryboardMotion:
         self._way_m[slot] = self._yaw_rate[slot] = 0.0
         self._stale = True
         self._watch([slot])
-        row = self._player.bodies.reals.numpy()[slot, loaded.ego]
+        return self._ego(slot)
+
+    def alone(self, slot: int, time_s: float) -> StartPose:
+        """Let a slot that has just begun go on by itself, ego and all; where the ego is then."""
+        active = np.zeros(len(self._cases), np.bool_)
+        active[slot] = True
+        for _ in range(round(time_s / self._step_s)):
+            self._go_on(active)
+        return self._ego(slot)
+
+    def _ego(self, slot: int) -> StartPose:
+        row = self._player.bodies.reals.numpy()[slot, self._run(slot).loaded.ego]
         return StartPose(
             float(row[Real.X]),
             float(row[Real.Y]),
@@ -118,8 +129,11 @@ class StoryboardMotion:
 
     def step(self, state: np.ndarray, active: np.ndarray) -> None:
         """One step: the storyboards see the egos at its beginning."""
-        before = self._player.bodies.reals.numpy()[:, :, Real.HEADING].copy()
         self._player.impose_egos(np.ascontiguousarray(state[:, _POSE]))
+        self._go_on(active)
+
+    def _go_on(self, active: np.ndarray) -> None:
+        before = self._player.bodies.reals.numpy()[:, :, Real.HEADING].copy()
         self._player.step()
         reals = self._player.bodies.reals.numpy()
         for slot in np.flatnonzero(active).tolist():
