@@ -93,6 +93,17 @@ def move_at(
 
 
 @wp.func
+def move_across(roads: RoadArrays, place: RoadMove, t: wp.float64) -> RoadMove:
+    """``place`` at another t of its station, on the lane in which that lies: a step of a change of
+    lanes. Its way and its route stay."""
+    move = move_at(roads, place.road, place.s, t, place.sign)
+    move.route_at = place.route_at
+    move.at_end = place.at_end
+    move.rest = place.rest
+    return move
+
+
+@wp.func
 def way_lane(roads: RoadArrays, way: wp.int32, lane: wp.int32) -> wp.int32:
     """The lane to which a lane leads by a way, 0: none."""
     first, end = roads.ways[way, 3], roads.ways[way + 1, 3]
