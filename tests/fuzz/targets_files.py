@@ -36,6 +36,8 @@ from twin.records import kpi_file
 from twin.records.autodrive_files import read_log_files
 from twin.records.drive_record import RecordReader
 from twin.rig.interventions.journal import read_journal
+from twin.scenario.storyboard.native.compiler import compile_native
+from twin.scenario.storyboard.native.document import load_native
 from twin.sensors.lidar.profile_file import load_lidar_profile
 from twin.vehicle.vehicle_file import load_vehicle
 from twin.world.scene import load_scene
@@ -150,6 +152,13 @@ TARGETS = {
         (ValueError,),
         tuple(sorted((ROOT / "twin/sensors/lidar/profiles").glob("*.yaml"))),
         cost=10,
+    ),
+    "yaml-scenario": Target(
+        of_file("s.yaml", lambda path: compile_native(load_native(path))),
+        (ValueError,),
+        tuple(sorted((ROOT / "twin/scenario/storyboard/shipped").glob("*.yaml"))),
+        lines_max=MISTAKES_MAX,
+        cost=20,
     ),
     "yaml-site": Target(of_file("site.yaml", load_site), (UsageError,), lines_max=MISTAKES_MAX),
     "yaml-dataset": Target(of_file("dataset.yaml", _folder(read_head)), (UsageError,), cost=5),

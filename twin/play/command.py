@@ -14,7 +14,7 @@ from twin.base.errors import UsageError, storage_error
 
 
 def play(
-    file: Annotated[Path, typer.Argument(help="An OpenSCENARIO XML file (.xosc), 1.0 to 1.3.")],
+    file: Annotated[Path, typer.Argument(help="A .xosc or .yaml file, or a shipped scenario.")],
     distribution: Annotated[
         Path | None, typer.Option(help="A parameter distribution file that varies it.")
     ] = None,
@@ -38,7 +38,7 @@ def play(
     device: Annotated[str, typer.Option(help="Where to simulate: cpu or cuda:N.")] = "cpu",
     output: OutputOption = Output.human,
 ) -> None:
-    """Play an OpenSCENARIO XML file without a stack, and say what happened when.
+    """Play a scenario without a stack, and say what happened when.
 
     All actors, the ego among them, are moved by the default controller. Prints starts and ends of
     all storyboard elements; of several permutations a row for each.

@@ -1,4 +1,4 @@
-"""Playing of one scenario without a simulator: where everybody is, and which events happen when."""
+"""One scenario, played with nobody at the ego's wheel: where everybody is, what happens when."""
 
 from __future__ import annotations
 
@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from twin.play.playing import play_programs
 from twin.road.tables.road_tables import road_tables
-from twin.scenario.storyboard.player.storyboard_player import StoryboardPlayer
+from twin.scenario.storyboard.player.storyboard_player import Transition
 from twin.scenario.storyboard.program.conditions import ElementState
 from twin.scenario.storyboard.program.program import ElementKind, Program
 
@@ -24,25 +25,25 @@ class PlayedEvent:
     name: str
     actor: str
     started: bool
+    belongs: bool = False
+    """It is part of an event of the file, such as the stop at the end of a path."""
 
 
 @dataclass(frozen=True, slots=True)
 class ScenarioPlay:
-    """What happened; T moments, N entities in the order of the program. The ego keeps its speed and
-    lane: nobody drives it."""
+    """What happened; T moments, N entities in the order of the program; NaN: not there."""
 
     program: Program
     time_s: np.ndarray
     """[T], the last one is the end."""
     x_m: np.ndarray
-    """[T, N], as all the others."""
+    """Of their origins [T, N]."""
     y_m: np.ndarray
+    """[T, N]."""
     heading_rad: np.ndarray
+    """[T, N]."""
     speed_mps: np.ndarray
-    visible: np.ndarray
-    road: np.ndarray
-    s_m: np.ndarray
-    lane: np.ndarray
+    """[T, N]."""
     events: tuple[PlayedEvent, ...]
     limits: tuple[str, ...]
     """Limits of the player that were met."""
@@ -60,56 +61,59 @@ class ScenarioPlay:
         times = [e.time_s for e in self.events if e.name == event and e.started == started]
         return times[0] if times else None
 
-    def distance_m(self, one: str, other: str) -> np.ndarray:
-        """Between the origins of two entities [T]."""
-        a, b = self.entity(one), self.entity(other)
-        return np.hypot(self.x_m[:, a] - self.x_m[:, b], self.y_m[:, a] - self.y_m[:, b])
+    def middle(self, name: str) -> np.ndarray:
+        """x and y of the middle of an entity's box [T, 2]."""
+        index = self.entity(name)
+        ahead = self.program.entities[index].box.centre_x_m
+        heading = self.heading_rad[:, index]
+        x = self.x_m[:, index] + ahead * np.cos(heading)
+        return np.stack([x, self.y_m[:, index] + ahead * np.sin(heading)], axis=1)
 
 
-_COLUMNS = ("x_m", "y_m", "heading_rad", "speed_mps", "visible", "road", "s_m", "lane")
+_COLUMNS = ("x_m", "y_m", "heading_rad", "speed_mps")
 
 
 def play_scenario(
     program: Program, *, every: int = 10, until_s: float = TIME_MAX_S
 ) -> ScenarioPlay:
-    """Play a program to its end.
+    """Play a program to its end; the ego keeps its speed and lane, for nobody drives it.
 
     Args:
         program: what is played.
         every: steps of 10 ms between two moments that are kept.
         until_s: it is not played any longer.
+
+    Raises:
+        UsageError: the program is larger than a limit.
     """
     roads = road_tables(program.network) if program.network is not None else None
-    player = StoryboardPlayer([program], roads, 1, step_s=STEP_S)
-    player.start(0, 0)
-    rows: list[tuple[np.ndarray, ...]] = []
-    times: list[float] = []
-
-    def keep() -> None:
-        states = player.states()
-        times.append(player.steps(0) * STEP_S)
-        rows.append(tuple(np.array(getattr(states, name)[0]) for name in _COLUMNS))
-
-    keep()
-    while player.running(0) and player.steps(0) * STEP_S < until_s - 0.5 * STEP_S:
-        player.step()
-        if player.steps(0) % every == 0 and player.running(0):
-            keep()
-    keep()
-    columns = dict(zip(_COLUMNS, (np.stack(column) for column in zip(*rows, strict=True))))
+    (record,) = play_programs([program], roads, step_s=STEP_S, every=every, until_s=until_s)
+    times = sorted({row.time_s for row in record.rows})
+    moments = {time_s: index for index, time_s in enumerate(times)}
+    numbers = {entity.name: index for index, entity in enumerate(program.entities)}
+    columns = {name: np.full((len(times), len(numbers)), np.nan) for name in _COLUMNS}
+    for row in record.rows:
+        for name, values in columns.items():
+            values[moments[row.time_s], numbers[row.entity]] = getattr(row, name)
     return ScenarioPlay(
-        program, np.array(times), **columns, events=_events(program, player), limits=player.overflows(0)
+        program,
+        np.array(times),
+        **columns,
+        events=_events(program, record.transitions),
+        limits=record.overflows,
     )
 
 
-def _events(program: Program, player: StoryboardPlayer) -> tuple[PlayedEvent, ...]:
+def _events(program: Program, transitions: list[Transition]) -> tuple[PlayedEvent, ...]:
     events = []
-    for transition in player.transitions(0):
+    for transition in transitions:
         element = program.elements[transition.element]
-        kinds = ElementState.START_TRANSITION, ElementState.END_TRANSITION
-        if element.kind is not ElementKind.EVENT or transition.state not in kinds:
-            continue
-        group = program.elements[program.elements[element.parent].parent]
         started = transition.state is ElementState.START_TRANSITION
-        events.append(PlayedEvent(transition.step * STEP_S, element.name, group.name, started))
+        ended = transition.state is ElementState.END_TRANSITION
+        if element.kind is ElementKind.EVENT and (started or ended):
+            group = program.elements[program.elements[element.parent].parent]
+            time_s = transition.step * STEP_S
+            # Scenario files have one event in a maneuver, of the same name; what follows is ours.
+            belongs = element.name.startswith(f"{program.elements[element.parent].name} ")
+            events.append(PlayedEvent(time_s, element.name, group.name, started, belongs))
     return tuple(events)

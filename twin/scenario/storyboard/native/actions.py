@@ -62,7 +62,10 @@ _LAMPS = {
     "high_beam": "highBeam",
     "reversing": "reversingLights",
 }
-_AT_ONCE = TransitionDynamics(DynamicsShape.STEP, DynamicsDimension.TIME, 0.0)
+AT_ONCE = TransitionDynamics(DynamicsShape.STEP, DynamicsDimension.TIME, 0.0)
+"""A change in no time."""
+SPEED, ARRIVE = "speed", "arrive"
+"""Names of actions that cannot begin together: both steer the speed."""
 
 
 @dataclass(slots=True)
@@ -108,7 +111,7 @@ class ActionCompiler:
             self.courses[name] = ActorCourse(place.lane, legs or [])
             actions: list[PrivateAction] = [
                 records.TeleportAction(place.origin),
-                records.SpeedAction(_AT_ONCE, -1, start.speed_mps),
+                records.SpeedAction(AT_ONCE, -1, start.speed_mps),
             ]
             if start.turns and legs:
                 actions.append(self._route(f"{name} turns", legs))
@@ -132,13 +135,13 @@ class ActionCompiler:
         actions: list[tuple[str, PrivateAction]] = []
         self._steer(path, name, orders, actions)
         if orders.speed_mps is not None or orders.stop:
-            actions.append(("speed", self._speed(path, name, orders)))
+            actions.append((SPEED, self._speed(path, name, orders)))
         if orders.arrive is not None:
             arrive = orders.arrive
             action = self.mistakes.attempt(
                 f"{path}.arrive", lambda: self._arrive(f"{path}.arrive", name, arrive)
             )
-            actions += [("arrive", action)] if action else []
+            actions += [(ARRIVE, action)] if action else []
         if orders.keep is not None:
             actions += self._keep(f"{path}.keep", name, orders.keep)
         actions += self._rest(path, name, orders)
@@ -177,8 +180,8 @@ class ActionCompiler:
 
     def _check_driver(self, path: str, start: ActorStart) -> None:
         if start.kind in WALKERS or start.lane is None:
-            words = f"a {start.kind}" if start.kind in WALKERS else "an actor without a lane"
-            self.mistakes.add(path, f"{words} has no driver model")
+            words = f"of kind {start.kind}" if start.kind in WALKERS else "without a lane"
+            self.mistakes.add(path, f"no driver model moves an actor {words}")
 
     def _speed(self, path: str, name: str, orders: ActorOrders) -> records.SpeedAction:
         speed = 0.0 if orders.stop else orders.speed_mps or 0.0
@@ -186,7 +189,9 @@ class ActionCompiler:
         if speed > most:
             words = f"given {speed:g}, '{name}' goes at most {most:g} m/s"
             self.mistakes.add(f"{path}.speed_mps", words)
-        return records.SpeedAction(_dynamics(orders, DynamicsShape.LINEAR), -1, speed)
+        sets_off = orders.arrive is not None
+        dynamics = AT_ONCE if sets_off else _dynamics(orders, DynamicsShape.LINEAR)
+        return records.SpeedAction(dynamics, -1, speed)
 
     def _steer(
         self,
@@ -346,7 +351,7 @@ class ActionCompiler:
             actions.append(("behaviour", self._model(name, start)))
         if orders.lamps is not None:
             if start is not None and start.kind in WALKERS:
-                self.mistakes.add(f"{path}.lamps", f"a {start.kind} has no lamps")
+                self.mistakes.add(f"{path}.lamps", f"an actor of kind {start.kind} has no lamps")
             actions += [("lamp", action) for action in lamp_actions(orders.lamps)]
         if orders.visible is not None:
             shown = orders.visible
@@ -420,7 +425,7 @@ def lamp_actions(lamps: LampOrders) -> list[PrivateAction]:
 def _dynamics(orders: ActorOrders, usual: DynamicsShape) -> TransitionDynamics:
     shape = DynamicsShape[orders.shape.upper()] if orders.shape else usual
     if shape is DynamicsShape.STEP:
-        return _AT_ONCE
+        return AT_ONCE
     if orders.in_s is not None:
         return TransitionDynamics(shape, DynamicsDimension.TIME, orders.in_s)
     if orders.over_m is not None:

@@ -13,7 +13,14 @@ from dataclasses import dataclass
 from schemas.validation import suggest
 from twin.road.opendrive.reading.load import load_network
 from twin.road.shipped.library import road_path
-from twin.scenario.storyboard.native.actions import ActionCompiler, line_points, path_heading
+from twin.scenario.storyboard.native.actions import (
+    ARRIVE,
+    AT_ONCE,
+    SPEED,
+    ActionCompiler,
+    line_points,
+    path_heading,
+)
 from twin.scenario.storyboard.native.bodies import entity_of
 from twin.scenario.storyboard.native.conditions import (
     Groups,
@@ -31,17 +38,12 @@ from twin.scenario.storyboard.native.ground import (
     SpotError,
     scenario_ground,
 )
+from twin.scenario.storyboard.native.orders import ActorOrders
 from twin.scenario.storyboard.native.sections import NativeScenario, ScenarioEnd, StoryEvent
 from twin.scenario.storyboard.native.starts import StartPlace, places_of, turned_place
-from twin.scenario.storyboard.program import actions as actions_of
 from twin.scenario.storyboard.program import conditions as conditions_of
-from twin.scenario.storyboard.program.actions import (
-    DynamicsDimension,
-    DynamicsShape,
-    PrivateAction,
-    TransitionDynamics,
-)
-from twin.scenario.storyboard.program.conditions import ElementState, Trigger
+from twin.scenario.storyboard.program.actions import PrivateAction, SpeedAction
+from twin.scenario.storyboard.program.conditions import ComparisonRule, ElementState, Trigger
 from twin.scenario.storyboard.program.program import (
     ElementKind,
     InitAction,
@@ -52,6 +54,20 @@ from twin.scenario.storyboard.program.program import (
 _STORY = 1
 """Index of the story; 0 is the storyboard, 2 the act."""
 _ACT = 2
+_STARTED = (ElementState.RUNNING, ElementState.COMPLETE)
+
+
+Named = list[tuple[str, PrivateAction]]
+
+
+@dataclass(frozen=True, slots=True)
+class _Follower:
+    """An event that belongs to another one, and begins when something of that has ended."""
+
+    name: str
+    after: int
+    """What has ended: 0 the event, n its n-th action."""
+    actions: Named
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,11 +76,15 @@ class _Part:
 
     event: str
     actor: str
-    actions: list[tuple[str, PrivateAction]]
+    actions: Named
+    followers: tuple[_Follower, ...]
     first: int
     """Index of its group; its maneuver and event follow."""
-    stops: bool
-    """It stops where its path ends."""
+
+    @property
+    def maneuver(self) -> int:
+        """Index of the maneuver, which is over when its events are."""
+        return self.first + 1
 
     @property
     def element(self) -> int:
@@ -196,12 +216,25 @@ def _parts(scenario: NativeScenario, compiler: ActionCompiler) -> list[_Part]:
     for name, event in scenario.events.items():
         for actor, orders in event.do.items():
             actions = compiler.orders(f"events.{name}.do.{actor}", actor, orders)
-            line = bool(orders.path) or orders.cross_to is not None
-            part = _Part(name, actor, actions, index, line and orders.at_end == "stop")
-            parts.append(part)
-            # Group, maneuver, event and actions, and an event with one action that stops.
-            index += 3 + len(actions) + (2 if part.stops else 0)
+            actions, followers = _in_turn(name, orders, actions)
+            parts.append(_Part(name, actor, actions, followers, index))
+            # Group, maneuver, event and its actions; each event that follows, and its actions.
+            index += 3 + len(actions) + sum(1 + len(one.actions) for one in followers)
     return parts
+
+
+def _in_turn(name: str, orders: ActorOrders, actions: Named) -> tuple[Named, tuple[_Follower, ...]]:
+    """Actions of an event, and what begins after them."""
+    followers = []
+    if {SPEED, ARRIVE} <= {words for words, _ in actions}:
+        arrive = [row for row in actions if row[0] == ARRIVE]
+        actions = [row for row in actions if row[0] != ARRIVE]
+        speed = 1 + [words for words, _ in actions].index(SPEED)
+        followers.append(_Follower(f"{name} arrives", speed, arrive))
+    if (orders.path or orders.cross_to is not None) and orders.at_end == "stop":
+        stop: Named = [("stop", SpeedAction(AT_ONCE, -1, 0.0))]
+        followers.append(_Follower(f"{name} stops", 0, stop))
+    return actions, tuple(followers)
 
 
 def _trigger(
@@ -224,24 +257,23 @@ def _trigger(
             compiler.mistakes,
         )
         waits.append((tuple(rows),))
-    over, started = (ElementState.COMPLETE,), (ElementState.RUNNING, ElementState.COMPLETE)
-    for names, states, words in (
-        (_names(event.after), over, "ended"),
-        (_names(event.after_start), started, "started"),
-    ):
+    for names, ended in ((_names(event.after), True), (_names(event.after_start), False)):
         for before in names:
             for part in parts:
                 if part.event == before:
-                    label = f"{before} has {words}"
-                    waits.append(
-                        tuple(
-                            (element_in(label, part.element, state, event.delay_s),)
-                            for state in states
-                        )
-                    )
+                    waits.append(_state_of(part, ended, event.delay_s))
     if not waits and event.delay_s > 0.0:
         waits.append(((at_time(event.delay_s),),))
     return all_of(waits)
+
+
+def _state_of(part: _Part, ended: bool, delay_s: float) -> Groups:
+    """A part of an event has ended, or has started."""
+    if ended:
+        name = f"{part.event} has ended"
+        return ((element_in(name, part.maneuver, ElementState.COMPLETE, delay_s),),)
+    name = f"{part.event} has started"
+    return tuple((element_in(name, part.element, state, delay_s),) for state in _STARTED)
 
 
 def _stop(
@@ -272,6 +304,13 @@ def _stop(
     return Trigger(tuple(groups))
 
 
+def _begun() -> Trigger:
+    """After time 0: players evaluate the storyboard at time 0 with a step of no length, in which a
+    synchronisation could only stop its actor."""
+    after = conditions_of.SimulationTimeCondition(0.0, ComparisonRule.GREATER)
+    return Trigger(((condition("the scenario has begun", after),),))
+
+
 def _elements(
     parts: list[_Part],
     triggers: dict[str, Trigger | None],
@@ -282,7 +321,7 @@ def _elements(
     if not parts:
         return elements
     elements.append(StoryElement(ElementKind.STORY, "events", 0))
-    elements.append(StoryElement(ElementKind.ACT, "act", _STORY))
+    elements.append(StoryElement(ElementKind.ACT, "act", _STORY, start=_begun()))
     for part in parts:
         assert len(elements) == part.first
         group = StoryElement(ElementKind.GROUP, part.actor, _ACT, actors=(numbers[part.actor],))
@@ -295,14 +334,21 @@ def _elements(
             StoryElement(ElementKind.ACTION, words, part.element, action=action)
             for words, action in part.actions
         ]
-        if part.stops:
-            ended = element_in("its path has ended", part.element, ElementState.COMPLETE, 0.0)
-            trigger = Trigger(((ended,),))
-            name = f"{part.event} stops"
-            elements.append(StoryElement(ElementKind.EVENT, name, part.first + 1, start=trigger))
-            at_once = TransitionDynamics(DynamicsShape.STEP, DynamicsDimension.TIME, 0.0)
-            action = actions_of.SpeedAction(at_once, -1, 0.0)
-            elements.append(
-                StoryElement(ElementKind.ACTION, "stop", len(elements) - 1, action=action)
+        for follower in part.followers:
+            before = element_in(
+                "what comes before has ended",
+                part.element + follower.after,
+                ElementState.COMPLETE,
+                0.0,
             )
+            elements.append(
+                StoryElement(
+                    ElementKind.EVENT, follower.name, part.maneuver, start=Trigger(((before,),))
+                )
+            )
+            event = len(elements) - 1
+            elements += [
+                StoryElement(ElementKind.ACTION, words, event, action=action)
+                for words, action in follower.actions
+            ]
     return elements

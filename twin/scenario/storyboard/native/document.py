@@ -32,6 +32,11 @@ def shipped_scenarios() -> tuple[str, ...]:
     return tuple(sorted(path.stem for path in SHIPPED.glob(f"*{SUFFIX}")))
 
 
+def is_native(name_or_path: str) -> bool:
+    """Whether it is the name of a scenario, shipped or not, or the path of a scenario file."""
+    return Path(name_or_path).suffix in (SUFFIX, ".yml", "")
+
+
 def scenario_path(name_or_path: str) -> Path:
     """The file of a shipped scenario, or a path as it is.
 

@@ -23,7 +23,8 @@ class _Section(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 class ArriveOrder(_Section, frozen=True, kw_only=True):
     """Arrive somewhere at the moment when somebody else arrives: where both ways cross.
 
-    The speed follows from what is left of both ways, anew in each step.
+    Its acceleration follows from what is left of both ways, anew in each step. It is constant as
+    long as the other one keeps its speed; with a `speed_mps` of arrival it changes once.
     """
 
     meet: str = "ego"
@@ -78,7 +79,8 @@ class ActorOrders(_Section, frozen=True, kw_only=True):
     """What one actor does; `in_s`, `over_m` and `shape` say how it changes speed or lane."""
 
     speed_mps: Annotated[float, Meta(ge=0, le=100)] | None = None
-    """Change to this speed [m/s]; by 3 m/s2 if nothing else is said."""
+    """Change to this speed [m/s]; by 3 m/s2 if nothing else is said. With `arrive`: the speed with
+    which it sets off, at once."""
     stop: bool = False
     """Change to speed 0."""
     at_mps2: Acceleration | None = None
@@ -121,7 +123,7 @@ class ActorOrders(_Section, frozen=True, kw_only=True):
             )
             if there
         ]
-        if len(speeds) > 1:
+        if len(speeds) > 1 and speeds != ["speed_mps", "arrive"]:
             raise ValueError(f"given {' and '.join(speeds)}, which all change the speed: give one")
         sideways = [
             name

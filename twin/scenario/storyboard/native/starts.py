@@ -93,7 +93,7 @@ def _attempt(
     if start.speed_mps > body.speed_max_mps:
         mistakes.add(
             f"{path}.speed_mps",
-            f"given {start.speed_mps:g}, a {start.kind} goes at most {body.speed_max_mps:g} m/s",
+            f"given {start.speed_mps:g}, kind {start.kind} goes at most {body.speed_max_mps:g} m/s",
         )
     return mistakes.attempt(path, lambda: _actor_place(name, start, ground, places))
 
