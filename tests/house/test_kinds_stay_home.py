@@ -47,7 +47,10 @@ HOMONYMS = {
     "encoders": ("devkit/bridges/autodrive/fields.py", "schemas/messages.py"),
     "imu": ("devkit/bridges/autodrive/fields.py", "schemas/messages.py"),
     "gnss": ("schemas/messages.py",),
-    "storyboard": ("twin/scenario/storyboard/native/compiler.py", "twin/play/report.py"),
+    "storyboard": (
+        *("twin/scenario/storyboard/native/compiler.py", "twin/play/report.py"),
+        "twin/bench/storyboard_traffic.py",
+    ),
     "autodrive": (
         *("schemas/sections/environment.py", "twin/world/sky/almanac.py"),
         *("twin/world/sky/weather.py", "devkit/reference/planning.py"),

@@ -19,6 +19,9 @@ from twin.base.errors import RefusedError
 from twin.rig.engine import Engine
 from twin.rig.slot import Finished
 
+pytestmark = pytest.mark.slow
+"""Kernels of storyboards are compiled first."""
+
 CUT_IN = """scenario: near
 road: motorway
 ego: {lane: 2, s_m: 60, speed_mps: 20}
