@@ -15,7 +15,7 @@ from twin.road.surface.surface import road_surface
 from twin.world.meshes import materials
 from twin.world.meshes.mesh import DECAL, Color, MeshBuilder
 
-EXTENT_MAX_M = 16_000.0
+EXTENT_MAX_M = 16_000
 """Farthest that a road may lie from the world's origin: places of meshes are float32 [m]."""
 _STRAIGHT_M = 0.02
 """A lane whose middle strays less from its chord is straight [m]."""
