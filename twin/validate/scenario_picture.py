@@ -135,10 +135,12 @@ def _draw_events(axes: Any, play: ScenarioPlay) -> None:
     """A dot where an actor's events began, and their names beside it."""
     began: dict[tuple[str, float], list[str]] = {}
     for event in play.events:
-        if event.started and not event.belongs:
+        if event.started and event.actor and not event.belongs:
             began.setdefault((event.actor, event.time_s), []).append(event.name)
     for number, ((actor, time_s), names) in enumerate(began.items()):
         x, y = play.middle(actor)[play.at(time_s)]
+        if np.isnan(x):
+            continue
         color = _color(play, play.entity(actor))
         axes.plot([x], [y], marker="o", markersize=6, color=color, mec="white", zorder=13)
         # Labels that follow one another stand on different sides and at different heights.

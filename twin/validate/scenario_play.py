@@ -24,6 +24,7 @@ class PlayedEvent:
     time_s: float
     name: str
     actor: str
+    """The first of those whose event it is; empty: nobody's."""
     started: bool
     belongs: bool = False
     """It is part of an event of the file, such as the stop at the end of a path."""
@@ -115,5 +116,6 @@ def _events(program: Program, transitions: list[Transition]) -> tuple[PlayedEven
             time_s = transition.step * STEP_S
             # Scenario files have one event in a maneuver, of the same name; what follows is ours.
             belongs = element.name.startswith(f"{program.elements[element.parent].name} ")
-            events.append(PlayedEvent(time_s, element.name, group.name, started, belongs))
+            actor = program.entities[group.actors[0]].name if group.actors else ""
+            events.append(PlayedEvent(time_s, element.name, actor, started, belongs))
     return tuple(events)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 
+import msgspec
 import pytest
 from typer.testing import CliRunner
 
@@ -14,7 +15,13 @@ from native_scenarios import scenario_text
 
 from twin.base.errors import InfrastructureError, UsageError
 from twin.cli import app as twin
+from twin.road.opendrive.road_map import RoadMap
+from twin.scenario.storyboard.native.compiler import compile_native
+from twin.scenario.storyboard.native.document import load_native
+from twin.scenario.storyboard.program.program import ElementKind
 from twin.validate.command import app
+from twin.validate.scenario_picture import write_scenario_picture
+from twin.validate.scenario_play import play_scenario
 
 VAN = "van: {kind: van, lane: 3, ahead_m: 40, speed_mps: 25}"
 EVENT = "brake: {at_s: 0.2, do: {van: {stop: true}}}"
@@ -109,3 +116,16 @@ def test_a_scenario_file_is_played(file, tmp_path):
     assert float(rows[-1]["time_s"]) == pytest.approx(0.5)
     # Braking by 3 m/s2 since 0.2 s.
     assert float(rows[-1]["speed_mps"]) == pytest.approx(25.0 - 0.3 * 3.0, abs=0.04)
+
+
+@pytest.mark.slow
+def test_events_are_those_of_their_actors_whatever_their_group_is_called(file, tmp_path):
+    program = compile_native(load_native(file))
+    elements = [
+        msgspec.structs.replace(one, name="group") if one.kind is ElementKind.GROUP else one
+        for one in program.elements
+    ]
+    play = play_scenario(msgspec.structs.replace(program, elements=tuple(elements)))
+    assert [(event.actor, event.name) for event in play.events] == [("van", "brake")]
+    write_scenario_picture(tmp_path / "look.svg", RoadMap(program.network), play)
+    assert "0.20 s van: brake" in (tmp_path / "look.svg").read_text()
