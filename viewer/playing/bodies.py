@@ -1,0 +1,179 @@
+"""Bodies of a played scenario as Rerun draws them: boxes, names, trails and speeds over time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import rerun as rr
+
+from schemas.escape import escape
+from schemas.files.played_scenario import PlayEntity, PlayFile
+from twin.records.play_file import poses_of
+from viewer.playing import paths
+from viewer.recording.rows import EntityRows
+from viewer.recording.scenery import Color, Logged
+
+NAME_CHARS = 40
+"""Longest name beside a body [characters]."""
+_NAME_ASIDE_M = 1.1
+"""Distance of a name from the body's left side [m]."""
+_TRAIL_LIFT_M = np.array([0.0, 0.0, 0.08])
+_WHITE: Color = (255, 255, 255)
+
+
+def styles(play: PlayFile) -> list[Logged]:
+    """Names and colours of the plots; logged without a time."""
+    looks = zip(play.entities, paths.entity_names(play), paths.entity_colors(play), strict=True)
+    return [
+        (
+            f"{paths.SPEEDS}/{name}",
+            rr.SeriesLines(
+                names=escape(entity.name, NAME_CHARS),
+                colors=[color],
+                widths=3.0 if entity.ego else 1.5,
+            ),
+        )
+        for entity, name, color in looks
+    ]
+
+
+def bodies(play: PlayFile, origin_m: np.ndarray) -> Iterator[EntityRows]:
+    """Rows of all entities; places are moved by ``-origin_m``."""
+    looks = zip(play.entities, paths.entity_names(play), paths.entity_colors(play), strict=True)
+    for number, (entity, name, color) in enumerate(looks):
+        poses = poses_of(entity.poses)
+        if not len(poses):
+            continue
+        places = poses[:, 1:4] - origin_m
+        yield from _body(play, entity, f"{paths.ENTITIES}/{name}", color, poses, places)
+        yield _rows(
+            play,
+            f"{paths.SPEEDS}/{name}",
+            poses[:, 0],
+            rr.Scalars.columns(scalars=poses[:, 5]),
+        )
+        yield from _trail(play, entity, f"{paths.TRAILS}/{name}", color, poses, places)
+        if number == paths.followed(play):
+            yield _rows(play, paths.CENTRE, poses[:, 0], rr.Transform3D.columns(translation=places))
+
+
+def presences(poses: np.ndarray, period_s: float) -> list[tuple[int, int]]:
+    """First row, and the one after the last, of every time in which an entity was there."""
+    breaks = np.flatnonzero(np.diff(poses[:, 0]) > 1.5 * period_s) + 1
+    edges = [0, *breaks.tolist(), len(poses)]
+    return list(zip(edges[:-1], edges[1:], strict=True)) if len(poses) else []
+
+
+def kept_period_s(play: PlayFile) -> float:
+    """Time between two poses of a body that stays; longer than told where poses were thinned."""
+    steps = [
+        float(np.diff(times).min())
+        for entity in play.entities
+        if len(times := poses_of(entity.poses)[:, 0]) > 1
+    ]
+    return max(play.period_s, min(steps, default=0.0))
+
+
+def vanishings(play: PlayFile, poses: np.ndarray, period_s: float) -> list[float]:
+    """Times at which an entity is no longer there, before the end [s]."""
+    lasts = [float(poses[end - 1, 0]) for _, end in presences(poses, period_s)]
+    return [last + period_s for last in lasts if last + 1.5 * period_s < play.end_s]
+
+
+def _body(
+    play: PlayFile,
+    entity: PlayEntity,
+    path: str,
+    color: Color,
+    poses: np.ndarray,
+    places: np.ndarray,
+) -> Iterator[EntityRows]:
+    turns = [rr.RotationAxisAngle([0, 0, 1], rr.Angle(rad=angle)) for angle in poses[:, 4].tolist()]
+    columns = rr.Transform3D.columns(translation=places, rotation_axis_angle=turns)
+    yield _rows(play, path, poses[:, 0], columns)
+    period_s = kept_period_s(play)
+    begins = poses[[first for first, _ in presences(poses, period_s)], 0]
+    count = len(begins)
+    half = [max(size, 0.05) / 2 for size in (entity.length_m, entity.width_m, entity.height_m)]
+    box = rr.Boxes3D.columns(
+        centers=[entity.centre_m] * count,
+        half_sizes=[half] * count,
+        colors=[color] * count,
+        fill_mode=[rr.components.FillMode.Solid] * count,
+        show_labels=[False] * count,
+    )
+    yield _rows(play, f"{path}/body", begins, box)
+    lines = [_nose(entity)] + ([_outline(entity)] if entity.ego else [])
+    drawn = rr.LineStrips3D.columns(
+        strips=lines * count,
+        colors=[_WHITE if entity.ego else (20, 22, 28)] * (len(lines) * count),
+        radii=[rr.Radius.ui_points(1.2)] * (len(lines) * count),
+    )
+    yield _rows(play, f"{path}/front", begins, drawn.partition([len(lines)] * count))
+    x, y, z = entity.centre_m
+    aside = y + half[1] + _NAME_ASIDE_M
+    name = rr.Points3D.columns(
+        positions=[(x, aside, z + half[2])] * count,
+        radii=[rr.Radius.ui_points(0.1)] * count,
+        colors=[color] * count,
+        labels=[escape(entity.name, NAME_CHARS)] * count,
+        show_labels=[True] * count,
+    )
+    yield _rows(play, f"{path}/name", begins, name)
+    gone = np.array(vanishings(play, poses, period_s))
+    for part in ("body", "front", "name"):
+        if len(gone):
+            cleared = rr.Clear.columns(is_recursive=[False] * len(gone))
+            yield _rows(play, f"{path}/{part}", gone, cleared)
+
+
+def _nose(entity: PlayEntity) -> list[list[float]]:
+    """A wedge on the roof that shows where the front is."""
+    x, y, z = entity.centre_m
+    tip, back = x + 0.46 * entity.length_m, x + 0.22 * entity.length_m
+    side, top = 0.4 * entity.width_m, z + 0.5 * entity.height_m + 0.05
+    return [[back, y - side, top], [tip, y, top], [back, y + side, top]]
+
+
+def _outline(entity: PlayEntity) -> list[list[float]]:
+    """A frame around the roof."""
+    x, y, z = entity.centre_m
+    length, width = 0.5 * entity.length_m + 0.1, 0.5 * entity.width_m + 0.1
+    top = z + 0.5 * entity.height_m + 0.05
+    corners = [(1, 1), (1, -1), (-1, -1), (-1, 1), (1, 1)]
+    return [[x + i * length, y + j * width, top] for i, j in corners]
+
+
+def _trail(
+    play: PlayFile,
+    entity: PlayEntity,
+    path: str,
+    color: Color,
+    poses: np.ndarray,
+    places: np.ndarray,
+) -> Iterator[EntityRows]:
+    """A short line per row, from the row before; the view shows all up to its time."""
+    pairs = np.stack([places[:-1], places[1:]], axis=1) + _TRAIL_LIFT_M
+    whole = np.diff(poses[:, 0]) <= 1.5 * kept_period_s(play)
+    moved = whole & (np.abs(pairs[:, 1] - pairs[:, 0]).max(axis=1, initial=0.0) > 1e-6)
+    strips = pairs[moved]
+    if len(strips):
+        columns = rr.LineStrips3D.columns(
+            strips=list(strips),
+            colors=[color] * len(strips),
+            radii=[rr.Radius.ui_points(1.6 if entity.ego else 1.1)] * len(strips),
+        )
+        yield _rows(play, path, poses[1:, 0][moved], columns)
+
+
+def _rows(
+    play: PlayFile, path: str, times_s: np.ndarray, columns: rr.ComponentColumnList
+) -> EntityRows:
+    return EntityRows(path, *stamps(play, times_s), list(columns))
+
+
+def stamps(play: PlayFile, times_s: np.ndarray) -> tuple[list[int], list[int]]:
+    """Times as sim time [ns] and as steps of the player."""
+    times_ns = [round(time * 1e9) for time in times_s.tolist()]
+    return times_ns, [round(time / play.step_s) for time in times_s.tolist()]
