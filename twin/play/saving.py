@@ -51,10 +51,10 @@ def save_played(path: Path, played: PlayedScenario, step_s: float) -> None:
     Raises:
         UsageError: it is larger than a limit of the format, or the file cannot be written.
     """
-    write_play(path, play_file(played, step_s))
+    write_play(path, to_play(played, step_s))
 
 
-def play_file(played: PlayedScenario, step_s: float) -> PlayFile:
+def to_play(played: PlayedScenario, step_s: float) -> PlayFile:
     """What the viewer shows of what was played; as :func:`save_played`."""
     program = played.program
     times = sorted({row.time_s for row in played.rows})

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -16,8 +18,10 @@ from viewer.recording.scenery import Color, Logged
 
 NAME_CHARS = 40
 """Longest name beside a body [characters]."""
-_NAME_ASIDE_M = 1.1
-"""Distance of a name from the body's left side [m]."""
+_NAME_BELOW = 0.012
+"""Distance of a name from its body, as a share of the height of the eye."""
+_STAGGER = 0.055
+"""By so much more for every second and third name: those of neighbours stay legible."""
 _TRAIL_LIFT_M = np.array([0.0, 0.0, 0.08])
 _WHITE: Color = (255, 255, 255)
 
@@ -47,6 +51,7 @@ def bodies(play: PlayFile, origin_m: np.ndarray) -> Iterator[EntityRows]:
             continue
         places = poses[:, 1:4] - origin_m
         yield from _body(play, entity, f"{paths.ENTITIES}/{name}", color, poses, places)
+        yield from _name(play, number, f"{paths.NAMES}/{name}", color, places)
         yield _rows(
             play,
             f"{paths.SPEEDS}/{name}",
@@ -62,7 +67,7 @@ def presences(poses: np.ndarray, period_s: float) -> list[tuple[int, int]]:
     """First row, and the one after the last, of every time in which an entity was there."""
     breaks = np.flatnonzero(np.diff(poses[:, 0]) > 1.5 * period_s) + 1
     edges = [0, *breaks.tolist(), len(poses)]
-    return list(zip(edges[:-1], edges[1:], strict=True)) if len(poses) else []
+    return list(itertools.pairwise(edges)) if len(poses) else []
 
 
 def kept_period_s(play: PlayFile) -> float:
@@ -111,21 +116,45 @@ def _body(
         radii=[rr.Radius.ui_points(1.2)] * (len(lines) * count),
     )
     yield _rows(play, f"{path}/front", begins, drawn.partition([len(lines)] * count))
+    yield from _cleared(play, [f"{path}/body", f"{path}/front"], poses)
+
+
+def _name(
+    play: PlayFile, number: int, path: str, color: Color, places: np.ndarray
+) -> Iterator[EntityRows]:
+    """The name below a body as the views see it, however the body is turned."""
+    entity = play.entities[number]
+    poses = poses_of(entity.poses)
+    eye_m, right = paths.eye_height_m(play), paths.right_rad(play)
+    turn = poses[:, 4] - right
     x, y, z = entity.centre_m
-    aside = y + half[1] + _NAME_ASIDE_M
-    name = rr.Points3D.columns(
-        positions=[(x, aside, z + half[2])] * count,
+    reach = 0.5 * (
+        entity.length_m * np.abs(np.sin(turn)) + entity.width_m * np.abs(np.cos(turn))
+    ) - (x * np.sin(turn) + y * np.cos(turn))
+    below = reach + eye_m * (_NAME_BELOW + _STAGGER * (number % 3))
+    at = places + np.stack(
+        [below * math.sin(right), -below * math.cos(right), np.full(len(below), z)], axis=-1
+    )
+    yield _rows(play, path, poses[:, 0], rr.Transform3D.columns(translation=at))
+    begins = poses[[first for first, _ in presences(poses, kept_period_s(play))], 0]
+    count = len(begins)
+    label = rr.Points3D.columns(
+        positions=[(0.0, 0.0, 0.0)] * count,
         radii=[rr.Radius.ui_points(0.1)] * count,
         colors=[color] * count,
         labels=[escape(entity.name, NAME_CHARS)] * count,
         show_labels=[True] * count,
     )
-    yield _rows(play, f"{path}/name", begins, name)
-    gone = np.array(vanishings(play, poses, period_s))
-    for part in ("body", "front", "name"):
+    yield _rows(play, f"{path}/label", begins, label)
+    yield from _cleared(play, [f"{path}/label"], poses)
+
+
+def _cleared(play: PlayFile, parts: list[str], poses: np.ndarray) -> Iterator[EntityRows]:
+    gone = np.array(vanishings(play, poses, kept_period_s(play)))
+    for part in parts:
         if len(gone):
             cleared = rr.Clear.columns(is_recursive=[False] * len(gone))
-            yield _rows(play, f"{path}/{part}", gone, cleared)
+            yield _rows(play, part, gone, cleared)
 
 
 def _nose(entity: PlayEntity) -> list[list[float]]:

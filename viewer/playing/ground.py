@@ -15,8 +15,6 @@ from viewer.recording.scenery import CYAN, VIOLET, Color, Logged
 
 DASHES_MAX = 200_000
 """Strokes of broken marks; further marks are drawn without gaps."""
-NAMES_MAX = 12
-"""Trajectories and routes with a name beside them; of more, none has."""
 _LANE_COLORS: dict[str, Color] = {
     "shoulder": (46, 48, 54),
     "border": (40, 46, 42),
@@ -138,7 +136,7 @@ def _paths(play: PlayFile, origin_m: np.ndarray) -> rr.LineStrips3D:
         strips,
         colors=colors,
         labels=labels,
-        show_labels=len(play.paths) <= NAMES_MAX,
+        show_labels=False,
         radii=rr.Radius.ui_points(1.2),
     )
 

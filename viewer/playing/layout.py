@@ -8,16 +8,15 @@ from typing import Literal
 import numpy as np
 import rerun.blueprint as rrb
 
+from schemas.escape import escape
 from schemas.files.played_scenario import PlayFile
 from twin.records.play_file import poses_of
 from viewer.playing import paths
 from viewer.recording import naming
 from viewer.recording.blueprint import BACKGROUND
 
-NEAR_M = 62.0
-"""Height of the eye that follows the ego [m]."""
-AHEAD_M = 12.0
-"""Place below that eye, before the ego [m]."""
+_AHEAD = 0.25
+"""Place below the eye that follows, before the ego, as a share of the eye's height."""
 FAR_M = (40.0, 6_000.0)
 """Lowest and highest place of the eye that sees all [m]."""
 TRAIL_S = 1e6
@@ -51,11 +50,11 @@ def play_blueprint(
         rows=rrb.TextLogRows(filter_by_log_level=["INFO", "WARN", "DEBUG"]),
     )
     about = rrb.TextDocumentView(origin=paths.SUMMARY, name="Scenario")
-    right = rrb.Vertical(about, speeds, log, row_shares=[0.8, 1.2, 2.0])
+    right = rrb.Vertical(about, speeds, log, row_shares=[0.75, 1.2, 2.0])
     left = rrb.Vertical(*_views(play, origin_m), row_shares=[1.7, 1.0])
     play_state: Literal["playing", "paused"] = "paused" if paused else "playing"
     return rrb.Blueprint(
-        rrb.Horizontal(left, right, column_shares=[2.0, 1.0]),
+        rrb.Horizontal(left, right, column_shares=[1.6, 1.0]),
         rrb.TopPanel(state="hidden"),
         rrb.BlueprintPanel(state="hidden"),
         rrb.SelectionPanel(state="hidden"),
@@ -75,10 +74,10 @@ def _views(play: PlayFile, origin_m: np.ndarray) -> list[rrb.Spatial3DView]:
     whole = _whole(play, origin_m)
     if number < 0:
         return [whole]
-    heading = float(poses_of(play.entities[number].poses)[0, 4])
-    ahead = np.array([math.cos(heading), math.sin(heading), 0.0]) * AHEAD_M
-    follow = _from_above(f"/{paths.CENTRE}", "Around the ego", ahead, NEAR_M, heading)
-    return [follow, whole]
+    heading, eye_m = paths.right_rad(play), paths.eye_height_m(play)
+    ahead = np.array([math.cos(heading), math.sin(heading), 0.0]) * _AHEAD * eye_m
+    name = f"Around {escape(play.entities[number].name, 40)}"
+    return [_from_above(play, f"/{paths.CENTRE}", name, ahead, eye_m, heading), whole]
 
 
 def _whole(play: PlayFile, origin_m: np.ndarray) -> rrb.Spatial3DView:
@@ -87,8 +86,7 @@ def _whole(play: PlayFile, origin_m: np.ndarray) -> rrb.Spatial3DView:
     places = np.concatenate([*rows, np.zeros((0, 3))]) - origin_m
     if not len(places):
         places = np.zeros((1, 3))
-    number = paths.followed(play)
-    heading = float(poses_of(play.entities[number].poses)[0, 4]) if number >= 0 else 0.0
+    heading = paths.right_rad(play)
     along = places @ [math.cos(heading), math.sin(heading), 0.0]
     across = places @ [-math.sin(heading), math.cos(heading), 0.0]
     if np.ptp(across) > np.ptp(along):
@@ -100,26 +98,36 @@ def _whole(play: PlayFile, origin_m: np.ndarray) -> rrb.Spatial3DView:
     )
     needed = max(float(np.ptp(along)) / _ASPECT, float(np.ptp(across))) / 2.0 + 8.0
     height = min(max(needed / _HALF_FIELD, FAR_M[0]), FAR_M[1])
-    return _from_above(f"/{paths.ROOT}", "Whole scene", centre, height, heading)
+    return _from_above(play, f"/{paths.ROOT}", "Whole scene", centre, height, heading)
 
 
 def _from_above(
-    origin: str, name: str, below: np.ndarray, height_m: float, heading_rad: float
+    play: PlayFile,
+    origin: str,
+    name: str,
+    below: np.ndarray,
+    height_m: float,
+    heading_rad: float,
 ) -> rrb.Spatial3DView:
     """A view straight down on a place; ``heading_rad`` points to the right."""
-    contents = [f"+ /{paths.ROOT}/**"]
+    so_far = rrb.VisibleTimeRanges(
+        rrb.VisibleTimeRange(
+            naming.SIM_TIME,
+            start=rrb.TimeRangeBoundary.cursor_relative(seconds=-TRAIL_S),
+            end=rrb.TimeRangeBoundary.cursor_relative(seconds=0),
+        )
+    )
     return rrb.Spatial3DView(
         origin=origin,
         name=name,
-        contents=contents,
+        contents=[f"+ /{paths.ROOT}/**"],
         eye_controls=rrb.EyeControls3D(
             kind=rrb.Eye3DKind.Orbital,
-            position=below + [0.0, 0.0, height_m],
+            position=below + np.array([0.0, 0.0, height_m]),
             look_target=below,
             eye_up=[-math.sin(heading_rad), math.cos(heading_rad), 0.0],
         ),
         line_grid=False,
         background=BACKGROUND,
-        time_ranges=None,
-        overrides={},
+        overrides={f"/{paths.TRAILS}/{part}": so_far for part in paths.entity_names(play)},
     )

@@ -3,6 +3,7 @@ summary."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -23,6 +24,8 @@ FIRED_MAX = 200
 """Events that are marked on the ground, the first ones."""
 NOTES_SHOWN = 6
 """Notes of the summary."""
+_ABOVE = 0.11
+"""Distance of an event's name from its point, as a share of the height of the eye."""
 _VERBS = {"start": "begins", "end": "ends", "stop": "is stopped", "skip": "is skipped"}
 
 
@@ -77,12 +80,11 @@ def _named(play: PlayFile, element: PlayElement) -> str:
 
 def _look(element: PlayElement, transition: str) -> tuple[str, Color]:
     """Level and colour of a line: what fires stands out, frames of stories stay back."""
-    if transition in ("stop", "skip"):
-        return "WARN", RED
+    cut = transition in ("stop", "skip")
     if element.level == "event":
-        return "INFO", ORANGE if transition == "start" else GREEN
+        return ("WARN", RED) if cut else ("INFO", ORANGE if transition == "start" else GREEN)
     if element.level == "action":
-        return "DEBUG", BLUE
+        return ("WARN", RED) if cut else ("DEBUG", BLUE)
     if element.level in ("storyboard", "act"):
         return "INFO", GREY
     return "TRACE", GREY
@@ -102,13 +104,19 @@ def _comings(play: PlayFile) -> Iterator[LogLine]:
 
 
 def fired(play: PlayFile, origin_m: np.ndarray) -> list[EntityRows]:
-    """Points where the first actor of an event was when it began; moved by ``-origin_m``."""
+    """Points where the first actor of an event was when it began, unless that was at once.
+
+    Places are moved by ``-origin_m``.
+    """
     names: dict[tuple[float, int], list[str]] = {}
     for item in play.transitions:
         element = play.elements[item.element]
-        if element.level == "event" and item.transition == "start" and element.actors:
+        begins = element.level == "event" and item.transition == "start" and item.time_s > 0.0
+        if begins and element.actors:
             names.setdefault((item.time_s, element.actors[0]), []).append(element.name)
     rows = []
+    right, eye_m = paths.right_rad(play), paths.eye_height_m(play)
+    up = np.array([-math.sin(right), math.cos(right), 0.0])
     for (time_s, actor), events in names.items():
         poses = poses_of(play.entities[actor].poses)
         number = int(np.searchsorted(poses[:, 0], time_s + 1e-9, "right")) - 1
@@ -116,15 +124,18 @@ def fired(play: PlayFile, origin_m: np.ndarray) -> list[EntityRows]:
             continue
         more = f" +{len(events) - 1}" if len(events) > 1 else ""
         place = poses[number, 1:4] - origin_m + np.array([0.0, 0.0, 0.1])
+        # The point, and its name above it as the views see it: below stand those of bodies.
+        above = place + (play.entities[actor].width_m / 2 + _ABOVE * eye_m) * up
         columns = rr.Points3D.columns(
-            positions=[place],
-            radii=[0.35],
-            colors=[ORANGE],
-            labels=[f"{escape(events[0], 40)}{more} {time_s:.2f} s"],
-            show_labels=[True],
+            positions=[place, above],
+            radii=[rr.Radius.ui_points(4.0), rr.Radius.ui_points(0.1)],
+            colors=[ORANGE, ORANGE],
+            labels=["", f"{escape(events[0], 40)}{more} {time_s:.2f} s"],
         )
+        shown = rr.Points3D.columns(show_labels=[True])
         path = f"{paths.FIRED}/{len(rows):03d}"
-        rows.append(EntityRows(path, *stamps(play, np.array([time_s])), list(columns)))
+        stamped = stamps(play, np.array([time_s]))
+        rows.append(EntityRows(path, *stamped, [*columns.partition([2]), *shown]))
     return rows
 
 
@@ -142,7 +153,11 @@ def summary(play: PlayFile) -> rr.TextDocument:
         f"{counted(events, 'event')} began",
         *([f"ego {_plain(', '.join(egos))}"] if egos else []),
         *(f"- {_plain(note)}" for note in play.notes[:NOTES_SHOWN]),
-        *([f"- and {len(play.notes) - NOTES_SHOWN} more notes"] if play.notes[NOTES_SHOWN:] else []),
+        *(
+            [f"- and {len(play.notes) - NOTES_SHOWN} more notes"]
+            if play.notes[NOTES_SHOWN:]
+            else []
+        ),
     ]
     return rr.TextDocument("\n\n".join(lines), media_type="text/markdown")
 
