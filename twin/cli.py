@@ -36,6 +36,7 @@ from twin.dataset.command_options import (
 )
 from twin.fabric.connection_options import InsecureOption, KeyOption, NamespaceOption
 from twin.fabric.endpoint import LOOPBACK, NAMESPACE
+from twin.play.command import play
 from twin.validate.command import app as validate_app
 from twin.worker.command_options import (
     ConnectOption,
@@ -63,6 +64,7 @@ if TYPE_CHECKING:
 app = make_app("twin", "The simulator. `twin worker` runs the cases that a conductor leases to it.")
 app.add_typer(validate_app, name="validate")
 app.add_typer(bench_app, name="bench")
+app.command()(play)
 
 Device = Annotated[str, typer.Option(help="Where to simulate: cpu or cuda:N.")]
 

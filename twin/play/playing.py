@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -81,22 +81,25 @@ def play_programs(
     """Number of the program that a slot plays."""
     ended = 0
     while waiting or active:
-        for slot in range(slots):
-            if slot not in active and waiting:
-                active[slot] = waiting.pop()
-                player.start(slot, active[slot])
-                _keep(player, slot, played[active[slot]], step_s)
+        begun = [slot for slot in range(slots) if slot not in active][: len(waiting)]
+        for slot in begun:
+            active[slot] = waiting.pop()
+            player.start(slot, active[slot])
+        _keep(player, {slot: played[active[slot]] for slot in begun}, step_s)
         for slot, number in active.items():
             for entity, pose in imposed(number, played[number].steps) if imposed else ():
                 player.impose(slot, entity, *pose)
         player.step()
-        for slot, number in list(active.items()):
-            record = played[number]
-            record.finished = not player.running(slot)
-            if not record.finished:
-                record.steps += 1
-                if record.steps % every == 0:
-                    _keep(player, slot, record, step_s)
+        for slot, number in active.items():
+            played[number].finished = not player.running(slot)
+            played[number].steps += not played[number].finished
+        due = {slot: played[number] for slot, number in active.items()}
+        _keep(
+            player,
+            {k: r for k, r in due.items() if not r.finished and r.steps % every == 0},
+            step_s,
+        )
+        for slot, record in due.items():
             if record.finished or (record.steps + 1) * step_s > until_s + 1e-9:
                 record.transitions = player.transitions(slot)
                 record.overflows = player.overflows(slot)
@@ -107,14 +110,17 @@ def play_programs(
     return played
 
 
-def _keep(player: StoryboardPlayer, slot: int, record: PlayedScenario, step_s: float) -> None:
-    """Keep the poses of all entities that are there."""
+def _keep(player: StoryboardPlayer, due: Mapping[int, PlayedScenario], step_s: float) -> None:
+    """Keep the poses of all entities that are there, in the slots that are due."""
+    if not due:
+        return
     states = player.states()
-    time_s = record.steps * step_s
-    for index, entity in enumerate(record.program.entities):
-        if not states.visible[slot, index]:
-            continue
-        heading = float(np.mod(states.heading_rad[slot, index], 2.0 * np.pi))
-        x, y, z = (float(values[slot, index]) for values in (states.x_m, states.y_m, states.z_m))
-        speed = float(states.speed_mps[slot, index])
-        record.rows.append(PoseRow(time_s, entity.name, x, y, z, heading, speed))
+    heading_rad = np.mod(states.heading_rad, 2.0 * np.pi)
+    for slot, record in due.items():
+        time_s = record.steps * step_s
+        for index, entity in enumerate(record.program.entities):
+            if not states.visible[slot, index]:
+                continue
+            values = (states.x_m, states.y_m, states.z_m, heading_rad, states.speed_mps)
+            x, y, z, heading, speed = (float(column[slot, index]) for column in values)
+            record.rows.append(PoseRow(time_s, entity.name, x, y, z, heading, speed))

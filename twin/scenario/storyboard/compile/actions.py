@@ -240,6 +240,11 @@ def _monitor(element: ScenarioElement, context: Compilation) -> SetVariableActio
     return SetVariableAction(number, float(bool(element.values["value"])))
 
 
+def _animation(element: ScenarioElement, _context: Compilation) -> CommandAction:
+    """An event and nothing else; that it has no effect is noted with all elements of its kind."""
+    return CommandAction(only_child(only_child(element)).name)
+
+
 def _command(element: ScenarioElement, context: Compilation) -> CommandAction:
     context.note(element, "the command is noted as an event and does nothing else")
     return CommandAction(f"{element.values['type']} {element.text}".strip())
@@ -262,6 +267,7 @@ ACTIONS: dict[str, Handler] = {
     "ActivateControllerAction": _activate,
     "AssignControllerAction": _assign_controller,
     "VisibilityAction": _visibility,
+    "AnimationAction": _animation,
     "LightStateAction": _light,
     "EnvironmentAction": _environment,
     "EntityAction": _entity_action,

@@ -16,6 +16,7 @@ from twin.scenario.storyboard.compile.fates import (
     HANDLERS,
     NO_EFFECT,
     NO_EFFECT_ATTRIBUTES,
+    NO_EFFECT_NAMES,
     REFUSED_TYPES,
 )
 from twin.scenario.storyboard.compile.storyboards import compile_init, compile_storyboard
@@ -106,13 +107,13 @@ def _refuse(root: ScenarioElement, context: Compilation) -> None:
         if element.type_name in REFUSED_TYPES:
             words = f"{element.name} is refused: {REFUSED_TYPES[element.type_name]}"
             context.mistakes.add(element.file, element.line, words)
-        name = element.name if element.name in NO_EFFECT else element.type_name
-        if name in NO_EFFECT:
-            context.note(element, f"no effect: {NO_EFFECT[name]}")
+        reason = NO_EFFECT.get(element.type_name) or NO_EFFECT_NAMES.get(element.name)
+        if reason is not None:
+            context.note(element, f"no effect: {reason}")
         for key in element.values:
-            reason = NO_EFFECT_ATTRIBUTES.get((element.type_name, key))
-            if reason is not None:
-                context.note(element, f"{key} has no effect: {reason}")
+            why = NO_EFFECT_ATTRIBUTES.get((element.type_name, key))
+            if why is not None:
+                context.note(element, f"{key} has no effect: {why}")
 
 
 def _roads(element: ScenarioElement, context: Compilation, cache: RoadCache) -> RoadNetwork | None:

@@ -5,7 +5,7 @@ The ego is the entity named Ego or Hero (in any case), else the first whose cont
 
 from __future__ import annotations
 
-from dataclasses import replace
+from msgspec.structs import replace
 
 from twin.scenario.storyboard.compile.context import Compilation, Handler, RefusalError, only_child
 from twin.scenario.storyboard.openscenario.element import ScenarioElement

@@ -32,7 +32,6 @@ REFUSED_TYPES: Mapping[str, str] = {
     "ConnectTrailerAction": "trailers are not coupled",
     "DisconnectTrailerAction": "trailers are not coupled",
     "ExternalObjectReference": "objects of other files are not known",
-    "FromCurrentEntity": "a place on a route that moves with an entity is not played",
     "GeoPosition": "positions by latitude and longitude are not played; use WorldPosition",
     "OverrideControllerValueAction": "pedals of a controller are not overridden",
     "PositionOfCurrentEntity": "a place on a route that moves with an entity is not played",
@@ -56,13 +55,17 @@ NO_EFFECT: Mapping[str, str] = {
     "Color": "lamps have the colour of their kind",
     "CustomContent": "it is for other tools",
     "DomeImage": "the sky follows the sun and the clouds",
-    "SceneGraphFile": "roads are drawn from the road network",
     "TrafficSignals": "controllers of signals do not switch by themselves",
     "TrailerCoupler": "trailers are not coupled",
     "TrailerHitch": "trailers are not coupled",
     "UsedArea": "the whole road network is used",
 }
 """Element types without effect, with the reason; each is noted."""
+
+NO_EFFECT_NAMES: Mapping[str, str] = {
+    "SceneGraphFile": "roads are drawn from the road network",
+}
+"""Elements without effect whose type others share, by name."""
 
 NO_EFFECT_ATTRIBUTES: Mapping[tuple[str, str], str] = {
     ("DistanceCondition", "routingAlgorithm"): "distances follow the road",
@@ -74,29 +77,6 @@ NO_EFFECT_ATTRIBUTES: Mapping[tuple[str, str], str] = {
     ("GeoPosition", "verticalRoadSelection"): "the position is refused",
 }
 """Attributes without effect, with the reason; each is noted."""
-
-READ_ONLY = frozenset(
-    {
-        *("Controller", "Property", "Properties", "License", "File", "FileHeader", "Directory"),
-        *("AnimationFile", "AnimationState", "AnimationType", "ComponentAnimation"),
-        *("PedestrianAnimation", "PedestrianGesture", "UserDefinedAnimation"),
-        *("UserDefinedComponent", "VehicleComponent", "ColorCmyk", "ColorRgb"),
-        *("TrafficSignalController", "Phase", "TrafficSignalState"),
-    }
-)
-"""Element types that are read and shown and have no effect of their own."""
-
-
-def fate_of(type_name: str) -> str:
-    """What happens with an element type, in a word or a word and the reason."""
-    if type_name in REFUSED_TYPES:
-        return f"refused: {REFUSED_TYPES[type_name]}"
-    if type_name in NO_EFFECT:
-        return f"no effect: {NO_EFFECT[type_name]}"
-    if type_name in HANDLERS or type_name in STRUCTURE:
-        return "played"
-    return "read"
-
 
 STRUCTURE = frozenset(
     {
@@ -124,3 +104,16 @@ STRUCTURE = frozenset(
     }
 )
 """Element types that handlers of others read as a part of theirs."""
+
+
+def fate_of(type_name: str, attribute: str = "") -> str:
+    """What happens with an element type or one of its attributes: a word, often a reason."""
+    if type_name in REFUSED_TYPES:
+        return f"refused: {REFUSED_TYPES[type_name]}"
+    if type_name in NO_EFFECT:
+        return f"no effect: {NO_EFFECT[type_name]}"
+    if (type_name, attribute) in NO_EFFECT_ATTRIBUTES:
+        return f"no effect: {NO_EFFECT_ATTRIBUTES[type_name, attribute]}"
+    if type_name in HANDLERS or type_name in STRUCTURE:
+        return "played"
+    return "read"

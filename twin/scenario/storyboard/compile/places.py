@@ -8,9 +8,9 @@ one (the default) stands alone.
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
+from msgspec.structs import replace
 
 from twin.road.opendrive.grid import cosine, sine
 from twin.scenario.storyboard.compile.context import (

@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
+from msgspec.structs import replace
 
 from twin.road.opendrive.clothoid import clothoid
 from twin.road.opendrive.grid import angle_of, cosine, sine

@@ -10,7 +10,7 @@ an enumeration. What was mandatory in one version only is optional here.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cache
 
@@ -102,28 +102,34 @@ def enumerations() -> dict[str, dict[str, int]]:
     return tables
 
 
-def coverage() -> Iterator[tuple[str, str, str, str]]:
+Fate = Callable[[str, str], str]
+"""What happens with an element type and one of its attributes (empty: with the element)."""
+
+
+def coverage(fate_of: Fate) -> Iterator[tuple[str, str, str, str]]:
     """Rows of the reference table: element type, attribute (or empty), versions, what happens."""
     for name, rule in sorted(element_rules().items()):
-        fate = f"refused: {REFUSED[name]}" if name in REFUSED else "read"
-        yield name, "", _versions(rule.since, rule.until), fate
+        yield name, "", _versions(rule.since, rule.until), fate_of(name, "")
         for attribute in rule.attributes.values():
             since = max(rule.since, attribute.since)
-            yield name, attribute.name, _versions(since, min(rule.until, attribute.until)), fate
+            versions = _versions(since, min(rule.until, attribute.until))
+            yield name, attribute.name, versions, fate_of(name, attribute.name)
     for name, reason in IGNORED.items():
         yield "OpenSCENARIO", name, _versions(0, MINOR_MAX), f"ignored: {reason}"
 
 
-def coverage_table() -> list[str]:
+def coverage_table(fate_of: Fate) -> list[str]:
     """The reference table as Markdown: a row per element type, ignored attributes last."""
     rows: dict[tuple[str, str, str], list[str]] = {}
-    for name, attribute, versions, fate in coverage():
+    key = ("", "", "")
+    for name, attribute, versions, fate in coverage(fate_of):
         if not attribute or fate.startswith("ignored"):
             key = name, versions, fate
             rows[key] = [attribute] if attribute else []
         else:
-            own = f" ({versions})" if versions != key[1] else ""
-            rows[key].append(f"`{attribute}`{own}")
+            words = [versions] if versions != key[1] else []
+            words += [fate] if fate != key[2] else []
+            rows[key].append(f"`{attribute}`" + (f" ({'; '.join(words)})" if words else ""))
     return [
         "| element type | versions | attributes | what happens |",
         "|---|---|---|---|",

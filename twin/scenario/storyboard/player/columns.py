@@ -253,3 +253,5 @@ class Whole(IntEnum):
     """Its pose comes from outside; 1: this step's was told."""
     LIGHTS = 14
     """Two bits a lamp."""
+    CLAIMED = 15
+    """Bits of :class:`Domain` that actions of Init have moved in this step."""

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
+
+from msgspec.structs import fields
 
 from twin.scenario.storyboard.player.kinds import ACTION_TYPES, action_code, domains_of
 from twin.scenario.storyboard.program.actions import Action, AddEntityAction, GlobalAction

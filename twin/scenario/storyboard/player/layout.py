@@ -9,12 +9,15 @@ from __future__ import annotations
 
 import types
 from collections.abc import Iterator
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass
 from enum import IntEnum
 from functools import cache
 from typing import Any, Union, get_args, get_origin, get_type_hints
 
+from msgspec.structs import fields
+
 from twin.scenario.storyboard.program.places import FixedPosition, Position, RelativePosition
+from twin.scenario.storyboard.program.record import ProgramRecord
 
 PLACE_REALS = ("x_m", "y_m", "z_m", "heading_rad", "pitch_rad", "roll_rad", "s_m", "t_m", "offset")
 """Floats of a position; those of a relative one begin with a, b, c."""
@@ -71,7 +74,7 @@ def flatten(record: Any) -> tuple[list[float], list[int]]:
         else:
             wholes.append(-1 if value is None else int(value))
     for entry in tail:
-        if is_dataclass(entry):
+        if isinstance(entry, ProgramRecord):
             more_reals, more_wholes = flatten(entry)
             reals += more_reals
             wholes += more_wholes
@@ -90,7 +93,7 @@ def _leaves(record: type, prefix: str) -> Iterator[tuple[str, type]]:
             yield from ((f"{name}.{column}", int) for column in PLACE_WHOLES)
         elif get_origin(hint) is tuple:
             yield f"{name}.{TAIL}", tuple
-        elif is_dataclass(hint) and isinstance(hint, type):
+        elif isinstance(hint, type) and issubclass(hint, ProgramRecord):
             yield from _leaves(hint, name + ".")
         elif hint is float:
             yield name, float

@@ -10,7 +10,7 @@ import warp as wp
 
 from twin.road.walk.road_arrays import road_arrays
 from twin.road.tables.road_tables import RoadTables, flat_tables
-from twin.scenario.storyboard.player.advance import advance_kernel
+from twin.scenario.storyboard.player.advance import INIT_PHASE, STORY_PHASE, advance_kernel
 from twin.scenario.storyboard.player.arrays import (
     BodyArrays,
     body_arrays,
@@ -154,12 +154,13 @@ class StoryboardPlayer:
         self._launch(
             begin_kernel, everyone, [*model, only, _ALL, self._before, self.bodies, self._play]
         )
-        self._copy()
-        self._launch(
-            advance_kernel,
-            everyone,
-            [*model, only, step_s, self._before, self.bodies, self._play],
-        )
+        for phase in (INIT_PHASE, STORY_PHASE):
+            self._copy()
+            self._launch(
+                advance_kernel,
+                everyone,
+                [*model, only, phase, step_s, self._before, self.bodies, self._play],
+            )
         self._launch(settle_kernel, self.slots, [self._programs, only, steps, self._play])
 
     def running(self, slot: int) -> bool:

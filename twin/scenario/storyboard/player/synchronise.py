@@ -113,8 +113,11 @@ def way_left(
 
 
 @wp.func
-def along_way(before: BodyArrays, slot: wp.int32, e: wp.int32) -> wp.float64:
-    """Speed of an entity along what it follows: its trajectory, or its road."""
+def along_way(before: BodyArrays, slot: wp.int32, e: wp.int32, step: wp.int32) -> wp.float64:
+    """Speed of an entity along what it follows, its trajectory or its road, as its last step was;
+    0 before its first one, as in esmini."""
+    if step == 0:
+        return ZERO
     speed = before.reals[slot, e, Real.SPEED]
     if before.wholes[slot, e, Whole.TRAJECTORY] >= 0 or before.wholes[slot, e, Whole.ROAD] < 0:
         return speed
@@ -134,6 +137,7 @@ def step_synchronise(
     along: wp.float64,
     left: wp.float64,
     master_left: wp.float64,
+    master_along: wp.float64,
     step_s: wp.float64,
 ) -> wp.float64:
     """The speed of this step, ``left`` and ``master_left`` being the ways that are left."""
@@ -151,9 +155,8 @@ def step_synchronise(
     play.instance_reals[slot, k, MASTER_LAST] = master_left
     way = wp.max(left - tolerance, CLOSE)
     time = wp.float64(FAR)
-    master_speed = along_way(before, slot, master)
-    if master_speed > CLOSE:
-        time = wp.max(master_left - master_tolerance, CLOSE) / master_speed
+    if master_along > CLOSE:
+        time = wp.max(master_left - master_tolerance, CLOSE) / master_along
         done = done or time < step_s
     if done:
         play.instance_wholes[slot, k, OVER] = 1

@@ -28,6 +28,7 @@ from twin.scenario.storyboard.program.conditions import ElementStateCondition, T
 from twin.scenario.storyboard.program.entities import StoryboardEntity
 from twin.scenario.storyboard.program.places import FixedPosition, RoadRoute, Trajectory
 from twin.scenario.storyboard.program.program import DriverModel, Program
+from twin.scenario.storyboard.program.record import ProgramRecord
 
 PIECE_COLUMNS = 20
 """Start, length, cubics of x, y, z and heading, start time, duration; see ``TrajectoryPiece``."""
@@ -334,8 +335,7 @@ class _Packer:
             self.most[name] = max(self.most[name], count)
 
 
-@dataclass(frozen=True, slots=True)
-class _Start:
+class _Start(ProgramRecord, frozen=True):
     place: FixedPosition
 
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import IntEnum
 
 from twin.scenario.storyboard.program.conditions import DistanceFrame
 from twin.scenario.storyboard.program.places import Position
+from twin.scenario.storyboard.program.record import ProgramRecord
 
 
 class DynamicsShape(IntEnum):
@@ -29,8 +29,7 @@ class DynamicsDimension(IntEnum):
     """The way during which it takes place [m]."""
 
 
-@dataclass(frozen=True, slots=True)
-class TransitionDynamics:
+class TransitionDynamics(ProgramRecord, frozen=True):
     """How a value changes."""
 
     shape: DynamicsShape
@@ -38,8 +37,7 @@ class TransitionDynamics:
     value: float
 
 
-@dataclass(frozen=True, slots=True)
-class MotionLimits:
+class MotionLimits(ProgramRecord, frozen=True):
     """Limits of a controlled motion; infinite where none are given."""
 
     acceleration_max_mps2: float = float("inf")
@@ -59,8 +57,7 @@ class Displacement(IntEnum):
     """Trailing, or to the right."""
 
 
-@dataclass(frozen=True, slots=True)
-class SpeedAction:
+class SpeedAction(ProgramRecord, frozen=True):
     """Change speed; relative to another entity where ``entity`` is not -1."""
 
     dynamics: TransitionDynamics
@@ -71,16 +68,14 @@ class SpeedAction:
     continuous: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class SpeedProfileEntry:
+class SpeedProfileEntry(ProgramRecord, frozen=True):
     """One speed of a profile and the time since the one before; negative: as fast as allowed."""
 
     speed_mps: float
     duration_s: float
 
 
-@dataclass(frozen=True, slots=True)
-class SpeedProfileAction:
+class SpeedProfileAction(ProgramRecord, frozen=True):
     """Pass through a row of speeds."""
 
     entity: int
@@ -91,8 +86,7 @@ class SpeedProfileAction:
     limits: MotionLimits
 
 
-@dataclass(frozen=True, slots=True)
-class LongitudinalDistanceAction:
+class LongitudinalDistanceAction(ProgramRecord, frozen=True):
     """Keep a distance or, where ``time_gap``, a time gap to another entity."""
 
     entity: int
@@ -106,8 +100,7 @@ class LongitudinalDistanceAction:
     limits: MotionLimits
 
 
-@dataclass(frozen=True, slots=True)
-class LaneChangeAction:
+class LaneChangeAction(ProgramRecord, frozen=True):
     """Change to a lane: by id or, where ``entity`` is not -1, counted from that entity's lane."""
 
     dynamics: TransitionDynamics
@@ -116,8 +109,7 @@ class LaneChangeAction:
     target_offset_m: float
 
 
-@dataclass(frozen=True, slots=True)
-class LaneOffsetAction:
+class LaneOffsetAction(ProgramRecord, frozen=True):
     """Move to an offset from the centre of the lane, relative to another entity's if given."""
 
     shape: DynamicsShape
@@ -128,8 +120,7 @@ class LaneOffsetAction:
     continuous: bool
 
 
-@dataclass(frozen=True, slots=True)
-class LateralDistanceAction:
+class LateralDistanceAction(ProgramRecord, frozen=True):
     """Keep a lateral distance to another entity."""
 
     entity: int
@@ -157,8 +148,7 @@ class SteadyStateKind(IntEnum):
     TIME = 2
 
 
-@dataclass(frozen=True, slots=True)
-class SynchronizeAction:
+class SynchronizeAction(ProgramRecord, frozen=True):
     """Arrive at a position when a master arrives at its own."""
 
     master: int
@@ -177,22 +167,19 @@ class SynchronizeAction:
     master_trajectory_s_m: float = 0.0
 
 
-@dataclass(frozen=True, slots=True)
-class TeleportAction:
+class TeleportAction(ProgramRecord, frozen=True):
     """Be somewhere else at once."""
 
     position: Position
 
 
-@dataclass(frozen=True, slots=True)
-class AssignRouteAction:
+class AssignRouteAction(ProgramRecord, frozen=True):
     """Follow a route (index) from now on."""
 
     route: int
 
 
-@dataclass(frozen=True, slots=True)
-class AcquirePositionAction:
+class AcquirePositionAction(ProgramRecord, frozen=True):
     """Go to a position along the shortest way."""
 
     position: Position
@@ -201,8 +188,7 @@ class AcquirePositionAction:
     route (index, -1: none) by ``2 * road + (0 along s, 1 against it)``."""
 
 
-@dataclass(frozen=True, slots=True)
-class FollowTrajectoryAction:
+class FollowTrajectoryAction(ProgramRecord, frozen=True):
     """Follow a trajectory (index)."""
 
     trajectory: int
@@ -216,8 +202,7 @@ class FollowTrajectoryAction:
     initial_distance_m: float
 
 
-@dataclass(frozen=True, slots=True)
-class ControllerAction:
+class ControllerAction(ProgramRecord, frozen=True):
     """Who moves the actor: True: its controller, False: the default one, None: as before."""
 
     lateral: bool | None
@@ -226,8 +211,7 @@ class ControllerAction:
     """Driver model (index of :attr:`Program.models`) that becomes its controller; -1: as before."""
 
 
-@dataclass(frozen=True, slots=True)
-class VisibilityAction:
+class VisibilityAction(ProgramRecord, frozen=True):
     """Who sees the actor."""
 
     graphics: bool
@@ -235,8 +219,7 @@ class VisibilityAction:
     traffic: bool
 
 
-@dataclass(frozen=True, slots=True)
-class LightAction:
+class LightAction(ProgramRecord, frozen=True):
     """A lamp of the actor."""
 
     light: int
@@ -265,38 +248,33 @@ LIGHTS = (
 """Lamps of vehicles, spelled as in OpenSCENARIO."""
 
 
-@dataclass(frozen=True, slots=True)
-class EnvironmentAction:
+class EnvironmentAction(ProgramRecord, frozen=True):
     """Weather, light and time of day (index of :attr:`Program.environments`)."""
 
     environment: int
 
 
-@dataclass(frozen=True, slots=True)
-class AddEntityAction:
+class AddEntityAction(ProgramRecord, frozen=True):
     """Put an entity into the world."""
 
     entity: int
     position: Position
 
 
-@dataclass(frozen=True, slots=True)
-class DeleteEntityAction:
+class DeleteEntityAction(ProgramRecord, frozen=True):
     """Take an entity out of the world."""
 
     entity: int
 
 
-@dataclass(frozen=True, slots=True)
-class SetVariableAction:
+class SetVariableAction(ProgramRecord, frozen=True):
     """Set a variable, parameter or signal; words are numbered (:attr:`Program.words`)."""
 
     variable: int
     value: float
 
 
-@dataclass(frozen=True, slots=True)
-class ModifyVariableAction:
+class ModifyVariableAction(ProgramRecord, frozen=True):
     """Multiply a variable, then add to it."""
 
     variable: int
@@ -304,8 +282,7 @@ class ModifyVariableAction:
     addend: float
 
 
-@dataclass(frozen=True, slots=True)
-class CommandAction:
+class CommandAction(ProgramRecord, frozen=True):
     """A command of the user; only noted as an event."""
 
     words: str

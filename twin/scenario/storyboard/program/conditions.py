@@ -7,11 +7,10 @@ Distances along a road count in the direction of the triggering entity.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import IntEnum
 
-from twin.scenario.storyboard.program.entities import EntityCategory
 from twin.scenario.storyboard.program.places import Position
+from twin.scenario.storyboard.program.record import ProgramRecord
 
 
 class ComparisonRule(IntEnum):
@@ -82,33 +81,30 @@ class ElementState(IntEnum):
     SKIP_TRANSITION = 6
 
 
-@dataclass(frozen=True, slots=True)
-class EndOfRoadCondition:
+class EndOfRoadCondition(ProgramRecord, frozen=True):
     """Has been at the end of a road for a time."""
 
     duration_s: float
 
 
-@dataclass(frozen=True, slots=True)
-class CollisionCondition:
+class CollisionCondition(ProgramRecord, frozen=True):
     """Boxes overlap with an entity (index) or, where it is -1, with any of a category.
 
     -1: any; -2: vehicles (car to tram); -3: pedestrians (pedestrian to animal); -4: other objects.
     """
 
     entity: int
-    category: EntityCategory | int
+    category: int
+    """An :class:`EntityCategory`, or one of the numbers above."""
 
 
-@dataclass(frozen=True, slots=True)
-class OffroadCondition:
+class OffroadCondition(ProgramRecord, frozen=True):
     """Has been on no lane for a time."""
 
     duration_s: float
 
 
-@dataclass(frozen=True, slots=True)
-class TimeHeadwayCondition:
+class TimeHeadwayCondition(ProgramRecord, frozen=True):
     """Distance to another entity, divided by the own speed."""
 
     entity: int
@@ -119,8 +115,7 @@ class TimeHeadwayCondition:
     kind: DistanceKind
 
 
-@dataclass(frozen=True, slots=True)
-class TimeToCollisionCondition:
+class TimeToCollisionCondition(ProgramRecord, frozen=True):
     """Distance to an entity (index) or, where it is -1, a position, divided by closing speed."""
 
     entity: int
@@ -132,8 +127,7 @@ class TimeToCollisionCondition:
     kind: DistanceKind
 
 
-@dataclass(frozen=True, slots=True)
-class AccelerationCondition:
+class AccelerationCondition(ProgramRecord, frozen=True):
     """Acceleration compared with a value."""
 
     value_mps2: float
@@ -141,15 +135,13 @@ class AccelerationCondition:
     axis: SpeedAxis
 
 
-@dataclass(frozen=True, slots=True)
-class StandStillCondition:
+class StandStillCondition(ProgramRecord, frozen=True):
     """Has not moved for a time."""
 
     duration_s: float
 
 
-@dataclass(frozen=True, slots=True)
-class SpeedCondition:
+class SpeedCondition(ProgramRecord, frozen=True):
     """Speed compared with a value."""
 
     value_mps: float
@@ -157,8 +149,7 @@ class SpeedCondition:
     axis: SpeedAxis
 
 
-@dataclass(frozen=True, slots=True)
-class RelativeSpeedCondition:
+class RelativeSpeedCondition(ProgramRecord, frozen=True):
     """Own speed minus that of another entity."""
 
     entity: int
@@ -167,23 +158,20 @@ class RelativeSpeedCondition:
     axis: SpeedAxis
 
 
-@dataclass(frozen=True, slots=True)
-class TraveledDistanceCondition:
+class TraveledDistanceCondition(ProgramRecord, frozen=True):
     """Has moved at least so far since the scenario began."""
 
     value_m: float
 
 
-@dataclass(frozen=True, slots=True)
-class ReachPositionCondition:
+class ReachPositionCondition(ProgramRecord, frozen=True):
     """Within a radius of a position."""
 
     position: Position
     tolerance_m: float
 
 
-@dataclass(frozen=True, slots=True)
-class DistanceCondition:
+class DistanceCondition(ProgramRecord, frozen=True):
     """Distance to a position."""
 
     position: Position
@@ -194,8 +182,7 @@ class DistanceCondition:
     kind: DistanceKind
 
 
-@dataclass(frozen=True, slots=True)
-class RelativeDistanceCondition:
+class RelativeDistanceCondition(ProgramRecord, frozen=True):
     """Distance to another entity."""
 
     entity: int
@@ -206,8 +193,7 @@ class RelativeDistanceCondition:
     kind: DistanceKind
 
 
-@dataclass(frozen=True, slots=True)
-class AngleCondition:
+class AngleCondition(ProgramRecord, frozen=True):
     """An angle of the body within a tolerance, in the world or relative to the road."""
 
     kind: AngleKind
@@ -216,8 +202,7 @@ class AngleCondition:
     frame: DistanceFrame
 
 
-@dataclass(frozen=True, slots=True)
-class RelativeAngleCondition:
+class RelativeAngleCondition(ProgramRecord, frozen=True):
     """An angle relative to that of another entity."""
 
     entity: int
@@ -226,24 +211,21 @@ class RelativeAngleCondition:
     tolerance_rad: float
 
 
-@dataclass(frozen=True, slots=True)
-class SimulationTimeCondition:
+class SimulationTimeCondition(ProgramRecord, frozen=True):
     """Time since the scenario began."""
 
     value_s: float
     rule: ComparisonRule
 
 
-@dataclass(frozen=True, slots=True)
-class TimeOfDayCondition:
+class TimeOfDayCondition(ProgramRecord, frozen=True):
     """Time of the environment's clock [s since 1970]."""
 
     value_s: float
     rule: ComparisonRule
 
 
-@dataclass(frozen=True, slots=True)
-class VariableCondition:
+class VariableCondition(ProgramRecord, frozen=True):
     """A variable, parameter or user-defined value; words are compared by their number."""
 
     variable: int
@@ -251,16 +233,14 @@ class VariableCondition:
     rule: ComparisonRule
 
 
-@dataclass(frozen=True, slots=True)
-class ElementStateCondition:
+class ElementStateCondition(ProgramRecord, frozen=True):
     """A storyboard element is in a state, or went through a transition in this step."""
 
     element: int
     state: ElementState
 
 
-@dataclass(frozen=True, slots=True)
-class TrafficSignalCondition:
+class TrafficSignalCondition(ProgramRecord, frozen=True):
     """A traffic signal shows a state; the states of signals are variables."""
 
     variable: int
@@ -293,8 +273,7 @@ ValueExpression = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class Condition:
+class Condition(ProgramRecord, frozen=True):
     """One condition of a group."""
 
     name: str
@@ -307,8 +286,7 @@ class Condition:
     """All of them must fulfil it; else any one."""
 
 
-@dataclass(frozen=True, slots=True)
-class Trigger:
+class Trigger(ProgramRecord, frozen=True):
     """True if all conditions of any group are."""
 
     groups: tuple[tuple[Condition, ...], ...]

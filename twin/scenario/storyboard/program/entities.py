@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import IntEnum
 
 from twin.scenario.storyboard.program.places import FixedPosition
+from twin.scenario.storyboard.program.record import ProgramRecord
 
 
 class EntityCategory(IntEnum):
@@ -29,8 +29,7 @@ class EntityCategory(IntEnum):
     """Any other object."""
 
 
-@dataclass(frozen=True, slots=True)
-class BodyBox:
+class BodyBox(ProgramRecord, frozen=True):
     """Bounding box in the axes of its entity: origin on the ground, x forwards, y to the left."""
 
     centre_x_m: float
@@ -41,8 +40,7 @@ class BodyBox:
     height_m: float
 
 
-@dataclass(frozen=True, slots=True)
-class StoryboardEntity:
+class StoryboardEntity(ProgramRecord, frozen=True):
     """One entity."""
 
     name: str

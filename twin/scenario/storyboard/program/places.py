@@ -6,12 +6,12 @@ fixed ones. Angles are right-handed as in ISO 8855 and :mod:`twin.road.opendrive
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import IntEnum
 
+from twin.scenario.storyboard.program.record import ProgramRecord
 
-@dataclass(frozen=True, slots=True)
-class FixedPosition:
+
+class FixedPosition(ProgramRecord, frozen=True):
     """A pose in the world, and where it lies on the road network."""
 
     x_m: float
@@ -46,8 +46,7 @@ class RelativeFrame(IntEnum):
     """As LANE, ds along the centre of the lane."""
 
 
-@dataclass(frozen=True, slots=True)
-class RelativePosition:
+class RelativePosition(ProgramRecord, frozen=True):
     """A position that moves with an entity."""
 
     frame: RelativeFrame
@@ -69,8 +68,7 @@ class RelativePosition:
 Position = FixedPosition | RelativePosition
 
 
-@dataclass(frozen=True, slots=True)
-class TrajectoryPiece:
+class TrajectoryPiece(ProgramRecord, frozen=True):
     """A stretch of a trajectory; polynomials of the distance from its beginning."""
 
     start_s_m: float
@@ -85,8 +83,7 @@ class TrajectoryPiece:
     """Both 0 where the trajectory has no times."""
 
 
-@dataclass(frozen=True, slots=True)
-class Trajectory:
+class Trajectory(ProgramRecord, frozen=True):
     """A line to follow; its pieces are at most 1e-5 m and 1e-6 rad from the shape in the file."""
 
     name: str
@@ -97,8 +94,7 @@ class Trajectory:
     """Pieces are given in the axes of the actor where the action begins; else of the world."""
 
 
-@dataclass(frozen=True, slots=True)
-class RouteLeg:
+class RouteLeg(ProgramRecord, frozen=True):
     """A stretch of a route on one road."""
 
     road: int
@@ -109,8 +105,7 @@ class RouteLeg:
     """Where the route's waypoint or way lies; 0: no matter which."""
 
 
-@dataclass(frozen=True, slots=True)
-class RoadRoute:
+class RoadRoute(ProgramRecord, frozen=True):
     """A way through the road network."""
 
     name: str

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from enum import IntEnum
 
 from twin.road.opendrive.records import RoadNetwork
@@ -10,6 +9,7 @@ from twin.scenario.storyboard.program.actions import Action
 from twin.scenario.storyboard.program.conditions import Trigger
 from twin.scenario.storyboard.program.entities import StoryboardEntity
 from twin.scenario.storyboard.program.places import RoadRoute, Trajectory
+from twin.scenario.storyboard.program.record import ProgramRecord
 
 
 class ElementKind(IntEnum):
@@ -34,8 +34,7 @@ class EventPriority(IntEnum):
     """Does not start while one runs."""
 
 
-@dataclass(frozen=True, slots=True)
-class StoryElement:
+class StoryElement(ProgramRecord, frozen=True):
     """One element of the storyboard."""
 
     kind: ElementKind
@@ -59,8 +58,7 @@ class StoryElement:
     """Of action elements."""
 
 
-@dataclass(frozen=True, slots=True)
-class InitAction:
+class InitAction(ProgramRecord, frozen=True):
     """An action at the beginning, before the first step."""
 
     action: Action
@@ -68,8 +66,7 @@ class InitAction:
     """Entity; -1 of global actions."""
 
 
-@dataclass(frozen=True, slots=True)
-class ProgramVariable:
+class ProgramVariable(ProgramRecord, frozen=True):
     """A variable, parameter, user-defined value or state of a signal, with its first value."""
 
     name: str
@@ -78,8 +75,7 @@ class ProgramVariable:
     """Its values are numbers of words."""
 
 
-@dataclass(frozen=True, slots=True)
-class StoryboardEnvironment:
+class StoryboardEnvironment(ProgramRecord, frozen=True):
     """Weather, light and road of an environment; None: as before."""
 
     name: str
@@ -98,8 +94,7 @@ class StoryboardEnvironment:
     friction_factor: float | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class DriverModel:
+class DriverModel(ProgramRecord, frozen=True):
     """IDM (Treiber, Hennecke, Helbing 2000, Phys. Rev. E 62) with MOBIL lane changes."""
 
     desired_speed_mps: float
@@ -115,8 +110,7 @@ class DriverModel:
     change_duration_s: float = 4.0
 
 
-@dataclass(frozen=True, slots=True)
-class Program:
+class Program(ProgramRecord, frozen=True):
     """A whole scenario. Elements are in depth-first order, so a parent stands before its
     children; index 0 is the storyboard."""
 
@@ -131,5 +125,5 @@ class Program:
     words: tuple[str, ...] = ()
     environments: tuple[StoryboardEnvironment, ...] = ()
     models: tuple[DriverModel, ...] = ()
-    network: RoadNetwork | None = field(default=None, compare=False)
+    network: RoadNetwork | None = None
     """The roads; None: open ground."""

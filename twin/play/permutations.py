@@ -1,0 +1,106 @@
+"""One or all permutations of a scenario file, compiled and played."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from twin.base.progress import progress
+from twin.play.playing import PlayedScenario, play_programs
+from twin.play.report import NamedPlay
+from twin.road.tables.road_tables import RoadTables, road_tables
+from twin.scenario.storyboard.compile.compiler import (
+    CompiledScenario,
+    RoadCache,
+    compile_with_notes,
+)
+from twin.scenario.storyboard.openscenario.scenario import Permutation, expand
+from twin.world.kernel_cache import prepare_kernels
+
+PLAYED_MAX = 10_000
+"""Permutations that are played by one command."""
+
+
+def play_file(
+    file: Path,
+    distribution: Path | None,
+    permutation: int | None,
+    *,
+    step_s: float,
+    every: int,
+    until_s: float,
+    device: str = "cpu",
+) -> list[NamedPlay]:
+    """Play a file, or all or one of its permutations.
+
+    Raises:
+        ValueError: a line per mistake.
+        UsageError: a program is larger than a limit.
+    """
+    permutations = _chosen(expand(file, distribution), file, distribution, permutation)
+    cache: RoadCache = {}
+    compiled = [compile_with_notes(chosen.scenario(), cache) for chosen in permutations]
+    prepare_kernels()
+    tables: dict[str, RoadTables] = {}
+    played: list[PlayedScenario | None] = [None] * len(compiled)
+    ended = 0
+    with progress("twin play", "playing", "permutations") as report:
+
+        def done(count: int) -> None:
+            if len(compiled) > 1:
+                report(ended + count, len(compiled))
+
+        for numbers in _by_roads(compiled):
+            network = compiled[numbers[0]].program.network
+            if network is not None and network.file not in tables:
+                tables[network.file] = road_tables(network)
+            roads = None if network is None else tables[network.file]
+            records = play_programs(
+                [compiled[number].program for number in numbers],
+                roads,
+                step_s=step_s,
+                every=every,
+                until_s=until_s,
+                device=device,
+                done=done,
+            )
+            ended += len(records)
+            for number, record in zip(numbers, records, strict=True):
+                played[number] = record
+    stem = (distribution or file).stem
+    plays = []
+    for chosen, scenario, record in zip(permutations, compiled, played, strict=True):
+        assert record is not None
+        name = f"{stem}-{chosen.number:03d}" if distribution else stem
+        plays.append(NamedPlay(name, chosen.number, chosen.values, scenario.notes, record))
+    return plays
+
+
+def _chosen(
+    permutations: list[Permutation], file: Path, distribution: Path | None, number: int | None
+) -> list[Permutation]:
+    if number is not None:
+        if distribution is None:
+            raise ValueError(f"{file}: --permutation needs --distribution")
+        if number >= len(permutations):
+            raise ValueError(
+                f"{distribution}: permutation {number} of {len(permutations)}; they are counted "
+                "from 0"
+            )
+        return [permutations[number]]
+    if not permutations:
+        raise ValueError(f"{distribution}: it makes no permutation")
+    if len(permutations) > PLAYED_MAX:
+        raise ValueError(
+            f"{distribution}: {len(permutations)} permutations, at most {PLAYED_MAX} are played at "
+            "once; give --permutation"
+        )
+    return permutations
+
+
+def _by_roads(compiled: list[CompiledScenario]) -> list[list[int]]:
+    """Numbers of the scenarios that share a road file."""
+    groups: dict[str, list[int]] = {}
+    for number, scenario in enumerate(compiled):
+        network = scenario.program.network
+        groups.setdefault("" if network is None else network.file, []).append(number)
+    return list(groups.values())
