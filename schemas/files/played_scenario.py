@@ -146,7 +146,7 @@ class PlayElement(Struct, frozen=True, kw_only=True):
     level: StoryLevel
     name: Text
     path: Text
-    """Names from the story down, joined by ``/``."""
+    """Names from the story down, joined by ``::``; of the storyboard ``storyboard``."""
     line: int = 0
     """Where it stands in its file; 0: unknown."""
     action: Text = ""

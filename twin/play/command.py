@@ -32,6 +32,13 @@ def play(
         Path | None,
         typer.Option(help="Write poses to this CSV file; of several permutations to this folder."),
     ] = None,
+    save: Annotated[
+        Path | None,
+        typer.Option(
+            help="Write everything to this file for `viewer play`; of several permutations to this "
+            "folder."
+        ),
+    ] = None,
     until_s: Annotated[
         float, typer.Option(min=0.0, max=86_400.0, help="Stop then, if it still runs [s].")
     ] = 600.0,
@@ -45,6 +52,7 @@ def play(
 
     `twin play cut-in.xosc --csv cut-in.csv` also writes where everybody was: time_s, entity, x_m,
     y_m, z_m, heading_rad, speed_mps, of entities that are there, rear axle on the ground.
+    `twin play cut-in.xosc --save cut-in.play` keeps all of it for `viewer play cut-in.play`.
 
     Exit code 2: the file is broken or needs what is not played; a line with file and line number
     for everything. Reading needs lxml: pip install 'drivetwin[scenarios]'.
@@ -53,6 +61,7 @@ def play(
 
     from twin.play.permutations import play_file
     from twin.play.report import event_table, summary_table, to_json, write_csv
+    from twin.play.saving import save_plays
 
     try:
         plays = play_file(
@@ -77,10 +86,15 @@ def play(
         single = len(plays) == 1
         table = event_table(plays[0], step_s) if single else summary_table(plays, step_s)
         Console(width=None if sys.stdout.isatty() else 140, highlight=False).print(table)
-    if csv is not None:
+    for out, write in (
+        (csv, lambda out: write_csv(out, plays)),
+        (save, lambda out: save_plays(out, plays, step_s)),
+    ):
+        if out is None:
+            continue
         try:
-            paths = write_csv(csv, plays)
+            paths = write(out)
         except OSError as error:
-            raise storage_error(error, str(csv)) from None
-        words = str(paths[0]) if len(paths) == 1 else f"{len(paths)} files in {csv}"
+            raise storage_error(error, str(out)) from None
+        words = str(paths[0]) if len(paths) == 1 else f"{len(paths)} files in {out}"
         print(words, file=sys.stderr if output is Output.json else sys.stdout)

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import cast
 
 import numpy as np
 
 from schemas.files.played_scenario import (
+    NOTES_MAX,
+    PLAY_SUFFIX,
     PLAY_VERSION,
     POSES_MAX,
     TEXT_CHARS_MAX,
@@ -24,6 +26,7 @@ from schemas.files.played_scenario import (
 from twin.play.drawn_paths import BegunAction, drawn_paths
 from twin.play.drawn_roads import Box, DrawnRoads, drawn_roads
 from twin.play.playing import PlayedScenario, PoseRow
+from twin.play.report import NamedPlay, element_path
 from twin.records.play_file import packed_rows, write_play
 from twin.road.opendrive.road_map import RoadMap
 from twin.scenario.storyboard.program.conditions import ElementState, Trigger
@@ -40,21 +43,40 @@ Poses = dict[str, np.ndarray]
 """Poses by name of the entity [N, 6]."""
 
 
-def save_played(path: Path, played: PlayedScenario, step_s: float) -> None:
+def save_played(
+    path: Path, played: PlayedScenario, step_s: float, remarks: Sequence[str] = ()
+) -> None:
     """Write what was played.
 
     Args:
         path: the file, which is replaced.
         played: what happened.
         step_s: step of the player [s].
+        remarks: what else there is to say of it, e.g. what of its file has no effect.
 
     Raises:
         UsageError: it is larger than a limit of the format, or the file cannot be written.
     """
-    write_play(path, to_play(played, step_s))
+    write_play(path, to_play(played, step_s, remarks))
 
 
-def to_play(played: PlayedScenario, step_s: float) -> PlayFile:
+def save_plays(out: Path, plays: Sequence[NamedPlay], step_s: float) -> list[Path]:
+    """Write plays: to the file ``out`` of one permutation, into the folder ``out`` of several.
+
+    Raises:
+        OSError: the folder cannot be made.
+        UsageError: as :func:`save_played`.
+    """
+    paths = [out]
+    if len(plays) != 1:
+        out.mkdir(parents=True, exist_ok=True)
+        paths = [out / f"{play.name}{PLAY_SUFFIX}" for play in plays]
+    for path, play in zip(paths, plays, strict=True):
+        save_played(path, play.played, step_s, play.notes)
+    return paths
+
+
+def to_play(played: PlayedScenario, step_s: float, remarks: Sequence[str] = ()) -> PlayFile:
     """What the viewer shows of what was played; as :func:`save_played`."""
     program = played.program
     times = sorted({row.time_s for row in played.rows})
@@ -83,7 +105,7 @@ def to_play(played: PlayedScenario, step_s: float) -> PlayFile:
             )
             for item in played.transitions
         ],
-        notes=[_cut(note) for note in (*notes, *drawn.notes, *played.overflows)],
+        notes=_notes([*notes, *drawn.notes, *played.overflows, *remarks]),
     )
 
 
@@ -125,17 +147,12 @@ def _entities(program: Program, poses: Poses) -> Iterator[PlayEntity]:
 
 
 def _elements(program: Program) -> Iterator[PlayElement]:
-    paths: list[str] = []
-    for element in program.elements:
-        above = paths[element.parent] if element.parent >= 0 else ""
-        # The storyboard itself has no name that anybody gave it.
-        named = "" if element.kind is ElementKind.STORYBOARD else element.name
-        paths.append(f"{above}/{named}" if above else named)
+    for number, element in enumerate(program.elements):
         action = "" if element.action is None else _words(type(element.action).__name__)
         yield PlayElement(
             level=cast(StoryLevel, element.kind.name.lower()),
             name=_cut(element.name),
-            path=_cut(paths[-1]),
+            path=_cut(element_path(program, number)),
             line=element.line,
             action=action,
             trigger=_cut(_trigger(element.start)),
@@ -175,6 +192,10 @@ def _pose(
     number = int(np.searchsorted(rows[:, 0], time_s + 1e-9, "right")) - 1
     x, y, z, heading = rows[max(number, 0), 1:5].tolist()
     return x, y, z, heading
+
+
+def _notes(notes: list[str]) -> list[str]:
+    return [_cut(note) for note in dict.fromkeys(notes)][:NOTES_MAX]
 
 
 def _trigger(trigger: Trigger | None) -> str:
