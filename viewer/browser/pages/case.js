@@ -70,11 +70,12 @@ function moment(row) {
   return asked ? Number(asked[1]) : row.moment_s;
 }
 
-async function showRecording(row) {
+async function showRecording(row, single) {
   document.title = row.case;
-  document.getElementById("back").hidden = false;
+  document.getElementById("back").hidden = single;
   const title = document.getElementById("title");
-  title.textContent = `${row.case}: ${(row.verdict || "no verdict").replaceAll("_", " ")}`;
+  const verdict = (row.verdict || "no verdict").replaceAll("_", " ");
+  title.textContent = single ? row.case : `${row.case}: ${verdict}`;
   title.className = row.verdict;
   const handle = await viewer(`${location.origin}/recording/${encodeURIComponent(row.case)}.rrd`);
   const stop = async () => {
@@ -102,7 +103,7 @@ async function start() {
   if (!answer.ok) throw new Error(await answer.text());
   const about = await answer.json();
   if (about.live) await showLive();
-  else if (id) await showRecording(about.cases[0]);
+  else if (about.single || id) await showRecording(about.cases[0], Boolean(about.single));
   else location.replace("/");
 }
 
