@@ -98,7 +98,9 @@ def parse_play(data: bytes) -> PlayFile:
     try:
         version = msgspec.msgpack.decode(data, type=_VersionOnly).version
     except (msgspec.MsgspecError, RecursionError, ValueError):
-        raise ValueError("no played scenario; `twin play FILE --save OUT.play` makes one") from None
+        raise ValueError(
+            "no played scenario, or a damaged one; `twin play FILE --save OUT.play` makes one"
+        ) from None
     if version != PLAY_VERSION:
         raise ValueError(
             f"played scenario of version {version}, this program reads {PLAY_VERSION}; "

@@ -22,6 +22,8 @@ _NAME_BELOW = 0.012
 """Distance of a name from its body, as a share of the height of the eye."""
 _STAGGER = 0.055
 """By so much more for every second and third name: those of neighbours stay legible."""
+_SMALL_M = 2.5
+"""Smaller bodies have a dot that stays visible from far away [m]."""
 _TRAIL_LIFT_M = np.array([0.0, 0.0, 0.08])
 _WHITE: Color = (255, 255, 255)
 
@@ -116,7 +118,14 @@ def _body(
         radii=[rr.Radius.ui_points(1.2)] * (len(lines) * count),
     )
     yield _rows(play, f"{path}/front", begins, drawn.partition([len(lines)] * count))
-    yield from _cleared(play, [f"{path}/body", f"{path}/front"], poses)
+    if max(entity.length_m, entity.width_m) < _SMALL_M:
+        dot = rr.Points3D.columns(
+            positions=[(0.0, 0.0, entity.height_m + 0.1)] * count,
+            radii=[rr.Radius.ui_points(4.0)] * count,
+            colors=[color] * count,
+        )
+        yield _rows(play, f"{path}/dot", begins, dot)
+    yield from _cleared(play, [f"{path}/{part}" for part in ("body", "front", "dot")], poses)
 
 
 def _name(
