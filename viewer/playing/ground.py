@@ -114,18 +114,24 @@ def strokes(points: np.ndarray, mark: PlayMark, count_max: int) -> Iterator[np.n
     if len(points) < 2:
         return
     at = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
-    period = mark.stroke_m + mark.gap_m
-    count = (at[-1] - mark.from_m) / period + 1.0 if period > 0.0 else np.inf
-    if mark.stroke_m <= 0.0 or mark.gap_m <= 0.0 or count > count_max:
+    if mark.stroke_m <= 0.0 or mark.gap_m <= 0.0:
         yield points
         return
+    period = mark.stroke_m + mark.gap_m
+    # Strokes before the line are passed over, however many there are.
+    start = mark.from_m % period - period if mark.from_m < 0.0 else mark.from_m
+    count = max(at[-1] - start, 0.0) / period + 1.0
+    if count > count_max:
+        yield points
+        return
+    axes = np.ascontiguousarray(points.T)
     for number in range(int(count)):
-        begin = max(mark.from_m + number * period, 0.0)
-        end = min(mark.from_m + number * period + mark.stroke_m, at[-1])
+        begin = max(start + number * period, 0.0)
+        end = min(start + number * period + mark.stroke_m, at[-1])
         if begin < end:
-            inner = at[(at > begin) & (at < end)]
-            places = np.concatenate([[begin], inner, [end]])
-            yield np.stack([np.interp(places, at, axis) for axis in points.T], axis=-1)
+            low, high = np.searchsorted(at, begin, "right"), np.searchsorted(at, end, "left")
+            places = np.concatenate([[begin], at[low:high], [end]])
+            yield np.stack([np.interp(places, at, axis) for axis in axes], axis=-1)
 
 
 def _paths(play: PlayFile, origin_m: np.ndarray) -> rr.LineStrips3D:
