@@ -55,6 +55,9 @@ TEXT_CHARS_MAX = 2_000
 TIME_S_MAX = 1e6
 """Latest time [s]."""
 
+STEP_S_MIN = 1e-6
+"""Shortest step, and shortest time between two poses [s]."""
+
 LENGTH_M_MAX = 1e9
 """Largest coordinate [m]."""
 

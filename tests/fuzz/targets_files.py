@@ -35,11 +35,17 @@ from twin.fabric.keys.roles import Role
 from twin.records import kpi_file
 from twin.records.autodrive_files import read_log_files
 from twin.records.drive_record import RecordReader
+from twin.records.play_file import read_play
 from twin.rig.interventions.journal import read_journal
 from twin.sensors.lidar.profile_file import load_lidar_profile
 from twin.vehicle.vehicle_file import load_vehicle
 from twin.world.scene import load_scene
 from viewer.playback import folder as viewer_folder
+from viewer.playing.bodies import bodies, styles
+from viewer.playing.ground import ground
+from viewer.playing.layout import play_blueprint
+from viewer.playing.recording import origin
+from viewer.playing.story import fired, log_rows, summary
 from viewer.recording import naming
 
 ROOT = Path(__file__).parents[2]
@@ -127,6 +133,15 @@ def _drive_record(path: Path) -> int:
     return sum(len(list(sensor_messages(tick.seen, reader, each))) for tick in reader.ticks())
 
 
+def _play(path: Path) -> object:
+    """What ``viewer play`` does with it before a recording is written."""
+    play = read_play(path)
+    origin_m = origin(play)
+    play_blueprint(play, origin_m)
+    drawn = [ground(play, origin_m), styles(play), list(bodies(play, origin_m))]
+    return [*drawn, log_rows(play), fired(play, origin_m), summary(play)]
+
+
 def _folder(run: Callable[[Path], Any]) -> Callable[[Path], Any]:
     return lambda path: run(path.parent)
 
@@ -178,5 +193,6 @@ TARGETS = {
         (InfrastructureError,),
     ),
     "key": Target(of_file("f.key", _key), (UsageError,), cost=2),
+    "play": Target(of_file("s.play", _play), (UsageError,), cost=10),
     "drive-record": Target(of_file(DRIVE_FILE, _drive_record), (UsageError,), cost=2),
 }

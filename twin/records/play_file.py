@@ -22,6 +22,7 @@ from schemas.files.played_scenario import (
     POINTS_MAX,
     POSE_COLUMNS,
     POSES_MAX,
+    STEP_S_MIN,
     TIME_S_MAX,
     PlayFile,
 )
@@ -134,8 +135,8 @@ def _check(play: PlayFile) -> None:
 def _check_times(play: PlayFile) -> None:
     for name in ("step_s", "period_s"):
         value = getattr(play, name)
-        if not 0.0 < value <= TIME_S_MAX:
-            raise ValueError(f"{name} {value:g} is no time between 0 and {TIME_S_MAX:g} s")
+        if not STEP_S_MIN <= value <= TIME_S_MAX:
+            raise ValueError(f"{name} {value:g} is no time from {STEP_S_MIN:g} to {TIME_S_MAX:g} s")
     if not 0.0 <= play.end_s <= TIME_S_MAX:
         raise ValueError(f"end_s {play.end_s:g} is no time up to {TIME_S_MAX:g} s")
 

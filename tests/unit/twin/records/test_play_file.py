@@ -21,6 +21,7 @@ from schemas.files.played_scenario import (
     PATHS_MAX,
     POINTS_MAX,
     POSES_MAX,
+    STEP_S_MIN,
     TEXT_CHARS_MAX,
     TIME_S_MAX,
     TRANSITIONS_MAX,
@@ -82,6 +83,7 @@ NOBODY = PlayElement(level="event", name="e", path="e", actors=[3])
 WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "another version": ({"version": 2}, "version 2, this program reads 1; play it"),
     "no step": ({"step_s": 0.0}, "step_s 0 is no time"),
+    "too short a step": ({"step_s": 0.99 * STEP_S_MIN}, "step_s 9.9e-07 is no time from 1e-06"),
     "a period that is no number": ({"period_s": math.nan}, "period_s nan"),
     "an endless scenario": ({"end_s": math.inf}, "end_s inf"),
     "half a pose": (cut(b"x" * 50), "poses of entity 0: 50 bytes are no rows of 6 numbers"),
