@@ -83,8 +83,8 @@ class SingleRecording:
 
     path: Path
     name: str
-    at_s: float
-    """Moment at which it opens [s]."""
+    at_s: float | None
+    """Moment at which it opens, paused [s]; None: it does as its layout says."""
 
     def as_json(self) -> dict[str, Any]:
         """What its page needs to know."""

@@ -65,8 +65,9 @@ def run_web(options: WebOptions) -> int:
         signal.signal(number, lambda *_: stop.set())
     if not options.live:
         single = None
-        if options.file is not None and options.moment is not None:
-            at_s = options.moment.sim_time_ns / 1e9
+        if options.file is not None:
+            moment = options.moment
+            at_s = None if moment is None else moment.sim_time_ns / 1e9
             single = SingleRecording(options.file, options.case, at_s)
         site = ShownSite(web_viewer(), options.folder, options.at, single=single)
         _serve(site, options, stop, None)

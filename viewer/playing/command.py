@@ -83,8 +83,9 @@ def run_play(options: PlayOptions) -> int:
             shoot(recording, moment, options.shot, options.size)
             print(f"{options.shot}: {moment.label}")
         if options.web:
+            stops = moment if options.at_s is not None else None
             return run_web(
-                WebOptions(options.port, file=recording, case=options.file.stem, moment=moment)
+                WebOptions(options.port, file=recording, case=options.file.stem, moment=stops)
             )
         if options.save is None and options.shot is None:
             _open(play, recording, moment, options)

@@ -67,6 +67,7 @@ async function viewer(url) {
 
 function moment(row) {
   const asked = /#when=sim_time@\+?([0-9.]+)s/.exec(location.hash);
+  // Null of a recording that plays by itself.
   return asked ? Number(asked[1]) : row.moment_s;
 }
 
@@ -80,6 +81,7 @@ async function showRecording(row, single) {
   const handle = await viewer(`${location.origin}/recording/${encodeURIComponent(row.case)}.rrd`);
   const stop = async () => {
     const seconds = moment(row);
+    if (seconds === null) return say("");
     say("Loading the recording ...");
     await pause(handle, seconds);
     say(`Paused at ${seconds} s${row.complete ? "" : "; the recording is incomplete"}`);
