@@ -4,13 +4,26 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, TextIO
 
 import typer
 
 from twin.base.cli import Output, OutputOption
 from twin.base.errors import UsageError, storage_error
+
+CsvOption = Annotated[
+    Path | None,
+    typer.Option(help="Write poses to this CSV file; of several permutations to this folder."),
+]
+SaveOption = Annotated[
+    Path | None,
+    typer.Option(
+        help="Write everything to this file for `viewer play`; of several permutations to this "
+        "folder."
+    ),
+]
 
 
 def play(
@@ -28,17 +41,8 @@ def play(
     every: Annotated[
         int, typer.Option(min=1, help="Poses are written after every so many steps.")
     ] = 5,
-    csv: Annotated[
-        Path | None,
-        typer.Option(help="Write poses to this CSV file; of several permutations to this folder."),
-    ] = None,
-    save: Annotated[
-        Path | None,
-        typer.Option(
-            help="Write everything to this file for `viewer play`; of several permutations to this "
-            "folder."
-        ),
-    ] = None,
+    csv: CsvOption = None,
+    save: SaveOption = None,
     until_s: Annotated[
         float, typer.Option(min=0.0, max=86_400.0, help="Stop then, if it still runs [s].")
     ] = 600.0,
@@ -86,15 +90,16 @@ def play(
         single = len(plays) == 1
         table = event_table(plays[0], step_s) if single else summary_table(plays, step_s)
         Console(width=None if sys.stdout.isatty() else 140, highlight=False).print(table)
-    for out, write in (
-        (csv, lambda out: write_csv(out, plays)),
-        (save, lambda out: save_plays(out, plays, step_s)),
-    ):
-        if out is None:
-            continue
-        try:
-            paths = write(out)
-        except OSError as error:
-            raise storage_error(error, str(out)) from None
-        words = str(paths[0]) if len(paths) == 1 else f"{len(paths)} files in {out}"
-        print(words, file=sys.stderr if output is Output.json else sys.stdout)
+    told = sys.stderr if output is Output.json else sys.stdout
+    if csv is not None:
+        _write(csv, lambda: write_csv(csv, plays), told)
+    if save is not None:
+        _write(save, lambda: save_plays(save, plays, step_s), told)
+
+
+def _write(out: Path, write: Callable[[], list[Path]], told: TextIO) -> None:
+    try:
+        paths = write()
+    except OSError as error:
+        raise storage_error(error, str(out)) from None
+    print(paths[0] if len(paths) == 1 else f"{len(paths)} files in {out}", file=told)

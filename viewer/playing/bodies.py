@@ -22,6 +22,10 @@ _NAME_BELOW = 0.012
 """Distance of a name from its body, as a share of the height of the eye."""
 _STAGGER = 0.055
 """By so much more for every second and third name: those of neighbours stay legible."""
+_LINE_M = 0.12
+"""Half of the width of lines on a roof [m]."""
+_EGO_ABOVE = 0.075
+"""Distance of the ego's name above it, likewise."""
 _SMALL_M = 2.5
 """Smaller bodies have a dot that stays visible from far away [m]."""
 _TRAIL_LIFT_M = np.array([0.0, 0.0, 0.08])
@@ -115,7 +119,7 @@ def _body(
     drawn = rr.LineStrips3D.columns(
         strips=lines * count,
         colors=[_WHITE if entity.ego else (20, 22, 28)] * (len(lines) * count),
-        radii=[rr.Radius.ui_points(1.2)] * (len(lines) * count),
+        radii=[_LINE_M] * (len(lines) * count),
     )
     yield _rows(play, f"{path}/front", begins, drawn.partition([len(lines)] * count))
     if max(entity.length_m, entity.width_m) < _SMALL_M:
@@ -141,6 +145,8 @@ def _name(
         entity.length_m * np.abs(np.sin(turn)) + entity.width_m * np.abs(np.cos(turn))
     ) - (x * np.sin(turn) + y * np.cos(turn))
     below = reach + eye_m * (_NAME_BELOW + _STAGGER * (number % 3))
+    if entity.ego:  # alone above: there it covers nobody who is parked beside its lane
+        below = reach - entity.width_m - eye_m * _EGO_ABOVE
     at = places + np.stack(
         [below * math.sin(right), -below * math.cos(right), np.full(len(below), z)], axis=-1
     )

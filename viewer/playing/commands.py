@@ -9,6 +9,30 @@ import typer
 
 from twin.base.cli import duration
 
+File = Annotated[
+    Path,
+    typer.Argument(
+        help="A scenario file (.xosc, .yaml), which `twin play` plays first, or what "
+        "`twin play FILE --save OUT.play` wrote."
+    ),
+]
+Save = Annotated[Path | None, typer.Option(help="Recording to write (.rrd); nothing is opened.")]
+Shot = Annotated[Path | None, typer.Option(help="Picture to write (PNG); nothing is opened.")]
+AtS = Annotated[
+    float | None, duration("Stop there [s]; default: play, and make a picture of the first event.")
+]
+Size = Annotated[str, typer.Option(help="Width x height of the picture [px].")]
+Speed = Annotated[
+    float, typer.Option(min=0.05, max=50.0, help="Sim time per wall time of playing.")
+]
+Web = Annotated[bool, typer.Option("--web", help="Show it in a browser, from one loopback port.")]
+Port = Annotated[int, typer.Option(min=0, max=65535, help="Of --web: the port; 0: a free one.")]
+Distribution = Annotated[
+    Path | None, typer.Option(help="A parameter distribution file that varies the scenario.")
+]
+Permutation = Annotated[int | None, typer.Option(min=0, help="Which of its permutations, from 0.")]
+UntilS = Annotated[float | None, duration("Play no longer than this [s]; default: as `twin play`.")]
+
 
 def register(app: typer.Typer) -> None:
     """Add the command to the viewer's."""
@@ -16,43 +40,17 @@ def register(app: typer.Typer) -> None:
 
 
 def play(
-    file: Annotated[
-        Path,
-        typer.Argument(
-            help="A scenario file (.xosc, .yaml), which `twin play` plays first, or what "
-            "`twin play FILE --save OUT.play` wrote."
-        ),
-    ],
-    save: Annotated[
-        Path | None, typer.Option(help="Recording to write (.rrd); nothing is opened.")
-    ] = None,
-    shot: Annotated[
-        Path | None, typer.Option(help="Picture to write (PNG); nothing is opened.")
-    ] = None,
-    at_s: Annotated[
-        float | None,
-        duration("Stop there [s]; default: play, and make a picture of the first event."),
-    ] = None,
-    size: Annotated[str, typer.Option(help="Width x height of the picture [px].")] = "1280x720",
-    speed: Annotated[
-        float, typer.Option(min=0.05, max=50.0, help="Sim time per wall time of playing.")
-    ] = 1.0,
-    web: Annotated[
-        bool, typer.Option("--web", help="Show it in a browser, from one loopback port.")
-    ] = False,
-    port: Annotated[
-        int, typer.Option(min=0, max=65535, help="Of --web: the port; 0: a free one.")
-    ] = 0,
-    distribution: Annotated[
-        Path | None,
-        typer.Option(help="A parameter distribution file that varies the scenario."),
-    ] = None,
-    permutation: Annotated[
-        int | None, typer.Option(min=0, help="Which of its permutations, from 0.")
-    ] = None,
-    until_s: Annotated[
-        float | None, duration("Play no longer than this [s]; default: as `twin play`.")
-    ] = None,
+    file: File,
+    save: Save = None,
+    shot: Shot = None,
+    at_s: AtS = None,
+    size: Size = "1280x720",
+    speed: Speed = 1.0,
+    web: Web = False,
+    port: Port = 0,
+    distribution: Distribution = None,
+    permutation: Permutation = None,
+    until_s: UntilS = None,
 ) -> None:
     """Show a scenario from above as it is played without a stack: lanes, bodies, trails,
     trajectories, speeds, and a log of events and of the triggers that fired.

@@ -13,7 +13,7 @@ from twin.records.play_file import points_of
 from viewer.playing import paths
 from viewer.recording.scenery import CYAN, VIOLET, Color, Logged
 
-DASHES_MAX = 200_000
+DASHES_MAX = 50_000
 """Strokes of broken marks; further marks are drawn without gaps."""
 _LANE_COLORS: dict[str, Color] = {
     "shoulder": (46, 48, 54),
