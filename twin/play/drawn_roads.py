@@ -9,7 +9,7 @@ import numpy as np
 
 from schemas.files.played_scenario import LANES_MAX, MARKS_MAX, POINTS_MAX, PlayLane, PlayMark
 from twin.play.thinning import ERROR_M, kept_points
-from twin.records.play_file import packed_rows
+from twin.records.play_file import POINT_BYTES, packed_rows
 from twin.road.opendrive.road_frame import RoadFrame
 from twin.road.opendrive.road_map import RoadMap
 from twin.road.surface.lane_strips import edge_heights
@@ -18,8 +18,9 @@ from twin.road.surface.stations import ASIDE_M, HEIGHT_M, edge_points, section_s
 
 AROUND_M = 300.0
 """Roads farther from everything that happened are left out [m]."""
-_POINTS_MAX = POINTS_MAX * 3 // 4
-"""The others are for trajectories and routes."""
+PATH_POINTS_MAX = POINTS_MAX // 4
+"""Points that are left to trajectories and routes."""
+_POINTS_MAX = POINTS_MAX - PATH_POINTS_MAX
 _THINNED_M = ERROR_M - ASIDE_M - HEIGHT_M
 _ABOVE_M = 0.006
 
@@ -48,7 +49,7 @@ def drawn_roads(roads: RoadMap, box: Box) -> DrawnRoads:
             break
         lanes, marks = list(_lanes(frame)), list(_marks(frame))
         size = sum(len(lane.left) + len(lane.right) for lane in lanes)
-        size = (size + sum(len(mark.points) for mark in marks)) // 24
+        size = (size + sum(len(mark.points) for mark in marks)) // POINT_BYTES
         if (
             points + size > _POINTS_MAX
             or len(drawn.lanes) + len(lanes) > LANES_MAX

@@ -11,6 +11,7 @@ import numpy as np
 
 from schemas.files.played_scenario import (
     NOTES_MAX,
+    PATHS_MAX,
     PLAY_SUFFIX,
     PLAY_VERSION,
     POSES_MAX,
@@ -19,15 +20,16 @@ from schemas.files.played_scenario import (
     PlayElement,
     PlayEntity,
     PlayFile,
+    PlayPath,
     PlayTransition,
     StoryLevel,
     StoryTransition,
 )
 from twin.play.drawn_paths import BegunAction, drawn_paths
-from twin.play.drawn_roads import Box, DrawnRoads, drawn_roads
+from twin.play.drawn_roads import PATH_POINTS_MAX, Box, DrawnRoads, drawn_roads
 from twin.play.playing import PlayedScenario, PoseRow
 from twin.play.report import NamedPlay, element_path
-from twin.records.play_file import packed_rows, write_play
+from twin.records.play_file import POINT_BYTES, packed_rows, write_play
 from twin.road.opendrive.road_map import RoadMap
 from twin.scenario.storyboard.program.conditions import ElementState, Trigger
 from twin.scenario.storyboard.program.program import ElementKind, Program, StoryElement
@@ -85,6 +87,7 @@ def to_play(played: PlayedScenario, step_s: float, remarks: Sequence[str] = ()) 
     poses, notes = _poses(played.rows, program, period_s)
     roads = RoadMap(program.network) if program.network is not None else None
     drawn = drawn_roads(roads, _box(poses)) if roads is not None else DrawnRoads([], [], [])
+    paths = _bounded(drawn_paths(program, roads, list(_begun(played, poses, step_s))), notes)
     return PlayFile(
         version=PLAY_VERSION,
         name=_cut(program.name),
@@ -95,7 +98,7 @@ def to_play(played: PlayedScenario, step_s: float, remarks: Sequence[str] = ()) 
         entities=list(_entities(program, poses)),
         lanes=drawn.lanes,
         marks=drawn.marks,
-        paths=drawn_paths(program, roads, list(_begun(played, poses, step_s))),
+        paths=paths,
         elements=list(_elements(program)),
         transitions=[
             PlayTransition(
@@ -129,6 +132,17 @@ def _box(poses: Poses) -> Box:
         return 0.0, 0.0, 0.0, 0.0
     (west, south), (east, north) = places.min(axis=0).tolist(), places.max(axis=0).tolist()
     return west, south, east, north
+
+
+def _bounded(paths: list[PlayPath], notes: list[str]) -> list[PlayPath]:
+    """The first paths, as many as a file may hold beside the roads; a note if that is not all."""
+    sizes = np.cumsum([len(path.points) // POINT_BYTES for path in paths])
+    kept = min(int(np.searchsorted(sizes, PATH_POINTS_MAX, "right")), PATHS_MAX)
+    if kept < len(paths):
+        notes.append(
+            f"{len(paths) - kept} trajectories and routes are not drawn: there are too many"
+        )
+    return paths[:kept]
 
 
 def _entities(program: Program, poses: Poses) -> Iterator[PlayEntity]:

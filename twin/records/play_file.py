@@ -33,6 +33,12 @@ Rows = NDArray[np.float64]
 
 _FLOAT = np.dtype("<f8")
 
+POINT_BYTES = 3 * _FLOAT.itemsize
+"""Size of a point of a line [bytes]."""
+
+POSE_BYTES = len(POSE_COLUMNS) * _FLOAT.itemsize
+"""Size of a pose [bytes]."""
+
 
 class _VersionOnly(msgspec.Struct):
     """The one key that all versions have."""

@@ -14,7 +14,7 @@ from schemas.words import counted
 from twin.base.errors import TwinError, UsageError
 from twin.base.process import end, spawn
 from twin.base.progress import progress
-from twin.records.play_file import read_play
+from twin.records.play_file import POSE_BYTES, read_play
 from viewer.browser.serve import WebOptions, run_web
 from viewer.playback import native
 from viewer.playback.folder import RecordedMoment
@@ -158,7 +158,7 @@ def _is_shown_here(options: PlayOptions) -> bool:
 
 
 def _write(play: PlayFile, out: Path, options: PlayOptions) -> None:
-    poses = sum(len(entity.poses) for entity in play.entities) // 48
+    poses = sum(len(entity.poses) for entity in play.entities) // POSE_BYTES
     many = poses >= PROGRESS_POSES
     with progress("viewer play", "drawing", "entities") if many else nullcontext() as told:
         paused = options.at_s is not None
