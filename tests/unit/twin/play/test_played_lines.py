@@ -13,7 +13,6 @@ pytest.importorskip("lxml", reason="lxml is not installed")
 
 from road_files import LINE, geometry, road, xodr
 
-from schemas.files.played_scenario import POINTS_MAX
 from twin.play import drawn_roads as drawing
 from twin.play.drawn_paths import BegunAction, drawn_paths, route_points, trajectory_points
 from twin.play.drawn_roads import AROUND_M, drawn_roads
@@ -123,7 +122,6 @@ def test_of_too_many_roads_the_nearest_are_drawn_and_a_note_says_so(
     drawn = drawn_roads(three_roads(tmp_path), (0.0, 190.0, 100.0, 200.0))
     assert {points_of(lane.left)[0, 1] for lane in drawn.lanes} == {200.0, 203.5}
     assert drawn.notes == ["2 roads are not drawn: they have too many points"]
-    assert drawing._POINTS_MAX < POINTS_MAX
 
 
 def test_thinning_keeps_corners_and_ends() -> None:
