@@ -4,20 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import warp as wp
 
-from twin.road.walk.road_arrays import road_arrays
 from twin.road.tables.road_tables import RoadTables, flat_tables
-from twin.scenario.storyboard.player.advance import INIT_PHASE, STORY_PHASE, advance_kernel
-from twin.scenario.storyboard.player.arrays import (
+from twin.road.walk.road_arrays import road_arrays
+from twin.scenario.storyboard.interpreter.advance import INIT_PHASE, STORY_PHASE, advance_kernel
+from twin.scenario.storyboard.interpreter.arrays import (
     BodyArrays,
     body_arrays,
     play_arrays,
     program_arrays,
 )
-from twin.scenario.storyboard.player.begin import begin_kernel
+from twin.scenario.storyboard.interpreter.begin import begin_kernel
+from twin.scenario.storyboard.interpreter.decide import decide_kernel, settle_kernel
+from twin.scenario.storyboard.interpreter.reset import (
+    copy_kernel,
+    impose_kernel,
+    open_kernel,
+    reset_kernel,
+)
 from twin.scenario.storyboard.player.columns import (
     HISTORY_MAX,
     TRANSITIONS_MAX,
@@ -25,13 +33,6 @@ from twin.scenario.storyboard.player.columns import (
     Real,
     SlotColumn,
     Whole,
-)
-from twin.scenario.storyboard.player.decide import decide_kernel, settle_kernel
-from twin.scenario.storyboard.player.reset import (
-    copy_kernel,
-    impose_kernel,
-    open_kernel,
-    reset_kernel,
 )
 from twin.scenario.storyboard.player.tables import pack_programs
 from twin.scenario.storyboard.program.conditions import ElementState
@@ -121,7 +122,7 @@ class StoryboardPlayer:
         self._before = body_arrays(slots, self.entities, self.device)
 
     def start(self, slot: int, program_index: int) -> None:
-        """Put a slot at time 0 of a program, after Init and a run of the storyboard without time."""
+        """Put a slot at time 0 of a program, after Init and a run of its storyboard."""
         assert 0 <= slot < self.slots
         assert 0 <= program_index < len(self.programs)
         model = [self._programs, self._roads]
@@ -173,7 +174,7 @@ class StoryboardPlayer:
 
     def states(self) -> EntityStates:
         """The states of all entities, copied from the device."""
-        reals, wholes = self.bodies.reals.numpy(), self.bodies.wholes.numpy()
+        reals, wholes = np.array(self.bodies.reals.numpy()), np.array(self.bodies.wholes.numpy())
         return EntityStates(
             x_m=reals[:, :, Real.X],
             y_m=reals[:, :, Real.Y],
@@ -226,7 +227,7 @@ class StoryboardPlayer:
         It keeps this pose until the next call, and actions that would move it do nothing.
         """
         pose = np.array([x_m, y_m, z_m, heading_rad, pitch_rad, roll_rad, speed_mps])
-        told = wp.array(pose, dtype=wp.float64, device=self.device)
+        told: wp.array[Any] = wp.array(pose, dtype=wp.float64, device=self.device)
         self._launch(impose_kernel, 1, [self._roads, slot, entity, told, self.bodies])
 
     def _slot(self, slot: int) -> np.ndarray:

@@ -264,10 +264,8 @@ class _Packer:
                 entities = (len(self.wholes), len(condition.entities))
                 self.wholes += condition.entities
                 kind = condition_code(condition.expression)
-                rows.append(
-                    (kind, number, condition.edge, int(condition.all_entities), *entities, *place)
-                    + (ring,)
-                )
+                how = (kind, number, condition.edge, int(condition.all_entities))
+                rows.append((*how, *entities, *place, ring))
         self.rows["triggers"].append((first, len(rows) - base - first))
         return histories
 
@@ -355,8 +353,10 @@ def _subtree_ends(program: Program) -> list[int]:
 
 def _piece_rows(trajectory: Trajectory) -> list[tuple[float, ...]]:
     return [
-        (piece.start_s_m, piece.length_m, *piece.x, *piece.y, *piece.z, *piece.heading)
-        + (piece.start_time_s, piece.duration_s)
+        (
+            *(piece.start_s_m, piece.length_m, *piece.x, *piece.y, *piece.z, *piece.heading),
+            *(piece.start_time_s, piece.duration_s),
+        )
         for piece in trajectory.pieces
     ]
 

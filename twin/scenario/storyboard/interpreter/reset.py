@@ -5,7 +5,16 @@ from __future__ import annotations
 import warp as wp
 
 from twin.road.walk.road_arrays import RoadArrays
-from twin.scenario.storyboard.player.arrays import BodyArrays, PlayArrays, ProgramArrays
+from twin.scenario.storyboard.interpreter.arrays import BodyArrays, PlayArrays, ProgramArrays
+from twin.scenario.storyboard.interpreter.elements import IDLE, do_global
+from twin.scenario.storyboard.interpreter.ground import (
+    found_place,
+    keep_place,
+    place_of,
+    posed_place,
+    resolved_place,
+)
+from twin.scenario.storyboard.interpreter.transition import ZERO
 from twin.scenario.storyboard.player.columns import (
     ConditionState,
     EntityWhole,
@@ -16,15 +25,6 @@ from twin.scenario.storyboard.player.columns import (
     SlotColumn,
     Whole,
 )
-from twin.scenario.storyboard.player.elements import IDLE, do_global
-from twin.scenario.storyboard.player.ground import (
-    found_place,
-    keep_place,
-    place_of,
-    posed_place,
-    resolved_place,
-)
-from twin.scenario.storyboard.player.transition import ZERO
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
 
