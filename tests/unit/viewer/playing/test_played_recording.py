@@ -285,3 +285,22 @@ def test_bodies_of_one_category_differ_and_the_ego_has_its_own_colour() -> None:
     assert len(set(colors)) == 3
     assert colors[2] == paths.EGO_COLOR
     assert paths.EGO_COLOR not in paths.CATEGORY_COLORS.values()
+
+
+def test_a_trail_joins_every_pose_to_the_one_before(recorded: Path) -> None:
+    trail = rows(recorded, f"{paths.TRAILS}/{VAN}")
+    strips = np.array([row["LineStrips3D:strips"][0] for row in trail])
+    poses = straight(8.0, 20.0, 3.5)[:, 1:3]
+    assert np.allclose(strips[:, 0, :2], poses[:-1], atol=1e-5)
+    assert np.allclose(strips[:, 1, :2], poses[1:], atol=1e-5)
+    assert trail[0]["time_s"] == 0.05
+
+
+def test_a_body_is_turned_as_its_pose_says(tmp_path: Path) -> None:
+    turned = straight(0.0)
+    turned[:, 4] = 2.5
+    play = played(entities=[entity("a", turned)], elements=[], transitions=[])
+    write_recording(play, tmp_path / "s.rrd")
+    row = rows(tmp_path / "s.rrd", f"{paths.ENTITIES}/000-a")[0]
+    expected = [0.0, 0.0, np.sin(1.25), np.cos(1.25)]
+    assert np.allclose(row["Transform3D:quaternion"][0], expected)
