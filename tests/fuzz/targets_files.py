@@ -42,8 +42,10 @@ from twin.vehicle.vehicle_file import load_vehicle
 from twin.world.scene import load_scene
 from viewer.playback import folder as viewer_folder
 from viewer.playing.bodies import bodies, styles
+from viewer.playing.eyes import top_eyes
 from viewer.playing.ground import ground
 from viewer.playing.layout import play_blueprint
+from viewer.playing.names import body_names
 from viewer.playing.recording import origin
 from viewer.playing.story import fired, log_rows, summary
 from viewer.recording import naming
@@ -139,7 +141,8 @@ def _play(path: Path) -> object:
     origin_m = origin(play)
     play_blueprint(play, origin_m)
     drawn = [ground(play, origin_m), styles(play), list(bodies(play, origin_m))]
-    return [*drawn, log_rows(play), fired(play, origin_m), summary(play)]
+    names = [list(body_names(play, origin_m, eye)) for eye in top_eyes(play, origin_m)]
+    return [*drawn, *names, log_rows(play), fired(play, origin_m), summary(play)]
 
 
 def _folder(run: Callable[[Path], Any]) -> Callable[[Path], Any]:

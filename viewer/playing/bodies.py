@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
-import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -19,14 +17,8 @@ from viewer.recording.scenery import Color, Logged
 
 NAME_CHARS = 40
 """Longest name beside a body [characters]."""
-_NAME_BELOW = 0.012
-"""Distance of a name from its body, as a share of the height of the eye."""
-_STAGGER = 0.055
-"""By so much more for every second and third name: those of neighbours stay legible."""
 _LINE_M = 0.12
 """Half of the width of lines on a roof [m]."""
-_EGO_ABOVE = 0.075
-"""Distance of the ego's name above it, likewise."""
 _SMALL_M = 2.5
 """Smaller bodies have a dot that stays visible from far away [m]."""
 _TRAIL_LIFT_M = np.array([0.0, 0.0, 0.08])
@@ -58,7 +50,6 @@ def bodies(play: PlayFile, origin_m: np.ndarray) -> Iterator[EntityRows]:
             continue
         places = poses[:, 1:4] - origin_m
         yield from _body(play, entity, f"{paths.ENTITIES}/{name}", color, poses, places)
-        yield from _name(play, number, f"{paths.NAMES}/{name}", color, places)
         yield _rows(
             play,
             f"{paths.SPEEDS}/{name}",
@@ -70,27 +61,35 @@ def bodies(play: PlayFile, origin_m: np.ndarray) -> Iterator[EntityRows]:
             yield _rows(play, paths.CENTRE, poses[:, 0], rr.Transform3D.columns(translation=places))
 
 
-def presences(poses: np.ndarray, period_s: float) -> list[tuple[int, int]]:
-    """First row, and the one after the last, of every time in which an entity was there."""
-    breaks = np.flatnonzero(np.diff(poses[:, 0]) > 1.5 * period_s) + 1
-    edges = [0, *breaks.tolist(), len(poses)]
-    return list(itertools.pairwise(edges)) if len(poses) else []
+class Presence:
+    """The times in which an entity was there."""
+
+    def __init__(self, play: PlayFile, poses: np.ndarray) -> None:
+        """Find them: between two poses that are kept it was there all the time.
+
+        Poses may have been thinned, so the shortest time between two counts, if it is longer than
+        the one that is told.
+        """
+        times = poses[:, 0]
+        steps = np.diff(times)
+        period_s = max(play.period_s, float(steps.min()) if len(steps) else 0.0)
+        firsts = np.flatnonzero(np.concatenate([[True], steps > 1.5 * period_s])[: len(times)])
+        lasts = np.append(firsts[1:], len(times))[: len(firsts)] - 1
+        self.whole = steps <= 1.5 * period_s
+        """Whether it was there from a pose to the next [N - 1]."""
+        self.begins_s: np.ndarray = times[firsts]
+        """When it appeared [K]."""
+        gone = times[lasts] + period_s
+        self.ends_s: np.ndarray = gone[gone + 0.5 * period_s < play.end_s]
+        """When it vanished, before the end [K or K - 1]."""
 
 
-def kept_period_s(play: PlayFile) -> float:
-    """Time between two poses of a body that stays; longer than told where poses were thinned."""
-    steps = [
-        float(np.diff(times).min())
-        for entity in play.entities
-        if len(times := poses_of(entity.poses)[:, 0]) > 1
-    ]
-    return max(play.period_s, min(steps, default=0.0))
-
-
-def vanishings(play: PlayFile, poses: np.ndarray, period_s: float) -> list[float]:
-    """Times at which an entity is no longer there, before the end [s]."""
-    lasts = [float(poses[end - 1, 0]) for _, end in presences(poses, period_s)]
-    return [last + period_s for last in lasts if last + 1.5 * period_s < play.end_s]
+def cleared(play: PlayFile, parts: list[str], presence: Presence) -> Iterator[EntityRows]:
+    """Rows that take parts of an entity away when it vanishes."""
+    count = len(presence.ends_s)
+    for part in parts if count else ():
+        columns = rr.Clear.columns(is_recursive=[False] * count)
+        yield _rows(play, part, presence.ends_s, columns)
 
 
 def _body(
@@ -105,9 +104,8 @@ def _body(
     turns = np.stack([level, level, np.sin(half_turn), np.cos(half_turn)], axis=-1)
     columns = rr.Transform3D.columns(translation=places, quaternion=turns)
     yield _rows(play, path, poses[:, 0], columns)
-    period_s = kept_period_s(play)
-    begins = poses[[first for first, _ in presences(poses, period_s)], 0]
-    count = len(begins)
+    presence = Presence(play, poses)
+    begins, count = presence.begins_s, len(presence.begins_s)
     half = [max(size, 0.05) / 2 for size in (entity.length_m, entity.width_m, entity.height_m)]
     box = rr.Boxes3D.columns(
         centers=[entity.centre_m] * count,
@@ -131,47 +129,7 @@ def _body(
             colors=[color] * count,
         )
         yield _rows(play, f"{path}/dot", begins, dot)
-    yield from _cleared(play, [f"{path}/{part}" for part in ("body", "front", "dot")], poses)
-
-
-def _name(
-    play: PlayFile, number: int, path: str, color: Color, places: np.ndarray
-) -> Iterator[EntityRows]:
-    """The name below a body as the views see it, however the body is turned."""
-    entity = play.entities[number]
-    poses = poses_of(entity.poses)
-    eye_m, right = paths.eye_height_m(play), paths.right_rad(play)
-    turn = poses[:, 4] - right
-    x, y, z = entity.centre_m
-    reach = 0.5 * (
-        entity.length_m * np.abs(np.sin(turn)) + entity.width_m * np.abs(np.cos(turn))
-    ) - (x * np.sin(turn) + y * np.cos(turn))
-    below = reach + eye_m * (_NAME_BELOW + _STAGGER * (number % 3))
-    if entity.ego:  # alone above: there it covers nobody who is parked beside its lane
-        below = reach - entity.width_m - eye_m * _EGO_ABOVE
-    at = places + np.stack(
-        [below * math.sin(right), -below * math.cos(right), np.full(len(below), z)], axis=-1
-    )
-    yield _rows(play, path, poses[:, 0], rr.Transform3D.columns(translation=at))
-    begins = poses[[first for first, _ in presences(poses, kept_period_s(play))], 0]
-    count = len(begins)
-    label = rr.Points3D.columns(
-        positions=[(0.0, 0.0, 0.0)] * count,
-        radii=[rr.Radius.ui_points(0.1)] * count,
-        colors=[color] * count,
-        labels=[escape(entity.name, NAME_CHARS)] * count,
-        show_labels=[True] * count,
-    )
-    yield _rows(play, f"{path}/label", begins, label)
-    yield from _cleared(play, [f"{path}/label"], poses)
-
-
-def _cleared(play: PlayFile, parts: list[str], poses: np.ndarray) -> Iterator[EntityRows]:
-    gone = np.array(vanishings(play, poses, kept_period_s(play)))
-    for part in parts:
-        if len(gone):
-            cleared = rr.Clear.columns(is_recursive=[False] * len(gone))
-            yield _rows(play, part, gone, cleared)
+    yield from cleared(play, [f"{path}/{part}" for part in ("body", "front", "dot")], presence)
 
 
 def _nose(entity: PlayEntity) -> list[list[float]]:
@@ -201,8 +159,9 @@ def _trail(
 ) -> Iterator[EntityRows]:
     """A short line per row, from the row before; the view shows all up to its time."""
     pairs = np.stack([places[:-1], places[1:]], axis=1) + _TRAIL_LIFT_M
-    whole = np.diff(poses[:, 0]) <= 1.5 * kept_period_s(play)
-    moved = whole & (np.abs(pairs[:, 1] - pairs[:, 0]).max(axis=1, initial=0.0) > 1e-6)
+    moved = Presence(play, poses).whole & (
+        np.abs(pairs[:, 1] - pairs[:, 0]).max(axis=1, initial=0.0) > 1e-6
+    )
     strips = pairs[moved]
     if len(strips):
         columns = rr.LineStrips3D.columns(

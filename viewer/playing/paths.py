@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from schemas.files.played_scenario import BodyCategory, PlayFile
-from twin.records.play_file import poses_of
 from viewer.recording import naming
 from viewer.recording.scenery import Color
 
@@ -19,6 +18,7 @@ FIRED = "world/fired"
 ENTITIES = "world/entities"
 """An entity below it is a pose, with its body."""
 NAMES = "world/names"
+"""Below it those that a view shows, by the key of its eye."""
 TRAILS = "world/trails"
 CENTRE = "world/centre"
 """Moves with the ego and does not turn: what the view from above follows."""
@@ -80,23 +80,3 @@ def followed(play: PlayFile) -> int:
     there = [number for number, entity in enumerate(play.entities) if entity.poses]
     egos = [number for number in there if play.entities[number].ego]
     return (egos or there or [-1])[0]
-
-
-EYE_M = (34.0, 80.0)
-"""Lowest and highest place of the eye that follows [m]."""
-_EYE_STANDING_M, _EYE_PER_MPS = 22.0, 1.5
-
-
-def eye_height_m(play: PlayFile) -> float:
-    """Height of the eye that follows: the faster somebody drives, the more is seen."""
-    number = followed(play)
-    if number < 0:
-        return EYE_M[0]
-    speed = float(abs(poses_of(play.entities[number].poses)[:, 5]).max())
-    return min(max(_EYE_STANDING_M + _EYE_PER_MPS * speed, EYE_M[0]), EYE_M[1])
-
-
-def right_rad(play: PlayFile) -> float:
-    """Direction that views from above have on the right: where the followed entity heads first."""
-    number = followed(play)
-    return float(poses_of(play.entities[number].poses)[0, 4]) if number >= 0 else 0.0

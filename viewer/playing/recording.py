@@ -14,8 +14,10 @@ from twin.base.errors import InfrastructureError
 from twin.records.play_file import poses_of
 from viewer.playing import paths
 from viewer.playing.bodies import bodies, styles
+from viewer.playing.eyes import top_eyes
 from viewer.playing.ground import ground
 from viewer.playing.layout import play_blueprint
+from viewer.playing.names import body_names
 from viewer.playing.story import fired, log_rows, summary
 from viewer.recording import naming
 from viewer.recording.rows import EntityRows, send
@@ -79,6 +81,8 @@ def _rows(play: PlayFile, origin_m: np.ndarray) -> Iterator[EntityRows]:
     if play.transitions:
         yield log_rows(play)
     yield from fired(play, origin_m)
+    for eye in top_eyes(play, origin_m):
+        yield from body_names(play, origin_m, eye)
     yield from bodies(play, origin_m)
 
 

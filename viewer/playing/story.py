@@ -3,7 +3,6 @@ summary."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -14,7 +13,9 @@ from schemas.files.played_scenario import PlayElement, PlayFile
 from schemas.words import counted
 from twin.records.play_file import poses_of
 from viewer.playing import paths
-from viewer.playing.bodies import kept_period_s, presences, stamps, vanishings
+from viewer.playing.bodies import Presence, stamps
+from viewer.playing.eyes import top_eyes
+from viewer.playing.names import event_name
 from viewer.recording.rows import EntityRows
 from viewer.recording.scenery import BLUE, GREEN, GREY, ORANGE, RED, Color
 
@@ -24,8 +25,6 @@ FIRED_MAX = 200
 """Events that are marked on the ground, the first ones."""
 NOTES_SHOWN = 6
 """Notes of the summary."""
-_ABOVE = 0.11
-"""Distance of an event's name from its point, as a share of the height of the eye."""
 _VERBS = {"start": "begins", "end": "ends", "stop": "is stopped", "skip": "is skipped"}
 
 
@@ -92,19 +91,19 @@ def _look(element: PlayElement, transition: str) -> tuple[str, Color]:
 
 def _comings(play: PlayFile) -> Iterator[LogLine]:
     """Entities that appear after the beginning, or vanish before the end."""
-    period_s = kept_period_s(play)
     for entity in play.entities:
-        poses = poses_of(entity.poses)
+        presence = Presence(play, poses_of(entity.poses))
         name = escape(entity.name, NAME_CHARS)
-        for first, _ in presences(poses, period_s):
-            if (time_s := float(poses[first, 0])) > 0.0:
+        for time_s in presence.begins_s.tolist():
+            if time_s > 0.0:
                 yield time_s, f"{name} appears", ("INFO", GREY), "", "", "", 0
-        for time_s in vanishings(play, poses, period_s):
+        for time_s in presence.ends_s.tolist():
             yield time_s, f"{name} vanishes", ("INFO", GREY), "", "", "", 0
 
 
 def fired(play: PlayFile, origin_m: np.ndarray) -> list[EntityRows]:
-    """Points where the first actor of an event was when it began, unless that was at once.
+    """Points where the first actor of an event was when it began, unless that was at once, and
+    their names in each view.
 
     Places are moved by ``-origin_m``.
     """
@@ -115,27 +114,25 @@ def fired(play: PlayFile, origin_m: np.ndarray) -> list[EntityRows]:
         if begins and element.actors:
             names.setdefault((item.time_s, element.actors[0]), []).append(element.name)
     rows = []
-    right, eye_m = paths.right_rad(play), paths.eye_height_m(play)
-    up = np.array([-math.sin(right), math.cos(right), 0.0])
+    eyes = top_eyes(play, origin_m)
+    count = 0
     for (time_s, actor), events in names.items():
         poses = poses_of(play.entities[actor].poses)
         number = int(np.searchsorted(poses[:, 0], time_s + 1e-9, "right")) - 1
-        if number < 0 or len(rows) == FIRED_MAX:
+        if number < 0 or count == FIRED_MAX:
             continue
         more = f" +{len(events) - 1}" if len(events) > 1 else ""
+        text = f"{escape(events[0], 40)}{more} {time_s:.2f} s"
         place = poses[number, 1:4] - origin_m + np.array([0.0, 0.0, 0.1])
-        # The point, and its name above it as the views see it: below stand those of bodies.
-        above = place + (play.entities[actor].width_m / 2 + _ABOVE * eye_m) * up
-        columns = rr.Points3D.columns(
-            positions=[place, above],
-            radii=[rr.Radius.ui_points(4.0), rr.Radius.ui_points(0.1)],
-            colors=[ORANGE, ORANGE],
-            labels=["", f"{escape(events[0], 40)}{more} {time_s:.2f} s"],
-        )
-        shown = rr.Points3D.columns(show_labels=[True])
-        path = f"{paths.FIRED}/{len(rows):03d}"
         stamped = stamps(play, np.array([time_s]))
-        rows.append(EntityRows(path, *stamped, [*columns.partition([2]), *shown]))
+        point = rr.Points3D.columns(
+            positions=[place], radii=[rr.Radius.ui_points(4.0)], colors=[ORANGE]
+        )
+        rows.append(EntityRows(f"{paths.FIRED}/{count:03d}", *stamped, list(point)))
+        for eye in eyes:
+            path, name = event_name(count, text, place, play.entities[actor].width_m, eye)
+            rows.append(EntityRows(path, *stamped, name))
+        count += 1
     return rows
 
 

@@ -13,10 +13,11 @@ from played_files import entity, line, played, straight
 from recordings import read_recording
 from rerun.chunk import RrdReader
 
-from schemas.files.played_scenario import PlayElement, PlayFile, PlayMark, PlayTransition
+from schemas.files.played_scenario import PlayElement, PlayMark, PlayTransition
 from twin.base.errors import InfrastructureError
 from viewer.playing import ground, paths, story
-from viewer.playing.bodies import presences, vanishings
+from viewer.playing.bodies import Presence
+from viewer.playing.eyes import far_eye, top_eyes
 from viewer.playing.recording import FAR_M, write_recording
 from viewer.recording import naming
 
@@ -77,8 +78,9 @@ def test_a_body_is_there_only_while_its_entity_is(recorded: Path) -> None:
     assert shown == [(0.5, True), (0.85, False), (1.2, True), (1.55, False)]
     half = next(row["Boxes3D:half_sizes"] for row in body if row["time_s"] == 0.5)
     assert np.allclose(half, [[0.25, 0.3, 0.75]])
-    label = rows(recorded, f"{paths.NAMES}/{WALKER}/label")
-    assert [row["time_s"] for row in label] == [0.5, 0.85, 1.2, 1.55]
+    for key in ("near", "far"):
+        label = rows(recorded, f"{paths.NAMES}/{key}/{WALKER}/label")
+        assert [row["time_s"] for row in label] == [0.5, 0.85, 1.2, 1.55]
     # Who is there until the end does not vanish with it.
     assert [row["time_s"] for row in rows(recorded, f"{paths.ENTITIES}/{EGO}/body")] == [0.0]
 
@@ -129,8 +131,12 @@ def test_the_log_tells_events_triggers_and_who_comes_and_goes(recorded: Path) ->
 def test_where_an_event_began_is_marked_from_then_on(recorded: Path) -> None:
     [point] = rows(recorded, f"{paths.FIRED}/000")
     assert point["time_s"] == 0.5
-    assert np.allclose(point["Points3D:positions"][0], [24.0, 3.5, 0.1])
-    assert point["Points3D:labels"] == ["", "cut in 0.50 s"]
+    assert np.allclose(point["Points3D:positions"], [[24.0, 3.5, 0.1]])
+    for eye in top_eyes(played(), np.zeros(3)):
+        [name] = rows(recorded, f"{paths.NAMES}/{eye.key}/event-000")
+        assert (name["time_s"], name["Points3D:labels"]) == (0.5, ["cut in 0.50 s"])
+        above = name["Points3D:positions"][0][1] - 3.5
+        assert above > 20.0 * eye.pixel_m
 
 
 def test_events_that_begin_at_once_are_not_marked_and_others_up_to_a_limit() -> None:
@@ -138,15 +144,23 @@ def test_events_that_begin_at_once_are_not_marked_and_others_up_to_a_limit() -> 
     starts = [(0.0, 0), (0.5, 0), (0.5, 1), (0.5, 2)]
     steps = [PlayTransition(time_s=t, element=e, transition="start") for t, e in starts]
     marked = story.fired(played(elements=elements, transitions=steps), np.zeros(3))
-    labels = [row.columns[-2].as_arrow_array().to_pylist()[0][-1] for row in marked]
+    assert [row.path for row in marked] == [
+        path
+        for number in range(2)
+        for path in (
+            f"{paths.FIRED}/{number:03d}",
+            f"{paths.NAMES}/near/event-{number:03d}",
+            f"{paths.NAMES}/far/event-{number:03d}",
+        )
+    ]
+    labels = [row.columns[3].as_arrow_array().to_pylist()[0][0] for row in marked[1::3]]
     assert labels == ["e0 +1 0.50 s", "e1 0.50 s"]
     many = [
         PlayTransition(time_s=0.01 * (i + 1), element=0, transition="start")
         for i in range(story.FIRED_MAX + 1)
     ]
-    assert len(story.fired(played(elements=elements, transitions=many), np.zeros(3))) == (
-        story.FIRED_MAX
-    )
+    all_ = story.fired(played(elements=elements, transitions=many), np.zeros(3))
+    assert len(all_) == 3 * story.FIRED_MAX
 
 
 def test_what_is_cut_short_stands_out(tmp_path: Path) -> None:
@@ -272,10 +286,36 @@ def test_strokes_before_the_line_are_passed_over() -> None:
 def test_presences() -> None:
     poses = np.zeros((5, 6))
     poses[:, 0] = [0.0, 0.05, 0.2, 0.25, 0.5]
-    assert presences(poses, 0.05) == [(0, 2), (2, 4), (4, 5)]
-    assert presences(poses[:0], 0.05) == []
-    play: PlayFile = played(end_s=0.6)
-    assert vanishings(play, poses, 0.05) == pytest.approx([0.1, 0.3, 0.55])
+    presence = Presence(played(end_s=0.6), poses)
+    assert presence.begins_s.tolist() == [0.0, 0.2, 0.5]
+    assert presence.ends_s.tolist() == pytest.approx([0.1, 0.3, 0.55])
+    assert presence.whole.tolist() == [True, False, True, False]
+    assert Presence(played(end_s=0.56), poses).ends_s.tolist() == pytest.approx([0.1, 0.3])
+    thinned = poses[::2]
+    assert Presence(played(end_s=0.5), thinned).begins_s.tolist() == [0.0]
+    for count in (0, 1):
+        few = Presence(played(end_s=0.01), poses[:count])
+        assert (len(few.begins_s), len(few.ends_s), len(few.whole)) == (count, 0, 0)
+
+
+def test_eyes_see_all_and_look_along_the_ego() -> None:
+    near, far = top_eyes(played(), np.zeros(3))
+    assert near.height_m == 22.0 + 1.5 * 10.0
+    assert near.below == (pytest.approx(0.25 * near.height_m), 0.0, 0.0)
+    assert far.below[:2] == (pytest.approx(18.0), pytest.approx(0.75))
+    assert (near.right_rad, far.right_rad) == (0.0, 0.0)
+    assert near.upwards(1.0).tolist() == [0.0, near.pixel_m, 0.0]
+    north = straight(10.0)
+    north[:, [1, 2]], north[:, 4] = north[:, [2, 1]], np.pi / 2
+    body = [entity("a", north)]
+    one = played(entities=body, elements=[], transitions=[])
+    assert far_eye(one, np.zeros(3)).right_rad == pytest.approx(np.pi / 2)
+    # Who heads east and is carried north: what is long lies across the picture.
+    north[:, 4] = 0.0
+    carried = played(entities=[entity("a", north)], elements=[], transitions=[])
+    assert far_eye(carried, np.zeros(3)).right_rad == pytest.approx(np.pi / 2)
+    nobody = played(entities=[], elements=[], transitions=[])
+    assert [eye.key for eye in top_eyes(nobody, np.zeros(3))] == ["far"]
 
 
 def test_bodies_of_one_category_differ_and_the_ego_has_its_own_colour() -> None:
