@@ -64,8 +64,8 @@ def play_file(
                 done=done,
             )
             ended += len(records)
-            for number, record in zip(numbers, records, strict=True):
-                played[number] = record
+            for number, played_one in zip(numbers, records, strict=True):
+                played[number] = played_one
     stem = (distribution or file).stem
     plays = []
     for chosen, scenario, record in zip(permutations, compiled, played, strict=True):

@@ -62,22 +62,31 @@ def scenario(
     """Check an OpenSCENARIO XML file with the catalogs it uses, and say what it does.
 
     Prints entities, stories, events with their triggers, parameters and catalogs of the file, or of
-    the first permutation of a distribution. Exit code 2: a line with file and line number for
-    everything that is wrong.
+    the first permutation of a distribution; notes about what has no effect go to stderr. Exit code
+    2: a line with file and line number for everything that is wrong or that cannot be played.
     """
+    from twin.scenario.storyboard.compile.compiler import compile_with_notes
     from twin.scenario.storyboard.openscenario.outline import outline
     from twin.scenario.storyboard.openscenario.scenario import expand
 
     mistakes: list[str] = []
     lines: list[str] = []
+    notes: list[str] = []
     try:
         permutations = expand(file, distribution)
         if permutations:
-            lines = outline(permutations[0].scenario(), permutations)
+            effective = permutations[0].scenario()
+            lines = outline(effective, permutations)
+            if effective.kind == "ScenarioFile":
+                notes += compile_with_notes(effective).notes
     except ValueError as error:
         mistakes = str(error).splitlines()
+    if output is not Output.json:
+        for note in notes:
+            print(f"note: {note}", file=sys.stderr)
     if output is Output.json:
-        print(json.dumps({"valid": not mistakes, "mistakes": mistakes, "outline": lines}))
+        words = {"valid": not mistakes, "mistakes": mistakes, "notes": notes, "outline": lines}
+        print(json.dumps(words))
     elif mistakes:
         raise UsageError("\n".join(mistakes))
     else:

@@ -26,7 +26,7 @@ _STAGGER_PX = 20.0
 """By so much more for every second and third name: those of neighbours stay legible."""
 _EGO_ABOVE_PX = 27.0
 """Distance of the ego's name above it: there it covers nobody who is parked beside its lane."""
-_EVENT_ABOVE_PX = 40.0
+_EVENT_ABOVE_PX = 52.0
 """Distance of an event's name above its point: below stand the names of bodies."""
 
 

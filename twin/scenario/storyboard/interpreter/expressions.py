@@ -232,7 +232,7 @@ def distance_holds(
         tables, bodies, roads, slot, base + e, e, place, other_row, other, frame, measure, free
     )
     if kind == _REACH:
-        return far < tables.reals[reals + _REACH_TOLERANCE]
+        return far <= tables.reals[reals + _REACH_TOLERANCE] + CLOSE
     value = wp.abs(far)
     if kind == _HEADWAY:
         speed = bodies.reals[slot, e, Real.SPEED]

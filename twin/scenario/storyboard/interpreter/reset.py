@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warp as wp
 
+from twin.base.portable_math import portable_cos, portable_sin
 from twin.road.walk.road_arrays import RoadArrays
 from twin.scenario.storyboard.interpreter.arrays import BodyArrays, PlayArrays, ProgramArrays
 from twin.scenario.storyboard.interpreter.elements import IDLE, do_global
@@ -82,6 +83,7 @@ def reset_kernel(
         bodies.wholes[slot, i, Whole.LANE] = 0
         bodies.wholes[slot, i, Whole.JUMPED] = 1
         bodies.wholes[slot, i, Whole.CLAIMED] = 0
+        bodies.wholes[slot, i, Whole.CHANGING] = 0
         row = tables.programs[program, ProgramColumn.ENTITY] + i
         here = i < tables.programs[program, ProgramColumn.ENTITIES]
         if here and tables.entity_wholes[row, EntityWhole.PLACED] != 0:
@@ -112,6 +114,21 @@ def open_kernel(
             if do_global(tables, play, bodies, slot, program, k):
                 state = wp.int32(InstanceState.DONE)
         play.instance_states[slot, k] = state
+
+
+@wp.kernel
+def close_kernel(
+    # args
+    slot: wp.int32,
+    # state in and out
+    bodies: BodyArrays,
+):
+    """Velocities of the speeds that Init has given, so that conditions see them at time 0."""
+    e = wp.tid()
+    heading = bodies.reals[slot, e, Real.HEADING]
+    speed = bodies.reals[slot, e, Real.SPEED]
+    bodies.reals[slot, e, Real.VX] = speed * portable_cos(heading)
+    bodies.reals[slot, e, Real.VY] = speed * portable_sin(heading)
 
 
 @wp.kernel

@@ -20,7 +20,9 @@ from twin.scenario.storyboard.interpreter.arrays import (
 )
 from twin.scenario.storyboard.interpreter.begin import begin_kernel
 from twin.scenario.storyboard.interpreter.decide import decide_kernel, settle_kernel
+from twin.scenario.storyboard.interpreter.drivers import drivers_kernel
 from twin.scenario.storyboard.interpreter.reset import (
+    close_kernel,
     copy_kernel,
     impose_kernel,
     open_kernel,
@@ -120,6 +122,8 @@ class StoryboardPlayer:
         self.bodies: BodyArrays = body_arrays(slots, self.entities, self.device)
         """States on the device, updated in place: columns ``Real`` and ``Whole``."""
         self._before = body_arrays(slots, self.entities, self.device)
+        self._graph: Any = None
+        self._drivers = len(self.tables.models) > 0
 
     def start(self, slot: int, program_index: int) -> None:
         """Put a slot at time 0 of a program, after Init and a run of its storyboard."""
@@ -137,11 +141,20 @@ class StoryboardPlayer:
                 (self.slots, self.entities),
                 [*model, slot, level, self._before, self.bodies, self._play],
             )
+        self._launch(close_kernel, self.entities, [slot, self.bodies])
         self._run(slot, 0)
 
     def step(self) -> None:
-        """One step of all slots that run."""
-        self._run(_ALL, 1)
+        """One step of all slots that run; on a GPU as one graph, which is made at the first."""
+        if self._graph is None and self.device.is_cuda:
+            self._run(_ALL, 1)  # loads the kernels
+            with wp.ScopedCapture(self.device) as capture:
+                self._run(_ALL, 1)
+            self._graph = capture.graph
+        elif self._graph is not None:
+            wp.capture_launch(self._graph)
+        else:
+            self._run(_ALL, 1)
 
     def _run(self, only: int, steps: int) -> None:
         """The storyboard and all bodies; at its beginning a slot runs once without time."""
@@ -157,6 +170,12 @@ class StoryboardPlayer:
         )
         for phase in (INIT_PHASE, STORY_PHASE):
             self._copy()
+            if phase == STORY_PHASE and self._drivers:
+                self._launch(
+                    drivers_kernel,
+                    everyone,
+                    [*model, only, step_s, self._before, self._play, self.bodies],
+                )
             self._launch(
                 advance_kernel,
                 everyone,

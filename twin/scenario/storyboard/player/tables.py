@@ -26,7 +26,7 @@ from twin.scenario.storyboard.player.kinds import condition_code
 from twin.scenario.storyboard.player.layout import flatten
 from twin.scenario.storyboard.program.conditions import ElementStateCondition, Trigger
 from twin.scenario.storyboard.program.entities import StoryboardEntity
-from twin.scenario.storyboard.program.places import FixedPosition, RoadRoute, Trajectory
+from twin.scenario.storyboard.program.places import FixedPosition, Position, RoadRoute, Trajectory
 from twin.scenario.storyboard.program.program import DriverModel, Program
 from twin.scenario.storyboard.program.record import ProgramRecord
 
@@ -334,7 +334,7 @@ class _Packer:
 
 
 class _Start(ProgramRecord, frozen=True):
-    place: FixedPosition
+    place: Position
 
 
 def _subtree_ends(program: Program) -> list[int]:
