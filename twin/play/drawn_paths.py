@@ -76,7 +76,8 @@ def trajectory_points(trajectory: Trajectory) -> np.ndarray:
     if not points:
         return np.empty((0, 3))
     places, line = np.concatenate(at), np.concatenate(points)
-    return line[kept_points(places, line[:, None, :], ERROR_M - 2.0 * _PIECES_ERROR_M)]
+    kept: np.ndarray = line[kept_points(places, line[:, None, :], ERROR_M - 2.0 * _PIECES_ERROR_M)]
+    return kept
 
 
 def route_points(route: RoadRoute, roads: RoadMap) -> np.ndarray:
@@ -133,7 +134,8 @@ def _placed(points: np.ndarray, pose: tuple[float, float, float, float]) -> np.n
     x, y, z, heading = pose
     c, s = np.cos(heading), np.sin(heading)
     turned = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
-    return points @ turned + np.array([x, y, z])
+    placed: np.ndarray = points @ turned + np.array([x, y, z])
+    return placed
 
 
 def _path(name: str, points: np.ndarray) -> PlayPath:
