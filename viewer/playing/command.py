@@ -96,7 +96,7 @@ def load_play(file: Path, folder: Path, player: tuple[str, ...] = ()) -> PlayFil
     """Read a played scenario, or play a scenario file first.
 
     Args:
-        file: a ``.play`` file or a scenario file.
+        file: a ``.play`` file or a scenario file, or a name that the player knows.
         folder: for what the player writes.
         player: further options of `twin play`.
 
@@ -109,7 +109,8 @@ def load_play(file: Path, folder: Path, player: tuple[str, ...] = ()) -> PlayFil
         if player:
             raise UsageError(f"{file}: it was played already; {player[0]} is for a scenario file")
         return read_play(file)
-    if suffix not in SCENARIO_SUFFIXES:
+    # A name alone may be one that the player knows.
+    if suffix not in SCENARIO_SUFFIXES and (suffix or file.exists()):
         raise UsageError(
             f"{file}: expected a scenario file ({', '.join(SCENARIO_SUFFIXES)}), or what "
             f"`twin play FILE --save OUT{PLAY_SUFFIX}` wrote"

@@ -46,7 +46,7 @@ CATEGORY_COLORS: dict[BodyCategory, Color] = {
 }
 """Colours of bodies; the ego has its own."""
 
-_SHADES = (1.0, 0.78, 0.6)
+_SHADES = (1.0, 0.82, 0.68)
 """Bodies of one category follow one another in these."""
 
 

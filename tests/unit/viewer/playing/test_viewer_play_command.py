@@ -43,11 +43,12 @@ def test_the_same_file_gives_the_same_rows(file: Path, tmp_path: Path) -> None:
     ("name", "reason"),
     [
         ("s.csv", r"expected a scenario file \(.xosc, .yaml, .yml\), or what `twin play FILE"),
-        ("s", "expected a scenario file"),
+        ("folder", "expected a scenario file"),
         ("none.play", "No such file"),
     ],
 )
 def test_other_files_are_refused_in_a_line(tmp_path: Path, name: str, reason: str) -> None:
+    (tmp_path / "folder").mkdir()
     with pytest.raises(UsageError, match=reason) as error:
         load_play(tmp_path / name, tmp_path)
     assert "\n" not in str(error.value)
@@ -100,6 +101,12 @@ def test_what_the_player_refuses_is_its_line_and_its_exit_code(tmp_path: Path, c
     assert len(lines) == 1
     assert lines[0].startswith(f"twin: {path}:1: ")
     assert not list(tmp_path.glob("*.play"))
+
+
+def test_a_name_alone_is_left_to_the_player(tmp_path: Path, capfd) -> None:
+    with pytest.raises(PlayerError):
+        load_play(Path("no-such-scenario"), tmp_path)
+    assert capfd.readouterr().err.startswith("twin: no-such-scenario")
 
 
 def test_the_command_line(file: Path, tmp_path: Path) -> None:
