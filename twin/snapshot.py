@@ -22,7 +22,7 @@ from schemas.validation import Mistake, convert_all
 from twin.render.camera import RayCamera
 from twin.render.light.light import begin_sky, fill_light, fill_sky, switch_lamps
 from twin.render.trace.geometry import Geometry
-from twin.road.opendrive.reading.load import load_network
+from twin.road.opendrive.apart import network_apart
 from twin.road.opendrive.records import DRIVEN_TYPES
 from twin.road.opendrive.road_frame import RoadPose
 from twin.road.opendrive.road_map import RoadMap
@@ -259,7 +259,7 @@ class _OpenDrive(_Street):
     """One camera on the first road of an OpenDRIVE file."""
 
     def __init__(self, road: str, vehicle: str, camera: Camera, device: str) -> None:
-        self._roads = RoadMap(load_network(Path(road)))
+        self._roads = RoadMap(network_apart(Path(road)))
         super().__init__(Scene(scene="road"), road_world(self._roads), vehicle, camera, device)
 
     def stand(self, distance_m: float, at_m: float | None) -> None:  # noqa: ARG002 - no obstacle

@@ -53,6 +53,7 @@ def play(
 
     from twin.play.permutations import play_file
     from twin.play.report import event_table, summary_table, to_json, write_csv
+    from twin.road.opendrive.apart import notes_of_reading
 
     try:
         plays = play_file(
@@ -66,6 +67,8 @@ def play(
         )
     except ValueError as error:
         raise UsageError(str(error)) from None
+    for note in notes_of_reading():
+        print(note, file=sys.stderr)
     for note in dict.fromkeys(note for played in plays for note in played.notes):
         print(f"note: {note}", file=sys.stderr)
     for played in plays:

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from twin.base.progress import progress
 from twin.play.playing import PlayedScenario, play_programs
 from twin.play.report import NamedPlay
 from twin.road.tables.road_tables import RoadTables, road_tables
-from twin.scenario.storyboard.compile.compiler import (
-    CompiledScenario,
-    RoadCache,
-    compile_with_notes,
-)
-from twin.scenario.storyboard.openscenario.scenario import Permutation, expand
+from twin.scenario.storyboard.apart import permutations_apart, programs_apart
+from twin.scenario.storyboard.compile.compiler import CompiledScenario
 
 PLAYED_MAX = 10_000
 """Permutations that are played by one command."""
@@ -35,9 +32,9 @@ def play_file(
         ValueError: a line per mistake.
         UsageError: a program is larger than a limit.
     """
-    permutations = _chosen(expand(file, distribution), file, distribution, permutation)
-    cache: RoadCache = {}
-    compiled = [compile_with_notes(chosen.scenario(), cache) for chosen in permutations]
+    assignments = permutations_apart(file, distribution)
+    numbers = _chosen(len(assignments), file, distribution, permutation)
+    compiled = list(programs_apart(file, [assignments[number] for number in numbers]))
     tables: dict[str, RoadTables] = {}
     played: list[PlayedScenario | None] = [None] * len(compiled)
     ended = 0
@@ -47,13 +44,13 @@ def play_file(
             if len(compiled) > 1:
                 report(ended + count, len(compiled))
 
-        for numbers in _by_roads(compiled):
-            network = compiled[numbers[0]].program.network
+        for group in _by_roads(compiled):
+            network = compiled[group[0]].program.network
             if network is not None and network.file not in tables:
                 tables[network.file] = road_tables(network)
             roads = None if network is None else tables[network.file]
             records = play_programs(
-                [compiled[number].program for number in numbers],
+                [compiled[number].program for number in group],
                 roads,
                 step_s=step_s,
                 every=every,
@@ -62,37 +59,35 @@ def play_file(
                 done=done,
             )
             ended += len(records)
-            for number, record in zip(numbers, records, strict=True):
+            for number, record in zip(group, records, strict=True):
                 played[number] = record
     stem = (distribution or file).stem
     plays = []
-    for chosen, scenario, record in zip(permutations, compiled, played, strict=True):
+    for number, scenario, record in zip(numbers, compiled, played, strict=True):
         assert record is not None
-        name = f"{stem}-{chosen.number:03d}" if distribution else stem
-        plays.append(NamedPlay(name, chosen.number, chosen.values, scenario.notes, record))
+        name = f"{stem}-{number:03d}" if distribution else stem
+        plays.append(NamedPlay(name, number, assignments[number], scenario.notes, record))
     return plays
 
 
-def _chosen(
-    permutations: list[Permutation], file: Path, distribution: Path | None, number: int | None
-) -> list[Permutation]:
+def _chosen(count: int, file: Path, distribution: Path | None, number: int | None) -> Sequence[int]:
+    """Numbers of the permutations to play."""
     if number is not None:
         if distribution is None:
             raise ValueError(f"{file}: --permutation needs --distribution")
-        if number >= len(permutations):
+        if number >= count:
             raise ValueError(
-                f"{distribution}: permutation {number} of {len(permutations)}; they are counted "
-                "from 0"
+                f"{distribution}: permutation {number} of {count}; they are counted from 0"
             )
-        return [permutations[number]]
-    if not permutations:
+        return [number]
+    if not count:
         raise ValueError(f"{distribution}: it makes no permutation")
-    if len(permutations) > PLAYED_MAX:
+    if count > PLAYED_MAX:
         raise ValueError(
-            f"{distribution}: {len(permutations)} permutations, at most {PLAYED_MAX} are played at "
-            "once; give --permutation"
+            f"{distribution}: {count} permutations, at most {PLAYED_MAX} are played at once; give "
+            "--permutation"
         )
-    return permutations
+    return range(count)
 
 
 def _by_roads(compiled: list[CompiledScenario]) -> list[list[int]]:

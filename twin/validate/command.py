@@ -65,17 +65,19 @@ def scenario(
     the first permutation of a distribution. Exit code 2: a line with file and line number for
     everything that is wrong.
     """
-    from twin.scenario.storyboard.openscenario.outline import outline
-    from twin.scenario.storyboard.openscenario.scenario import expand
+    from twin.road.opendrive.apart import notes_of_reading
+    from twin.scenario.storyboard.apart import outline_apart, permutations_apart
 
     mistakes: list[str] = []
     lines: list[str] = []
     try:
-        permutations = expand(file, distribution)
+        permutations = permutations_apart(file, distribution)
         if permutations:
-            lines = outline(permutations[0].scenario(), permutations)
+            lines = outline_apart(file, permutations[0], len(permutations))
     except ValueError as error:
         mistakes = str(error).splitlines()
+    for note in notes_of_reading():
+        print(note, file=sys.stderr)
     if output is Output.json:
         print(json.dumps({"valid": not mistakes, "mistakes": mistakes, "outline": lines}))
     elif mistakes:
@@ -108,14 +110,16 @@ def road(
     from rich.console import Console
 
     from twin.base.errors import storage_error
-    from twin.road.opendrive.reading.load import load_network
+    from twin.road.opendrive.apart import network_apart, notes_of_reading
     from twin.road.opendrive.road_map import RoadMap
     from twin.validate import road_check
 
     try:
-        roads = RoadMap(load_network(file))
+        roads = RoadMap(network_apart(file))
     except ValueError as error:
         raise UsageError(str(error)) from None
+    for note in notes_of_reading():
+        print(note, file=sys.stderr)
     check = road_check.check_roads(roads)
     if output is Output.json:
         print(json.dumps(road_check.to_json(check), indent=1))

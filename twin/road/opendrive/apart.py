@@ -15,15 +15,13 @@ import msgspec
 import numpy as np
 
 from schemas.escape import escape
+from schemas.files.regular_file import open_regular
 from twin.road.opendrive.check_network import network_mistakes
-from twin.road.opendrive.reading.load import load_network
+from twin.road.opendrive.reading.answer import NETWORK, NETWORK_BYTES_MAX
+from twin.road.opendrive.reading.reader import FILE_BYTES_MAX
 from twin.road.opendrive.records import RoadNetwork
-from twin.world.apart.checks import Array
-from twin.world.apart.parser import Parser
-from twin.world.apart.reading import AskedFile, path_apart, read_apart
+from twin.world.apart.reading import AskedFile, path_apart, read_apart, unprotected
 
-NETWORK_BYTES_MAX = 256 << 20
-"""Largest answer of a road file [bytes]."""
 MEMORY_BYTES_MAX = 8 << 30
 """Address space of the process that reads one [bytes]."""
 CPU_S = 120
@@ -31,12 +29,7 @@ CPU_S = 120
 WALL_S = 600.0
 """Time until it is given up, however busy the machine is [s]."""
 
-NETWORK = Parser(
-    "twin.road.opendrive.apart:network_bytes",
-    Array("uint8", ("n",), side_max=NETWORK_BYTES_MAX),
-    "cannot be read as roads",
-)
-_NETWORK = f"{__name__}:NETWORK"
+_NETWORK = "twin.road.opendrive.reading.answer:NETWORK"
 
 
 def network_apart(path: Path) -> RoadNetwork:
@@ -46,25 +39,25 @@ def network_apart(path: Path) -> RoadNetwork:
         ValueError: as there; or the process came to no answer, or to a wrong one; one line.
         InfrastructureError: the process did not start.
     """
+    try:
+        open_regular(path, FILE_BYTES_MAX).close()
+    except OSError as error:
+        raise ValueError(f"{path}: {error.strerror}") from None
     limits = {"cpu_s": CPU_S, "wall_s": WALL_S, "memory_bytes": MEMORY_BYTES_MAX}
     answers = read_apart(
         [AskedFile(_NETWORK, path)], answer_bytes=NETWORK_BYTES_MAX + (1 << 20), **limits
     )
     with closing(answers):
-        return named_as_given(decode_network(next(answers), path), path)
+        network = decode_network(next(answers), path)
+    place = str(path_apart(path))
+    notes = tuple(escape(note.replace(place, str(path))) for note in network.notes)
+    return replace(network, file=str(path), notes=notes)
 
 
-def network_bytes(path: Path) -> np.ndarray:
-    """The answer of the process: the records of a road file as MessagePack, uint8 [n].
-
-    Raises:
-        ValueError: as :func:`twin.road.opendrive.reading.load.load_network`; or it is too large.
-    """
-    data = msgspec.msgpack.encode(load_network(path))
-    if len(data) > NETWORK_BYTES_MAX:
-        words = f"its records take {len(data)} bytes, at most {NETWORK_BYTES_MAX} are taken"
-        raise ValueError(f"{path}: {words}; use a part of it")
-    return np.frombuffer(data, np.uint8)
+def notes_of_reading() -> tuple[str, ...]:
+    """How scenario and road files are read on this machine, if that is worth a line."""
+    words = unprotected("scenario and road files")
+    return (words,) if words else ()
 
 
 def decode_network(data: np.ndarray, path: Path) -> RoadNetwork:
@@ -87,13 +80,6 @@ def decode_network(data: np.ndarray, path: Path) -> RoadNetwork:
         words = f"{NETWORK.failed}: its reader answered a network that is none: {mistakes[0]}"
         raise ValueError(escape(f"{path}: {words}"))
     return network
-
-
-def named_as_given(network: RoadNetwork, path: Path) -> RoadNetwork:
-    """The network with the name of its file as the user gave it, notes escaped."""
-    seen = str(path_apart(path))
-    notes = tuple(escape(note.replace(seen, str(path))) for note in network.notes)
-    return replace(network, file=str(path), notes=notes)
 
 
 @cache

@@ -22,4 +22,5 @@ LIMITS = {
     resource.RLIMIT_NPROC: 0,
     resource.RLIMIT_NOFILE: 64,
 }
-"""Limits of the kernel beside processor time and memory; it writes no file, and starts no process or thread."""
+"""Limits of the kernel beside processor time and memory: it writes no file, and starts no process
+or thread."""
