@@ -328,7 +328,7 @@ class _View:
 
     def _refuse(self, named: NamedFile, place: Any, words: str) -> None:
         what = "road file" if named.kind == "road" else "catalogs"
-        line = f"{self._place}:{named.line}: {what} {place}: {words}"
+        line = f"{self._place}:{named.line}: {what} {escape(str(place), 300)}: {words}"
         self.mistakes.append(_as_given(line, self._path))
 
 
