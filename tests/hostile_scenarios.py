@@ -15,7 +15,9 @@ THING = (
     f"<BoundingBox>{BOX}</BoundingBox><Properties/></MiscObject>"
 )
 ENTITY = f'<ScenarioObject name="Ego">{THING}</ScenarioObject>'
-LANES = "<lanes><laneSection s='0'><center><lane id='0' type='none'/></center></laneSection></lanes>"
+LANES = (
+    "<lanes><laneSection s='0'><center><lane id='0' type='none'/></center></laneSection></lanes>"
+)
 
 
 def scenario(
@@ -48,7 +50,8 @@ def parameter(value: str) -> str:
 
 def acting(action: str) -> str:
     """Init, in which the ego does this."""
-    return f'<Actions><Private entityRef="Ego"><PrivateAction>{action}</PrivateAction></Private></Actions>'
+    inner = f"<PrivateAction>{action}</PrivateAction>"
+    return f'<Actions><Private entityRef="Ego">{inner}</Private></Actions>'
 
 
 def following(shape: str) -> str:
@@ -75,7 +78,9 @@ def _text(folder: Path, text: str, name: str = "s.xosc") -> Path:
 def entities(folder: Path) -> Path:
     """Entities of XML that unfold to a billion."""
     inner = "".join(f'<!ENTITY e{i} "{f"&e{i - 1};" * 10}">' for i in range(1, 10))
-    return _text(folder, f'<!DOCTYPE x [<!ENTITY e0 "ha">{inner}]><OpenSCENARIO>&e9;</OpenSCENARIO>')
+    return _text(
+        folder, f'<!DOCTYPE x [<!ENTITY e0 "ha">{inner}]><OpenSCENARIO>&e9;</OpenSCENARIO>'
+    )
 
 
 def outside(folder: Path) -> Path:
@@ -127,7 +132,9 @@ def nurbs(folder: Path) -> Path:
     """A NURBS of order one million."""
     points = "".join(f"<ControlPoint>{_place(x)}</ControlPoint>" for x in range(3))
     knots = "".join(f'<Knot value="{x}"/>' for x in range(7))
-    return _text(folder, scenario(init=following(f'<Nurbs order="1000000">{points}{knots}</Nurbs>')))
+    return _text(
+        folder, scenario(init=following(f'<Nurbs order="1000000">{points}{knots}</Nurbs>'))
+    )
 
 
 def polyline(folder: Path) -> Path:
@@ -149,10 +156,13 @@ def catalog_circle(folder: Path) -> Path:
         place = inner if level < 11 else _place(1)
         points = f'<Waypoint routeStrategy="shortest">{place}</Waypoint>' * 100
         routes.append(f'<Route name="R{level}" closed="false">{points}</Route>')
-    text = f'<OpenSCENARIO>\n{HEADER}\n<Catalog name="Routes">{"".join(routes)}</Catalog></OpenSCENARIO>'
+    inner = f'<Catalog name="Routes">{"".join(routes)}</Catalog>'
+    text = f"<OpenSCENARIO>\n{HEADER}\n{inner}</OpenSCENARIO>"
     _text(folder / "routes", text, "r.xosc")
     reference = '<CatalogReference catalogName="Routes" entryName="R0"/>'
-    init = acting(f"<RoutingAction><AssignRouteAction>{reference}</AssignRouteAction></RoutingAction>")
+    init = acting(
+        f"<RoutingAction><AssignRouteAction>{reference}</AssignRouteAction></RoutingAction>"
+    )
     return _text(folder, scenario(catalogs=catalogs_in("routes"), init=init))
 
 
@@ -207,7 +217,9 @@ def road_bomb(folder: Path) -> Path:
 
 def road_spiral(folder: Path) -> Path:
     """A reference line that turns a million times on one metre."""
-    line = "<geometry s='0' x='0' y='0' hdg='0' length='1e6'><spiral curvStart='-1e9' curvEnd='1e9'/>"
+    line = (
+        "<geometry s='0' x='0' y='0' hdg='0' length='1e6'><spiral curvStart='-1e9' curvEnd='1e9'/>"
+    )
     text = (
         "<OpenDRIVE><header revMajor='1' revMinor='6'/><road id='1' length='1e6' junction='-1'>"
         f"<planView>{line}</geometry></planView>{LANES}</road></OpenDRIVE>"

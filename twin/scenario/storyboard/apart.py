@@ -37,12 +37,14 @@ from twin.road.opendrive.records import RoadNetwork
 from twin.scenario.storyboard.check_program import program_mistakes
 from twin.scenario.storyboard.compile.compiler import CompiledScenario
 from twin.scenario.storyboard.openscenario.catalogs import CATALOG_FILES_MAX
+from twin.scenario.storyboard.openscenario.element import MISTAKES_MAX
 from twin.scenario.storyboard.openscenario.expression import Value
 from twin.scenario.storyboard.openscenario.reader import FILE_BYTES_MAX
 from twin.scenario.storyboard.openscenario.references import named_path
 from twin.scenario.storyboard.parsing import (
     FAILED,
     NAMES_MAX,
+    NOTES_MAX,
     PROGRAM_BYTES_MAX,
     Assignment,
     NamedFile,
@@ -193,7 +195,8 @@ def _checked(answer: ProgramAnswer, networks: list[RoadNetwork], path: Path) -> 
     mistakes = program_mistakes(program)
     if mistakes:
         raise _wrong(path, f"a program that is none: {mistakes[0]}")
-    return CompiledScenario(program, tuple(_as_given(note, path) for note in answer.notes))
+    notes = answer.notes[:NOTES_MAX]
+    return CompiledScenario(program, tuple(_as_given(note, path) for note in notes))
 
 
 def _ask(
@@ -226,7 +229,8 @@ def _decoded(data: np.ndarray, kind: type[Answer], *paths: Path) -> Answer:
     except (msgspec.DecodeError, RecursionError) as error:
         raise _wrong(paths[0], str(error)[:200]) from None
     if answer.mistakes:
-        raise ValueError("\n".join(_as_given(line, *paths) for line in answer.mistakes))
+        lines = answer.mistakes[: MISTAKES_MAX + 1]
+        raise ValueError("\n".join(_as_given(line, *paths) for line in lines))
     return answer
 
 

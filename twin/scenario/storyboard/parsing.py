@@ -30,7 +30,8 @@ NAMES_MAX = 100
 """Files and folders that one scenario may name."""
 PROGRAM_BYTES_MAX = 64 << 20
 """Largest answer of a program, without its roads, and of a table of permutations [bytes]."""
-_NOTES_MAX = 1000
+NOTES_MAX = 1000
+"""Notes of one scenario that are told."""
 _NO_NETWORK = -1
 
 FAILED = "cannot be read as a scenario"
@@ -182,7 +183,7 @@ class ProgramParser:
                 if number == len(self._answered):
                     networks.append(network)
             program = msgspec.structs.replace(compiled.program, network=None)
-            return ProgramAnswer((), compiled.notes[:_NOTES_MAX], program, number)
+            return ProgramAnswer((), compiled.notes[:NOTES_MAX], program, number)
 
         answer = _answer(ProgramAnswer, compile_one)
         self._answered += networks
