@@ -1,23 +1,100 @@
-"""Sine, cosine and arc tangent for kernels, under the names that kernels of roads use."""
+"""Transcendental functions for Warp kernels with the same bits on CPU and CUDA.
 
-from __future__ import annotations
+Libraries' sines differ in their last bits from processor to processor. These functions use
+comparisons, conversions, copies of bits, ``+ - * /``, ``sqrt`` and ``floor``, which IEEE 754
+defines to the last bit, in a fixed order. One condition is the caller's: Warp compiles a function
+into the module of the kernel that calls it, and by default compilers fuse a product and a sum,
+which changes bits. **Every module with a kernel that calls these functions says**::
+
+    wp.set_module_options({"fuse_fp": False})
+
+================================== ============================ ==============
+function                           range                        largest error
+================================== ============================ ==============
+``portable_sin``, ``portable_cos`` magnitudes up to 1.6e6 rad   1 ulp
+``portable_tan``                   magnitudes up to 1.6e6 rad   2 ulp
+``portable_atan``, ``_atan2``      all                          1 ulp
+``portable_asin``, ``_acos``       -1 to 1                      1 ulp
+``portable_exp``, ``portable_log`` all                          1 ulp
+``portable_pow``                   all                          1 ulp
+``portable_tanh``                  all                          2 ulp
+``portable_hypot``                 all                          2 ulp
+================================== ============================ ==============
+
+Beyond 1.6e6 rad the absolute error of sine and cosine grows to ``abs(x) * 2**-52``, and beyond
+``ANGLE_LIMIT_RAD`` (2**40) they are NaN. Every NaN is the same one. An ulp is the distance between
+neighbouring float64 at the exact value; subnormal results are within 1 ulp of their own, wider
+spacing. Functions that end in ``_f32`` compute in float64 and round to float32 once.
+
+Coefficients are our own: ``tests/kernel/portable_coefficients.py`` derives them.
+"""
 
 import warp as wp
 
+from twin.base.portable.arcs import portable_acos, portable_asin, portable_atan, portable_atan2
+from twin.base.portable.circle import ANGLE_LIMIT_RAD, portable_cos, portable_sin, portable_tan
+from twin.base.portable.growth import (
+    portable_exp,
+    portable_hypot,
+    portable_log,
+    portable_pow,
+    portable_tanh,
+)
+
+__all__ = [
+    "ANGLE_LIMIT_RAD",
+    "portable_acos",
+    "portable_asin",
+    "portable_atan",
+    "portable_atan2",
+    "portable_atan2_f32",
+    "portable_cos",
+    "portable_cos_f32",
+    "portable_exp",
+    "portable_exp_f32",
+    "portable_hypot",
+    "portable_log",
+    "portable_log_f32",
+    "portable_pow",
+    "portable_pow_f32",
+    "portable_sin",
+    "portable_sin_f32",
+    "portable_tan",
+    "portable_tanh",
+]
+
 
 @wp.func
-def portable_sin(x: wp.float64) -> wp.float64:
-    """The sine of an angle [rad]."""
-    return wp.sin(x)
+def portable_sin_f32(x: wp.float32) -> wp.float32:
+    """Sine of ``x`` [rad] in float32."""
+    return wp.float32(portable_sin(wp.float64(x)))
 
 
 @wp.func
-def portable_cos(x: wp.float64) -> wp.float64:
-    """The cosine of an angle [rad]."""
-    return wp.cos(x)
+def portable_cos_f32(x: wp.float32) -> wp.float32:
+    """Cosine of ``x`` [rad] in float32."""
+    return wp.float32(portable_cos(wp.float64(x)))
 
 
 @wp.func
-def portable_atan2(y: wp.float64, x: wp.float64) -> wp.float64:
-    """The angle of (x, y) in [-pi, pi] [rad]."""
-    return wp.atan2(y, x)
+def portable_atan2_f32(y: wp.float32, x: wp.float32) -> wp.float32:
+    """Angle of the point (x, y) from the x axis [rad] in float32."""
+    return wp.float32(portable_atan2(wp.float64(y), wp.float64(x)))
+
+
+@wp.func
+def portable_exp_f32(x: wp.float32) -> wp.float32:
+    """Exponential in float32."""
+    return wp.float32(portable_exp(wp.float64(x)))
+
+
+@wp.func
+def portable_log_f32(x: wp.float32) -> wp.float32:
+    """Natural logarithm in float32."""
+    return wp.float32(portable_log(wp.float64(x)))
+
+
+@wp.func
+def portable_pow_f32(x: wp.float32, y: wp.float32) -> wp.float32:
+    """``x**y`` in float32, with the special values of ``portable_pow``."""
+    return wp.float32(portable_pow(wp.float64(x), wp.float64(y)))

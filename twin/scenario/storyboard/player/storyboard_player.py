@@ -4,20 +4,29 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import warp as wp
 
-from twin.road.walk.road_arrays import road_arrays
 from twin.road.tables.road_tables import RoadTables, flat_tables
-from twin.scenario.storyboard.player.advance import INIT_PHASE, STORY_PHASE, advance_kernel
-from twin.scenario.storyboard.player.arrays import (
+from twin.road.walk.road_arrays import road_arrays
+from twin.scenario.storyboard.interpreter.advance import INIT_PHASE, STORY_PHASE, advance_kernel
+from twin.scenario.storyboard.interpreter.arrays import (
     BodyArrays,
     body_arrays,
     play_arrays,
     program_arrays,
 )
-from twin.scenario.storyboard.player.begin import begin_kernel
+from twin.scenario.storyboard.interpreter.begin import begin_kernel
+from twin.scenario.storyboard.interpreter.decide import decide_kernel, settle_kernel
+from twin.scenario.storyboard.interpreter.reset import (
+    close_kernel,
+    copy_kernel,
+    impose_kernel,
+    open_kernel,
+    reset_kernel,
+)
 from twin.scenario.storyboard.player.columns import (
     HISTORY_MAX,
     TRANSITIONS_MAX,
@@ -25,13 +34,6 @@ from twin.scenario.storyboard.player.columns import (
     Real,
     SlotColumn,
     Whole,
-)
-from twin.scenario.storyboard.player.decide import decide_kernel, settle_kernel
-from twin.scenario.storyboard.player.reset import (
-    copy_kernel,
-    impose_kernel,
-    open_kernel,
-    reset_kernel,
 )
 from twin.scenario.storyboard.player.tables import pack_programs
 from twin.scenario.storyboard.program.conditions import ElementState
@@ -119,9 +121,10 @@ class StoryboardPlayer:
         self.bodies: BodyArrays = body_arrays(slots, self.entities, self.device)
         """States on the device, updated in place: columns ``Real`` and ``Whole``."""
         self._before = body_arrays(slots, self.entities, self.device)
+        self._graph: Any = None
 
     def start(self, slot: int, program_index: int) -> None:
-        """Put a slot at time 0 of a program, after Init and a run of the storyboard without time."""
+        """Put a slot at time 0 of a program, after Init and a run of its storyboard."""
         assert 0 <= slot < self.slots
         assert 0 <= program_index < len(self.programs)
         model = [self._programs, self._roads]
@@ -136,11 +139,20 @@ class StoryboardPlayer:
                 (self.slots, self.entities),
                 [*model, slot, level, self._before, self.bodies, self._play],
             )
+        self._launch(close_kernel, self.entities, [slot, self.bodies])
         self._run(slot, 0)
 
     def step(self) -> None:
-        """One step of all slots that run."""
-        self._run(_ALL, 1)
+        """One step of all slots that run; on a GPU as one graph, which is made at the first."""
+        if self._graph is None and self.device.is_cuda:
+            self._run(_ALL, 1)  # loads the kernels
+            with wp.ScopedCapture(self.device) as capture:
+                self._run(_ALL, 1)
+            self._graph = capture.graph
+        elif self._graph is not None:
+            wp.capture_launch(self._graph)
+        else:
+            self._run(_ALL, 1)
 
     def _run(self, only: int, steps: int) -> None:
         """The storyboard and all bodies; at its beginning a slot runs once without time."""
@@ -173,7 +185,7 @@ class StoryboardPlayer:
 
     def states(self) -> EntityStates:
         """The states of all entities, copied from the device."""
-        reals, wholes = self.bodies.reals.numpy(), self.bodies.wholes.numpy()
+        reals, wholes = np.array(self.bodies.reals.numpy()), np.array(self.bodies.wholes.numpy())
         return EntityStates(
             x_m=reals[:, :, Real.X],
             y_m=reals[:, :, Real.Y],
@@ -226,7 +238,7 @@ class StoryboardPlayer:
         It keeps this pose until the next call, and actions that would move it do nothing.
         """
         pose = np.array([x_m, y_m, z_m, heading_rad, pitch_rad, roll_rad, speed_mps])
-        told = wp.array(pose, dtype=wp.float64, device=self.device)
+        told: wp.array[Any] = wp.array(pose, dtype=wp.float64, device=self.device)
         self._launch(impose_kernel, 1, [self._roads, slot, entity, told, self.bodies])
 
     def _slot(self, slot: int) -> np.ndarray:

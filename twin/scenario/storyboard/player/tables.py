@@ -26,8 +26,9 @@ from twin.scenario.storyboard.player.kinds import condition_code
 from twin.scenario.storyboard.player.layout import flatten
 from twin.scenario.storyboard.program.conditions import ElementStateCondition, Trigger
 from twin.scenario.storyboard.program.entities import StoryboardEntity
-from twin.scenario.storyboard.program.places import FixedPosition, RoadRoute, Trajectory
+from twin.scenario.storyboard.program.places import FixedPosition, Position, RoadRoute, Trajectory
 from twin.scenario.storyboard.program.program import DriverModel, Program
+from twin.scenario.storyboard.program.record import ProgramRecord
 
 PIECE_COLUMNS = 20
 """Start, length, cubics of x, y, z and heading, start time, duration; see ``TrajectoryPiece``."""
@@ -263,10 +264,8 @@ class _Packer:
                 entities = (len(self.wholes), len(condition.entities))
                 self.wholes += condition.entities
                 kind = condition_code(condition.expression)
-                rows.append(
-                    (kind, number, condition.edge, int(condition.all_entities), *entities, *place)
-                    + (ring,)
-                )
+                how = (kind, number, condition.edge, int(condition.all_entities))
+                rows.append((*how, *entities, *place, ring))
         self.rows["triggers"].append((first, len(rows) - base - first))
         return histories
 
@@ -334,9 +333,8 @@ class _Packer:
             self.most[name] = max(self.most[name], count)
 
 
-@dataclass(frozen=True, slots=True)
-class _Start:
-    place: FixedPosition
+class _Start(ProgramRecord, frozen=True):
+    place: Position
 
 
 def _subtree_ends(program: Program) -> list[int]:
@@ -355,8 +353,10 @@ def _subtree_ends(program: Program) -> list[int]:
 
 def _piece_rows(trajectory: Trajectory) -> list[tuple[float, ...]]:
     return [
-        (piece.start_s_m, piece.length_m, *piece.x, *piece.y, *piece.z, *piece.heading)
-        + (piece.start_time_s, piece.duration_s)
+        (
+            *(piece.start_s_m, piece.length_m, *piece.x, *piece.y, *piece.z, *piece.heading),
+            *(piece.start_time_s, piece.duration_s),
+        )
         for piece in trajectory.pieces
     ]
 

@@ -12,17 +12,17 @@ import warp as wp
 from twin.base.portable_math import portable_cos, portable_sin
 from twin.road.walk.distances import road_apart
 from twin.road.walk.road_arrays import RoadArrays
-from twin.scenario.storyboard.player.arrays import BodyArrays, ProgramArrays
-from twin.scenario.storyboard.player.boxes import (
+from twin.scenario.storyboard.interpreter.arrays import BodyArrays, ProgramArrays
+from twin.scenario.storyboard.interpreter.boxes import (
     PlaneBox,
     box_of,
     boxes_apart,
     gap_along,
     reach_of,
 )
+from twin.scenario.storyboard.interpreter.ground import BodyPlace, direction_of, wrapped
+from twin.scenario.storyboard.interpreter.transition import CLOSE, FAR, ONE, PI, ZERO, sign_of
 from twin.scenario.storyboard.player.columns import Real, Whole
-from twin.scenario.storyboard.player.ground import BodyPlace, direction_of, wrapped
-from twin.scenario.storyboard.player.transition import CLOSE, FAR, ONE, PI, ZERO, sign_of
 from twin.scenario.storyboard.program.conditions import (
     AngleKind,
     ComparisonRule,

@@ -1,10 +1,10 @@
 """Warp functions: keeping a distance to another entity, ahead or beside.
 
 Without limits an actor is put at its distance and takes over the other's speed. With limits it
-follows a critically damped spring, a = k (gap - wanted) + 2 sqrt(k) (v_other - v), with k = 0.4 / s^2
-per m/s^2 of the largest deceleration (acceleration where it is too near). That is esmini's
-controller, fitted to its traces; the standard names none. A time gap counts with the speed of the
-other entity, as in esmini.
+follows a critically damped spring, a = k (gap - wanted) + 2 sqrt(k) (v_other - v), with k = 0.4/m
+times the largest deceleration (acceleration where it is too near). That is esmini's controller,
+checked with its traces; the standard names none. A time gap counts with the speed of the other
+entity, as in esmini.
 """
 
 from __future__ import annotations
@@ -12,12 +12,12 @@ from __future__ import annotations
 import warp as wp
 
 from twin.road.walk.road_arrays import RoadArrays
-from twin.scenario.storyboard.player.arrays import BodyArrays, PlayArrays, ProgramArrays
+from twin.scenario.storyboard.interpreter.arrays import BodyArrays, PlayArrays, ProgramArrays
+from twin.scenario.storyboard.interpreter.ground import place_of
+from twin.scenario.storyboard.interpreter.measures import distance_to
+from twin.scenario.storyboard.interpreter.transition import FAR, TWO, ZERO
 from twin.scenario.storyboard.player.columns import Real
-from twin.scenario.storyboard.player.ground import place_of
 from twin.scenario.storyboard.player.layout import real_column, whole_column
-from twin.scenario.storyboard.player.measures import distance_to
-from twin.scenario.storyboard.player.transition import FAR, TWO, ZERO
 from twin.scenario.storyboard.program import actions as records
 from twin.scenario.storyboard.program.actions import Displacement
 from twin.scenario.storyboard.program.conditions import DistanceKind

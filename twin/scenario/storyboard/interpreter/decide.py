@@ -5,7 +5,15 @@ from __future__ import annotations
 import warp as wp
 
 from twin.road.walk.road_arrays import RoadArrays
-from twin.scenario.storyboard.player.arrays import BodyArrays, PlayArrays, ProgramArrays
+from twin.scenario.storyboard.interpreter.arrays import BodyArrays, PlayArrays, ProgramArrays
+from twin.scenario.storyboard.interpreter.elements import (
+    IDLE,
+    action_over,
+    element_at,
+    start,
+    stop_element,
+)
+from twin.scenario.storyboard.interpreter.expressions import fires
 from twin.scenario.storyboard.player.columns import (
     ElementColumn,
     InstanceColumn,
@@ -13,14 +21,6 @@ from twin.scenario.storyboard.player.columns import (
     ProgramColumn,
     SlotColumn,
 )
-from twin.scenario.storyboard.player.elements import (
-    IDLE,
-    action_over,
-    element_at,
-    start,
-    stop_element,
-)
-from twin.scenario.storyboard.player.expressions import fires
 from twin.scenario.storyboard.program.conditions import ElementState
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})

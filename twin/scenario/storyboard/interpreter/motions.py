@@ -6,8 +6,8 @@ import warp as wp
 
 from twin.base.portable_math import portable_cos, portable_sin
 from twin.road.walk.road_arrays import RoadArrays
-from twin.scenario.storyboard.player.arrays import BodyArrays, PlayArrays, ProgramArrays
-from twin.scenario.storyboard.player.begin import (
+from twin.scenario.storyboard.interpreter.arrays import BodyArrays, PlayArrays, ProgramArrays
+from twin.scenario.storyboard.interpreter.begin import (
     ASIDE,
     FOLLOW,
     GAP,
@@ -19,6 +19,22 @@ from twin.scenario.storyboard.player.begin import (
     WAY_SIGN,
     WAY_TIME,
 )
+from twin.scenario.storyboard.interpreter.distances import gap_now, step_aside, step_gap
+from twin.scenario.storyboard.interpreter.ground import (
+    BodyPlace,
+    direction_of,
+    wrapped,
+)
+from twin.scenario.storyboard.interpreter.laterals import (
+    LANE,
+    OVER,
+    step_lane_change,
+    step_offset,
+)
+from twin.scenario.storyboard.interpreter.speeds import REACHED, step_profile, step_speed
+from twin.scenario.storyboard.interpreter.synchronise import along_way, step_synchronise, way_left
+from twin.scenario.storyboard.interpreter.transition import CLOSE, PI, ZERO, sign_of
+from twin.scenario.storyboard.interpreter.ways import way_at_time, way_length, way_place, way_times
 from twin.scenario.storyboard.player.columns import (
     Domain,
     InstanceColumn,
@@ -26,23 +42,7 @@ from twin.scenario.storyboard.player.columns import (
     Real,
     Whole,
 )
-from twin.scenario.storyboard.player.distances import gap_now, step_aside, step_gap
-from twin.scenario.storyboard.player.ground import (
-    BodyPlace,
-    direction_of,
-    wrapped,
-)
-from twin.scenario.storyboard.player.laterals import (
-    LANE,
-    OVER,
-    step_lane_change,
-    step_offset,
-)
 from twin.scenario.storyboard.player.layout import real_column, whole_column
-from twin.scenario.storyboard.player.speeds import REACHED, step_profile, step_speed
-from twin.scenario.storyboard.player.synchronise import along_way, step_synchronise, way_left
-from twin.scenario.storyboard.player.transition import CLOSE, PI, ZERO, sign_of
-from twin.scenario.storyboard.player.ways import way_at_time, way_length, way_place, way_times
 from twin.scenario.storyboard.program import actions as records
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
@@ -167,7 +167,6 @@ def step_speeds(
     e: wp.int32,
     k: wp.int32,
     motion: BodyMotion,
-    step: wp.int32,
     step_s: wp.float64,
 ) -> BodyMotion:
     """A step of an action that sets the speed and leaves the way to others."""
@@ -184,12 +183,11 @@ def step_speeds(
         speed = step_profile(tables, play, slot, k, reals, wholes, step_s)
         motion.over = play.instance_wholes[slot, k, REACHED]
     else:
-        ways = tables.programs[program, ProgramColumn.TRAJECTORY]
         master = tables.wholes[wholes + _MASTER]
-        left = way_left(tables, now, roads, play, slot, k, ways, e, 0, reals, wholes)
-        master_left = way_left(tables, before, roads, play, slot, k, ways, master, 1, reals, wholes)
-        along = along_way(before, slot, e, step)
-        master_along = along_way(before, slot, master, step)
+        left = way_left(tables, now, roads, play, slot, k, e, 0, reals, wholes)
+        master_left = way_left(tables, before, roads, play, slot, k, master, 1, reals, wholes)
+        along = along_way(before, slot, e)
+        master_along = along_way(before, slot, master)
         speed = step_synchronise(
             tables, before, play, slot, k, reals, wholes, speed, along, left, master_left,
             master_along, step_s,
@@ -298,9 +296,7 @@ def step_action(
     if domains & controlled != 0:
         motion.over = wp.where(kind == SPEED, 1, 0)
     elif kind == SPEED or kind == PROFILE or kind == SYNCHRONISE:
-        motion = step_speeds(
-            tables, before, now, roads, play, slot, program, e, k, motion, step, step_s
-        )
+        motion = step_speeds(tables, before, now, roads, play, slot, program, e, k, motion, step_s)
     elif kind == GAP or kind == ASIDE:
         motion = step_gaps(tables, before, roads, play, slot, program, e, k, motion, step_s)
     elif kind == LANE_CHANGE or kind == OFFSET:

@@ -10,22 +10,10 @@ from __future__ import annotations
 import warp as wp
 
 from twin.road.walk.road_arrays import RoadArrays
-from twin.scenario.storyboard.player.arrays import BodyArrays, PlayArrays, ProgramArrays
-from twin.scenario.storyboard.player.boxes import box_of, overlapping
-from twin.scenario.storyboard.player.columns import (
-    HISTORY_MAX,
-    ConditionColumn,
-    ConditionState,
-    Overflow,
-    ProgramColumn,
-    Real,
-    SlotColumn,
-    Whole,
-)
-from twin.scenario.storyboard.player.ground import BodyPlace, place_of, resolved_place
-from twin.scenario.storyboard.player.kinds import kind_code
-from twin.scenario.storyboard.player.layout import NO_PLACE, real_column, whole_column
-from twin.scenario.storyboard.player.measures import (
+from twin.scenario.storyboard.interpreter.arrays import BodyArrays, PlayArrays, ProgramArrays
+from twin.scenario.storyboard.interpreter.boxes import box_of, overlapping
+from twin.scenario.storyboard.interpreter.ground import BodyPlace, place_of, resolved_place
+from twin.scenario.storyboard.interpreter.measures import (
     UNDEFINED,
     angle_of,
     axis_part,
@@ -36,7 +24,19 @@ from twin.scenario.storyboard.player.measures import (
     speed_of,
     turned_from,
 )
-from twin.scenario.storyboard.player.transition import CLOSE, ZERO
+from twin.scenario.storyboard.interpreter.transition import CLOSE, ZERO
+from twin.scenario.storyboard.player.columns import (
+    HISTORY_MAX,
+    ConditionColumn,
+    ConditionState,
+    Overflow,
+    ProgramColumn,
+    Real,
+    SlotColumn,
+    Whole,
+)
+from twin.scenario.storyboard.player.kinds import kind_code
+from twin.scenario.storyboard.player.layout import NO_PLACE, real_column, whole_column
 from twin.scenario.storyboard.program import conditions as records
 from twin.scenario.storyboard.program.conditions import (
     ComparisonRule,
@@ -232,7 +232,7 @@ def distance_holds(
         tables, bodies, roads, slot, base + e, e, place, other_row, other, frame, measure, free
     )
     if kind == _REACH:
-        return far < tables.reals[reals + _REACH_TOLERANCE]
+        return far <= tables.reals[reals + _REACH_TOLERANCE] + CLOSE
     value = wp.abs(far)
     if kind == _HEADWAY:
         speed = bodies.reals[slot, e, Real.SPEED]

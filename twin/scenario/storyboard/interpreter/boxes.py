@@ -9,9 +9,9 @@ from __future__ import annotations
 import warp as wp
 
 from twin.base.portable_math import portable_cos, portable_sin
-from twin.scenario.storyboard.player.arrays import BodyArrays, ProgramArrays
+from twin.scenario.storyboard.interpreter.arrays import BodyArrays, ProgramArrays
+from twin.scenario.storyboard.interpreter.transition import CLOSE, HALF, ONE, ZERO
 from twin.scenario.storyboard.player.columns import EntityColumn, Real
-from twin.scenario.storyboard.player.transition import CLOSE, HALF, ONE, ZERO
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import warp as wp
 
 from twin.base.portable_math import portable_cos, portable_sin
-from twin.scenario.storyboard.player.arrays import BodyArrays, ProgramArrays
+from twin.scenario.storyboard.interpreter.arrays import BodyArrays, ProgramArrays
+from twin.scenario.storyboard.interpreter.transition import CLOSE, ZERO
 from twin.scenario.storyboard.player.columns import Real, Whole
-from twin.scenario.storyboard.player.transition import CLOSE, ZERO
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
 

@@ -14,12 +14,10 @@ import warp as wp
 from twin.base.portable_math import portable_atan2
 from twin.road.walk.lanes import lane_centre
 from twin.road.walk.road_arrays import RoadArrays
-from twin.scenario.storyboard.player.arrays import BodyArrays, PlayArrays, ProgramArrays
-from twin.scenario.storyboard.player.columns import Real, Whole
-from twin.scenario.storyboard.player.ground import BodyPlace, direction_of, lane_counted
-from twin.scenario.storyboard.player.layout import real_column, whole_column
-from twin.scenario.storyboard.player.speeds import AT, SPAN, START, TARGET
-from twin.scenario.storyboard.player.transition import (
+from twin.scenario.storyboard.interpreter.arrays import BodyArrays, PlayArrays, ProgramArrays
+from twin.scenario.storyboard.interpreter.ground import BodyPlace, direction_of, lane_counted
+from twin.scenario.storyboard.interpreter.speeds import AT, SPAN, START, TARGET
+from twin.scenario.storyboard.interpreter.transition import (
     CLOSE,
     ONE,
     PI,
@@ -31,6 +29,8 @@ from twin.scenario.storyboard.player.transition import (
     span_by_rate,
     value_at,
 )
+from twin.scenario.storyboard.player.columns import Real, Whole
+from twin.scenario.storyboard.player.layout import real_column, whole_column
 from twin.scenario.storyboard.program import actions as records
 from twin.scenario.storyboard.program.actions import DynamicsDimension, DynamicsShape
 

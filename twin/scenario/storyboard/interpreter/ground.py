@@ -9,16 +9,16 @@ from __future__ import annotations
 import warp as wp
 
 from twin.base.portable_math import portable_atan2, portable_cos, portable_sin
-from twin.road.walk.moves import move_on_lane, walk
 from twin.road.walk.lanes import lane_at, lane_centre
 from twin.road.walk.locating import road_locate
+from twin.road.walk.moves import move_on_lane, walk
 from twin.road.walk.poses import road_pose
 from twin.road.walk.road_arrays import RoadArrays
 from twin.road.walk.spots import road_curvature
-from twin.scenario.storyboard.player.arrays import BodyArrays, ProgramArrays
+from twin.scenario.storyboard.interpreter.arrays import BodyArrays, ProgramArrays
+from twin.scenario.storyboard.interpreter.transition import ONE, PI, TWO, ZERO
 from twin.scenario.storyboard.player.columns import Real, Whole
 from twin.scenario.storyboard.player.layout import FIXED_FRAME, PLACE_REALS, PLACE_WHOLES
-from twin.scenario.storyboard.player.transition import ONE, PI, TWO, ZERO
 from twin.scenario.storyboard.program.places import RelativeFrame
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})

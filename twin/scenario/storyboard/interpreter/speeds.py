@@ -11,10 +11,8 @@ from __future__ import annotations
 
 import warp as wp
 
-from twin.scenario.storyboard.player.arrays import BodyArrays, PlayArrays, ProgramArrays
-from twin.scenario.storyboard.player.columns import EntityColumn, Real
-from twin.scenario.storyboard.player.layout import layout_of, real_column, whole_column
-from twin.scenario.storyboard.player.transition import (
+from twin.scenario.storyboard.interpreter.arrays import BodyArrays, PlayArrays, ProgramArrays
+from twin.scenario.storyboard.interpreter.transition import (
     CLOSE,
     FAR,
     ONE,
@@ -25,6 +23,8 @@ from twin.scenario.storyboard.player.transition import (
     span_by_rate,
     value_at,
 )
+from twin.scenario.storyboard.player.columns import EntityColumn, Real
+from twin.scenario.storyboard.player.layout import layout_of, real_column, whole_column
 from twin.scenario.storyboard.program import actions as records
 from twin.scenario.storyboard.program.actions import DynamicsDimension, DynamicsShape
 

@@ -1,8 +1,9 @@
 """Warp functions: arriving when another arrives (ASAM OpenSCENARIO XML 1.3, SynchronizeAction).
 
 With s left to go and T until the master arrives, both from the states at the beginning of the step:
-without a final speed it accelerates by 2 (s / T - v) / T, evenly up to the arrival. With a final speed v1 the speed changes at one rate a up to a
-turning point and at -a from there; the ways of both parts add up to s and their times to T:
+without a final speed it accelerates by 2 (s / T - v) / T, evenly up to the arrival. With a final
+speed v1 the speed changes at one rate a up to a turning point and at -a from there; the ways of
+both parts add up to s and their times to T:
 
     v_x = (2 s -+ w) / (2 T),  x = (2 v1 T - 2 s -+ w) / (2 (v1 - v)),  a = (v_x - v) / x,
     w = sqrt(4 s^2 - 4 (v1 + v) T s + 2 (v1^2 + v^2) T^2)
@@ -16,14 +17,14 @@ from __future__ import annotations
 
 import warp as wp
 
-from twin.base.portable_math import portable_cos
+from twin.base.portable_math import portable_cos, portable_sin
 from twin.road.walk.distances import road_apart
 from twin.road.walk.road_arrays import RoadArrays
-from twin.scenario.storyboard.player.arrays import BodyArrays, PlayArrays, ProgramArrays
+from twin.scenario.storyboard.interpreter.arrays import BodyArrays, PlayArrays, ProgramArrays
+from twin.scenario.storyboard.interpreter.ground import BodyPlace
+from twin.scenario.storyboard.interpreter.transition import CLOSE, FAR, HALF, TWO, ZERO, sign_of
 from twin.scenario.storyboard.player.columns import Real, Whole
-from twin.scenario.storyboard.player.ground import BodyPlace
 from twin.scenario.storyboard.player.layout import real_column, whole_column
-from twin.scenario.storyboard.player.transition import CLOSE, FAR, HALF, TWO, ZERO
 from twin.scenario.storyboard.program import actions as records
 from twin.scenario.storyboard.program.actions import FinalSpeedKind, SteadyStateKind
 
@@ -63,6 +64,8 @@ _PHASE_STOPPED = wp.constant(wp.int32(4))
 _PHASE_BRAKE = wp.constant(wp.int32(5))
 _PHASE_WAITING = wp.constant(wp.int32(6))
 _PHASE_STEADY = wp.constant(wp.int32(7))
+_PHASE_HELD = wp.constant(wp.int32(8))
+"""Begun without time; the first step with time still stands."""
 
 
 @wp.func
@@ -88,15 +91,18 @@ def way_left(
     play: PlayArrays,
     slot: wp.int32,
     k: wp.int32,
-    way0: wp.int32,
     e: wp.int32,
     which: wp.int32,
     reals: wp.int32,
     wholes: wp.int32,
 ) -> wp.float64:
-    """How far an entity is from its target: along its trajectory, else along roads, else straight."""
+    """How far an entity is from its target: along its trajectory, else along roads, else straight.
+
+    A target that is given on another trajectory counts by its distance from that one's beginning,
+    as in esmini: NCAP CPRA gives one that lies beside the follower's.
+    """
     way = tables.wholes[wholes + wp.where(which == 0, _WAY, _MASTER_WAY)]
-    if way >= 0 and before.wholes[slot, e, Whole.TRAJECTORY] == way0 + way:
+    if way >= 0 and before.wholes[slot, e, Whole.TRAJECTORY] >= 0:
         target = tables.reals[reals + wp.where(which == 0, _WAY_S, _MASTER_WAY_S)]
         return wp.abs(target - before.reals[slot, e, Real.WAY])
     first = wp.where(which == 0, TARGET, MASTER_TARGET)
@@ -113,15 +119,15 @@ def way_left(
 
 
 @wp.func
-def along_way(before: BodyArrays, slot: wp.int32, e: wp.int32, step: wp.int32) -> wp.float64:
-    """Speed of an entity along what it follows, its trajectory or its road, as its last step was;
-    0 before its first one, as in esmini."""
-    if step == 0:
-        return ZERO
-    speed = before.reals[slot, e, Real.SPEED]
+def along_way(before: BodyArrays, slot: wp.int32, e: wp.int32) -> wp.float64:
+    """Speed of an entity along its trajectory or its road, measured on its last step as in
+    esmini."""
+    vx, vy = before.reals[slot, e, Real.VX], before.reals[slot, e, Real.VY]
+    sign = sign_of(before.reals[slot, e, Real.SPEED])
     if before.wholes[slot, e, Whole.TRAJECTORY] >= 0 or before.wholes[slot, e, Whole.ROAD] < 0:
-        return speed
-    return speed * wp.abs(portable_cos(before.reals[slot, e, Real.TURN]))
+        return sign * wp.sqrt(vx * vx + vy * vy)
+    heading = before.reals[slot, e, Real.ROAD_HEADING]
+    return sign * wp.abs(vx * portable_cos(heading) + vy * portable_sin(heading))
 
 
 @wp.func
@@ -155,8 +161,8 @@ def step_synchronise(
     play.instance_reals[slot, k, MASTER_LAST] = master_left
     way = wp.max(left - tolerance, CLOSE)
     time = wp.float64(FAR)
-    if master_along > CLOSE:
-        time = wp.max(master_left - master_tolerance, CLOSE) / master_along
+    if wp.abs(master_along) > CLOSE:
+        time = wp.max(master_left - master_tolerance, CLOSE) / wp.abs(master_along)
         done = done or time < step_s
     if done:
         play.instance_wholes[slot, k, OVER] = 1
@@ -166,6 +172,11 @@ def step_synchronise(
     if final_kind == FinalSpeedKind.NONE:
         return speed + TWO * (way / time - speed) / time * step_s
     steady = tables.wholes[wholes + _STEADY]
+    if step_s == ZERO:
+        # Nothing has moved yet: esmini takes the actor for one at rest.
+        if steady != SteadyStateKind.NONE:
+            play.instance_wholes[slot, k, PHASE] = _PHASE_HELD
+        return ZERO
     phase = play.instance_wholes[slot, k, PHASE]
     if steady != SteadyStateKind.NONE and phase != _PHASE_STEADY:
         steady_way = tables.reals[reals + _STEADY_VALUE]
@@ -197,6 +208,9 @@ def towards(
 ) -> wp.float64:
     """The speed of a step on the way to a final speed."""
     phase = play.instance_wholes[slot, k, PHASE]
+    if phase == _PHASE_HELD:
+        play.instance_wholes[slot, k, PHASE] = _PHASE_LINE
+        return speed
     if phase == _PHASE_WAITING:
         if time >= FAR:
             return speed

@@ -16,7 +16,25 @@ import warp as wp
 
 from twin.base.portable_math import portable_cos, portable_sin
 from twin.road.walk.road_arrays import RoadArrays
-from twin.scenario.storyboard.player.arrays import BodyArrays, PlayArrays, ProgramArrays
+from twin.scenario.storyboard.interpreter.arrays import BodyArrays, PlayArrays, ProgramArrays
+from twin.scenario.storyboard.interpreter.ground import (
+    BodyPlace,
+    found_place,
+    keep_place,
+    moved_place,
+    place_of,
+    posed_place,
+    snapped_lane,
+)
+from twin.scenario.storyboard.interpreter.laterals import LANE
+from twin.scenario.storyboard.interpreter.motions import (
+    FREE,
+    ON_ROAD,
+    STAYS,
+    BodyMotion,
+    step_action,
+)
+from twin.scenario.storyboard.interpreter.transition import CLOSE, ZERO
 from twin.scenario.storyboard.player.columns import (
     Domain,
     EntityWhole,
@@ -26,24 +44,6 @@ from twin.scenario.storyboard.player.columns import (
     SlotColumn,
     Whole,
 )
-from twin.scenario.storyboard.player.ground import (
-    BodyPlace,
-    found_place,
-    keep_place,
-    moved_place,
-    place_of,
-    posed_place,
-    snapped_lane,
-)
-from twin.scenario.storyboard.player.laterals import LANE
-from twin.scenario.storyboard.player.motions import (
-    FREE,
-    ON_ROAD,
-    STAYS,
-    BodyMotion,
-    step_action,
-)
-from twin.scenario.storyboard.player.transition import CLOSE, ZERO
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
 

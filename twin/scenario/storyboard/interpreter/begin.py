@@ -5,7 +5,23 @@ from __future__ import annotations
 import warp as wp
 
 from twin.road.walk.road_arrays import RoadArrays
-from twin.scenario.storyboard.player.arrays import BodyArrays, PlayArrays, ProgramArrays
+from twin.scenario.storyboard.interpreter.arrays import BodyArrays, PlayArrays, ProgramArrays
+from twin.scenario.storyboard.interpreter.distances import gap_now, start_gap
+from twin.scenario.storyboard.interpreter.ground import (
+    BodyPlace,
+    direction_of,
+    found_place,
+    keep_place,
+    place_of,
+    posed_place,
+    resolved_place,
+    wrapped,
+)
+from twin.scenario.storyboard.interpreter.laterals import start_lane_change, start_offset
+from twin.scenario.storyboard.interpreter.speeds import start_profile, start_speed
+from twin.scenario.storyboard.interpreter.synchronise import start_synchronise
+from twin.scenario.storyboard.interpreter.transition import PI, ZERO
+from twin.scenario.storyboard.interpreter.ways import way_place
 from twin.scenario.storyboard.player.columns import (
     Domain,
     EntityWhole,
@@ -16,24 +32,8 @@ from twin.scenario.storyboard.player.columns import (
     SlotColumn,
     Whole,
 )
-from twin.scenario.storyboard.player.distances import gap_now, start_gap
-from twin.scenario.storyboard.player.ground import (
-    BodyPlace,
-    direction_of,
-    found_place,
-    keep_place,
-    place_of,
-    posed_place,
-    resolved_place,
-    wrapped,
-)
 from twin.scenario.storyboard.player.kinds import action_code
-from twin.scenario.storyboard.player.laterals import start_lane_change, start_offset
 from twin.scenario.storyboard.player.layout import layout_of, real_column, whole_column
-from twin.scenario.storyboard.player.speeds import start_profile, start_speed
-from twin.scenario.storyboard.player.synchronise import start_synchronise
-from twin.scenario.storyboard.player.transition import PI, ZERO
-from twin.scenario.storyboard.player.ways import way_place
 from twin.scenario.storyboard.program import actions as records
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
@@ -187,6 +187,24 @@ def start_follow(
 
 
 @wp.func
+def follows(
+    tables: ProgramArrays,
+    play: PlayArrays,
+    slot: wp.int32,
+    instance0: wp.int32,
+    first: wp.int32,
+    end: wp.int32,
+) -> wp.bool:
+    """True if any of a body's instances, ``first`` to ``end`` - 1, follows a trajectory."""
+    for at in range(first, end):
+        k = tables.actor_instances[at]
+        if play.instance_states[slot, k] == InstanceState.RUNNING:
+            if tables.instances[instance0 + k, InstanceColumn.KIND] == FOLLOW:
+                return True
+    return False
+
+
+@wp.func
 def appear(now: BodyArrays, slot: wp.int32, e: wp.int32):
     """A body that was nowhere is seen by everyone."""
     if now.wholes[slot, e, Whole.PRESENT] == 0:
@@ -288,7 +306,8 @@ def begin_kernel(
                     else:
                         target.leg = now.wholes[slot, e, Whole.LEG]
                         keep_place(now, slot, e, target)
-                        now.wholes[slot, e, Whole.TRAJECTORY] = -1
+                        if not follows(tables, play, slot, instance0, first, end):
+                            now.wholes[slot, e, Whole.TRAJECTORY] = -1
                         now.wholes[slot, e, Whole.JUMPED] = 1
                         appear(now, slot, e)
             else:

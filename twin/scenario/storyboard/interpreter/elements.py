@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import warp as wp
 
-from twin.scenario.storyboard.player.arrays import BodyArrays, PlayArrays, ProgramArrays
+from twin.scenario.storyboard.interpreter.arrays import BodyArrays, PlayArrays, ProgramArrays
 from twin.scenario.storyboard.player.columns import (
     TRANSITIONS_MAX,
     ConditionState,

@@ -3,9 +3,9 @@
 With x the part of the span that is over and d the change, the shapes are d x (linear),
 d (3 x^2 - 2 x^3) (cubic: slope 0 at both ends) and d (1 - cos(pi x)) / 2 (sinusoidal). Their slopes
 peak at d / span times 1, 3/2 and pi/2; the peak is what a rate means. Their second derivatives
-peak at the ends at 6 d / span^2 (cubic) and pi^2 d / (2 span^2) (sinusoidal), from which the span of
-a lane offset with a largest lateral acceleration follows; the standard leaves it open for a linear
-one, which gets that of the cubic as in esmini.
+peak at the ends, at 6 d / span^2 (cubic) and pi^2 d / (2 span^2) (sinusoidal), from which follows
+the span of a lane offset with a largest lateral acceleration. The standard leaves it open for a
+linear one, which gets that of the cubic as in esmini.
 """
 
 from __future__ import annotations

@@ -4,8 +4,18 @@ from __future__ import annotations
 
 import warp as wp
 
+from twin.base.portable_math import portable_cos, portable_sin
 from twin.road.walk.road_arrays import RoadArrays
-from twin.scenario.storyboard.player.arrays import BodyArrays, PlayArrays, ProgramArrays
+from twin.scenario.storyboard.interpreter.arrays import BodyArrays, PlayArrays, ProgramArrays
+from twin.scenario.storyboard.interpreter.elements import IDLE, do_global
+from twin.scenario.storyboard.interpreter.ground import (
+    found_place,
+    keep_place,
+    place_of,
+    posed_place,
+    resolved_place,
+)
+from twin.scenario.storyboard.interpreter.transition import ZERO
 from twin.scenario.storyboard.player.columns import (
     ConditionState,
     EntityWhole,
@@ -16,15 +26,6 @@ from twin.scenario.storyboard.player.columns import (
     SlotColumn,
     Whole,
 )
-from twin.scenario.storyboard.player.elements import IDLE, do_global
-from twin.scenario.storyboard.player.ground import (
-    found_place,
-    keep_place,
-    place_of,
-    posed_place,
-    resolved_place,
-)
-from twin.scenario.storyboard.player.transition import ZERO
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
 
@@ -112,6 +113,21 @@ def open_kernel(
             if do_global(tables, play, bodies, slot, program, k):
                 state = wp.int32(InstanceState.DONE)
         play.instance_states[slot, k] = state
+
+
+@wp.kernel
+def close_kernel(
+    # args
+    slot: wp.int32,
+    # state in and out
+    bodies: BodyArrays,
+):
+    """Velocities of the speeds that Init has given, so that conditions see them at time 0."""
+    e = wp.tid()
+    heading = bodies.reals[slot, e, Real.HEADING]
+    speed = bodies.reals[slot, e, Real.SPEED]
+    bodies.reals[slot, e, Real.VX] = speed * portable_cos(heading)
+    bodies.reals[slot, e, Real.VY] = speed * portable_sin(heading)
 
 
 @wp.kernel

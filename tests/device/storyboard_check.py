@@ -1,0 +1,67 @@
+"""Storyboards in kernels of one device: the same bytes as on the CPU, whatever the slots.
+
+    PYTHONPATH=tests python tests/device/storyboard_check.py --device cuda:0
+
+Plays 1,000 steps of four programs of 32 reacting actors with 1, 5, 64 and 256 slots on the CPU and
+on the device, and prints a digest of each program's states and transitions. Then it measures a step
+of 256 slots of 16 actors on the device. Exit code 1: bytes differ, or the step takes longer than
+the target.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import sys
+
+import numpy as np
+
+from twin.bench.storyboard import lines, measure
+from twin.bench.storyboard_traffic import reacting_traffic, ring_network
+from twin.road.tables.road_tables import road_tables
+from twin.scenario.storyboard.player.storyboard_player import StoryboardPlayer
+
+ACTORS = 32
+PROGRAMS = 4
+SLOTS = (1, 5, 64, 256)
+STEPS = 1000
+
+
+def digests(device: str, slots: int, steps: int = STEPS) -> dict[int, set[str]]:
+    """Digests of the states and transitions of every slot, by program."""
+    programs = [reacting_traffic(ACTORS, variant) for variant in range(PROGRAMS)]
+    player = StoryboardPlayer(programs, road_tables(ring_network()), slots, device=device)
+    for slot in range(slots):
+        player.start(slot, slot % PROGRAMS)
+    for _ in range(steps):
+        player.step()
+    reals, wholes = player.bodies.reals.numpy(), player.bodies.wholes.numpy()
+    digest_of: dict[int, set[str]] = {}
+    for slot in range(slots):
+        seen = hashlib.sha256(np.ascontiguousarray(reals[slot]).tobytes())
+        seen.update(np.ascontiguousarray(wholes[slot]).tobytes())
+        seen.update(repr(player.transitions(slot)).encode())
+        digest_of.setdefault(slot % PROGRAMS, set()).add(seen.hexdigest()[:16])
+    return digest_of
+
+
+def main() -> int:
+    """Print a table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--device", default="cuda:0")
+    device = parser.parse_args().device
+    by_program: dict[int, set[str]] = {}
+    for where in dict.fromkeys(("cpu", device)):
+        for slots in SLOTS:
+            for program, seen in digests(where, slots).items():
+                print(f"{where:7} {slots:4} slots, program {program}: {' '.join(sorted(seen))}")
+                by_program.setdefault(program, set()).update(seen)
+    same = all(len(seen) == 1 for seen in by_program.values())
+    print("all bytes are equal" if same else "BYTES DIFFER")
+    figures = measure(device, demo=False)
+    print("\n".join(lines(figures)))
+    return int(not same or bool(figures.missed))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,1 @@
+"""Kernels that interpret storyboard programs, and the functions they consist of."""
