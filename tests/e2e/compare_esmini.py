@@ -18,6 +18,7 @@ from twin.road.tables.road_tables import RoadTables, road_tables
 from twin.scenario.storyboard.compile.compiler import RoadCache, compile_scenario
 from twin.scenario.storyboard.openscenario.scenario import expand, read_scenario
 from twin.scenario.storyboard.program.program import Program
+from twin.world.kernel_cache import prepare_kernels
 
 NCAP = FILES / "ncap/OpenSCENARIO/NCAP"
 ALKS = FILES / "alks/logical_scenarios/concrete_scenarios"
@@ -100,6 +101,7 @@ def main() -> None:
     parser.add_argument("names", nargs="*")
     parser.add_argument("--standard", action="store_true")
     options = parser.parse_args()
+    prepare_kernels()
     bad, total = 0, 0
     print("scenario | entities | distance m | heading deg | event steps | end steps | worst")
     with tempfile.TemporaryDirectory() as folder:

@@ -11,6 +11,7 @@ from twin.play.report import NamedPlay
 from twin.road.tables.road_tables import RoadTables, road_tables
 from twin.scenario.storyboard.apart import permutations_apart, programs_apart
 from twin.scenario.storyboard.compile.compiler import CompiledScenario
+from twin.world.kernel_cache import prepare_kernels
 
 PLAYED_MAX = 10_000
 """Permutations that are played by one command."""
@@ -35,6 +36,7 @@ def play_file(
     assignments = permutations_apart(file, distribution)
     numbers = _chosen(len(assignments), file, distribution, permutation)
     compiled = list(programs_apart(file, [assignments[number] for number in numbers]))
+    prepare_kernels()
     tables: dict[str, RoadTables] = {}
     played: list[PlayedScenario | None] = [None] * len(compiled)
     ended = 0

@@ -7,7 +7,7 @@ within :data:`PLACE_TOLERANCE_M` and :data:`ANGLE_TOLERANCE_RAD` of the line at 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -65,33 +65,27 @@ def cut(line: Line, knots: np.ndarray) -> list[CurvePiece]:
     Raises:
         ValueError: more than :data:`PIECES_MAX` pieces are needed.
     """
+    low, high = knots[:-1], knots[1:]
+    kept = high - low > _LENGTH_MIN_M
+    low, high = low[kept], high[kept]
     pieces: list[CurvePiece] = []
-    for low, high in zip(knots[:-1].tolist(), knots[1:].tolist(), strict=True):
-        if high - low > _LENGTH_MIN_M:
-            for piece in _halved(line, low, high):
-                pieces.append(piece)
-                if len(pieces) > PIECES_MAX:
-                    raise ValueError(f"its shape needs more than {PIECES_MAX} pieces")
-    return pieces
+    while len(low):
+        fitted, close = _fitted(line, low, high)
+        pieces += [piece for piece, fits in zip(fitted, close.tolist(), strict=True) if fits]
+        if len(pieces) + 2 * int((~close).sum()) > PIECES_MAX:
+            raise ValueError(f"its shape needs more than {PIECES_MAX} pieces")
+        low, high = low[~close], high[~close]
+        middle = 0.5 * (low + high)
+        low, high = np.concatenate([low, middle]), np.concatenate([middle, high])
+    return sorted(pieces)
 
 
-def _halved(line: Line, low: float, high: float) -> Iterator[CurvePiece]:
-    stack = [(low, high)]
-    while stack:
-        low, high = stack.pop()
-        piece, close = _fitted(line, low, high)
-        if close or high - low < 2.0 * _LENGTH_MIN_M:
-            yield piece
-        else:
-            middle = 0.5 * (low + high)
-            stack += [(middle, high), (low, middle)]
-
-
-def _fitted(line: Line, low: float, high: float) -> tuple[CurvePiece, bool]:
+def _fitted(line: Line, low: np.ndarray, high: np.ndarray) -> tuple[list[CurvePiece], np.ndarray]:
+    """Pieces between stations, and which of them are close enough."""
     length = high - low
     # Inside the ends, so that a corner belongs to neither side.
     inside = 1e-9 * length
-    ends = line(np.array([low + inside, high - inside]))
+    ends = line(np.stack([low + inside, high - inside]))
     heading_rad, climb = settled(ends.heading_rad), settled(ends.slope_z)
     curvature = np.rint(ends.curvature_per_m * _CURVATURE_GRID) / _CURVATURE_GRID
     level = np.sqrt(np.maximum(1.0 - climb * climb, 0.0))
@@ -99,22 +93,35 @@ def _fitted(line: Line, low: float, high: float) -> tuple[CurvePiece, bool]:
     y = hermite(settled(ends.y_m), sine(heading_rad) * level, length)
     z = hermite(settled(ends.z_m), climb, length)
     heading = hermite(heading_rad, curvature, length)
-    ahead = _CHECKS * length
+    ahead = _CHECKS[:, None] * length
     true = line(low + ahead)
     off = np.maximum(np.abs(value(x, ahead) - true.x_m), np.abs(value(y, ahead) - true.y_m))
     turn = np.abs(value(heading, ahead) - true.heading_rad)
-    close = bool(off.max() < PLACE_TOLERANCE_M and turn.max() < ANGLE_TOLERANCE_RAD)
-    return CurvePiece(low, length, x, y, z, heading), close
+    close = (off.max(axis=0) < PLACE_TOLERANCE_M) & (turn.max(axis=0) < ANGLE_TOLERANCE_RAD)
+    columns = [np.stack(c, axis=1).tolist() for c in (x, y, z, heading)]
+    pieces = [
+        CurvePiece(start, span, *(_coefficients(row) for row in rows))
+        for start, span, *rows in zip(low.tolist(), length.tolist(), *columns, strict=True)
+    ]
+    return pieces, close | (length < 2.0 * _LENGTH_MIN_M)
 
 
-def hermite(values: np.ndarray, slopes: np.ndarray, length: float) -> Coefficients:
-    """The cubic with these values and slopes at 0 and at ``length``."""
-    v0, v1 = values.tolist()
-    d0, d1 = slopes.tolist()
+def _coefficients(row: list[float]) -> Coefficients:
+    a, b, c, d = row
+    return a, b, c, d
+
+
+def hermite(
+    values: np.ndarray, slopes: np.ndarray, length: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """The cubics with these values and slopes [2, N] at 0 and at ``length`` [N]."""
+    (v0, v1), (d0, d1) = values, slopes
     rise = (v1 - v0) / length
-    return v0, d0, (3.0 * rise - 2.0 * d0 - d1) / length, (d0 + d1 - 2.0 * rise) / length**2
+    last = (d0 + d1 - 2.0 * rise) / (length * length)
+    return v0, d0, (3.0 * rise - 2.0 * d0 - d1) / length, last
 
 
-def value(c: Coefficients, ahead: np.ndarray) -> np.ndarray:
-    """A polynomial at distances from the beginning of its piece."""
-    return c[0] + ahead * (c[1] + ahead * (c[2] + ahead * c[3]))
+def value(c: tuple[np.ndarray, ...], ahead: np.ndarray) -> np.ndarray:
+    """Polynomials at distances from the beginning of their pieces."""
+    total: np.ndarray = c[0] + ahead * (c[1] + ahead * (c[2] + ahead * c[3]))
+    return total

@@ -6,6 +6,8 @@ the rational curve come from those of its homogeneous coordinates (equation 4.8)
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from twin.road.opendrive.grid import settled
@@ -15,6 +17,8 @@ from twin.scenario.storyboard.compile.curves import LinePoints
 _PANELS = 16
 """Panels of a knot span, over which the length is integrated."""
 _STEPS = 60
+_NEAR = 1e-13
+"""Of the largest knot: no more steps."""
 ORDER_MAX = 16
 
 
@@ -48,6 +52,10 @@ class NurbsCurve:
         weights = controls[:, 3:]
         self._points = np.hstack([controls[:, :3] * weights, times[:, None] * weights, weights])
         spans = np.unique(knots[order - 1 : count + 1])
+        self._spans = spans
+        parts = [self._homogeneous(spans[:-1], d) / math.factorial(d) for d in range(order)]
+        self._taylor = np.array(parts).transpose(0, 2, 1)
+        """Polynomials of the spans from their beginnings [order, spans, 5]."""
         shares = np.arange(_PANELS) / _PANELS
         self._breaks = np.append(
             (spans[:-1, None] + np.diff(spans)[:, None] * shares).ravel(), spans[-1]
@@ -95,9 +103,10 @@ class NurbsCurve:
             low, high = np.where(short < 0.0, u, low), np.where(short < 0.0, high, u)
             newton = u - short / np.maximum(self._speed(u), 1e-300)
             after = np.where((newton <= low) | (newton >= high), 0.5 * (low + high), newton)
-            if np.array_equal(after, u):
-                break
+            settling = np.abs(after - u).max() <= _NEAR * np.abs(self._spans).max()
             u = after
+            if settling:
+                break
         return u
 
     def _speed(self, u: np.ndarray) -> np.ndarray:
@@ -107,7 +116,14 @@ class NurbsCurve:
 
     def _rational(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """x, y, z, time and their first and second derivatives by u, each [4, ...]."""
-        a = [self._homogeneous(u, order) for order in range(3)]
+        index = np.clip(np.searchsorted(self._spans, u, "right") - 1, 0, len(self._spans) - 2)
+        x = (u - self._spans[index])[..., None]
+        value, rate, change = (np.zeros((*u.shape, 5)) for _ in range(3))
+        for c in self._taylor[::-1, index]:
+            change = change * x + rate
+            rate = rate * x + value
+            value = value * x + c
+        a = [np.moveaxis(part, -1, 0) for part in (value, rate, 2.0 * change)]
         w = [part[4] for part in a]
         place = a[0][:4] / w[0]
         slope = (a[1][:4] - w[1] * place) / w[0]
