@@ -165,13 +165,12 @@ def _compiled(
         for program_data, network_data in answers:
             if len(program_data) > PROGRAM_BYTES_MAX:
                 raise _wrong(path, f"{len(program_data)} bytes")
-            answer = _decoded(program_data, ProgramAnswer, path)
             if len(network_data):
                 network = decode_network(network_data, path)
                 if Path(network.file) not in files or len(networks) > len(files):
                     raise _wrong(path, "roads of a file that is not its")
                 networks.append(_shared(network, path, roads))
-            compiled.append(_checked(answer, networks, path))
+            compiled.append(answered_program(program_data, networks, path))
     return compiled
 
 
@@ -185,7 +184,20 @@ def _shared(network: RoadNetwork, path: Path, roads: dict[str, RoadNetwork]) -> 
     return known
 
 
-def _checked(answer: ProgramAnswer, networks: list[RoadNetwork], path: Path) -> CompiledScenario:
+def answered_program(
+    data: np.ndarray, networks: Sequence[RoadNetwork], path: Path
+) -> CompiledScenario:
+    """The program that a process has answered.
+
+    Args:
+        data: its answer, uint8 [n].
+        networks: those that were answered so far.
+        path: the scenario, for messages.
+
+    Raises:
+        ValueError: mistakes of the scenario, or the answer is no program.
+    """
+    answer = _decoded(data, ProgramAnswer, path)
     if answer.program is None or answer.program.network is not None:
         raise _wrong(path, "no program")
     if not -1 <= answer.network < len(networks):
