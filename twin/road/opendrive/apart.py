@@ -26,7 +26,7 @@ MEMORY_BYTES_MAX = 8 << 30
 """Address space of the process that reads one [bytes]."""
 CPU_S = 120
 """Processor time that it may take [s]."""
-WALL_S = 600.0
+WALL_S = 600
 """Time until it is given up, however busy the machine is [s]."""
 
 _NETWORK = "twin.road.opendrive.reading.answer:NETWORK"

@@ -66,7 +66,7 @@ CPU_S = 60
 """Processor time that it may take for one scenario [s]."""
 PROGRAM_CPU_S = 10
 """The same for each further permutation [s]."""
-WALL_S = 1200.0
+WALL_S = 1200
 """Time until it is given up, however busy the machine is [s]."""
 PROGRAMS_MAX = 256
 """Permutations that one process compiles; then the next begins."""
