@@ -52,8 +52,7 @@ def play(
     from rich.console import Console
 
     from twin.play.permutations import play_file
-    from twin.play.report import event_table, summary_table, to_json, write_csv
-    from twin.road.opendrive.apart import notes_of_reading
+    from twin.play.report import event_table, remarks, summary_table, to_json, write_csv
 
     try:
         plays = play_file(
@@ -67,13 +66,8 @@ def play(
         )
     except ValueError as error:
         raise UsageError(str(error)) from None
-    for note in notes_of_reading():
-        print(note, file=sys.stderr)
-    for note in dict.fromkeys(note for played in plays for note in played.notes):
-        print(f"note: {note}", file=sys.stderr)
-    for played in plays:
-        for words in played.played.overflows:
-            print(f"{played.name}: {words}", file=sys.stderr)
+    for line in remarks(plays):
+        print(line, file=sys.stderr)
     if output is Output.json:
         print(json.dumps(to_json(plays, step_s), indent=1))
     else:

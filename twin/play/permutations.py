@@ -8,6 +8,7 @@ from pathlib import Path
 from twin.base.progress import progress
 from twin.play.playing import PlayedScenario, play_programs
 from twin.play.report import NamedPlay
+from twin.road.opendrive.apart import notes_of_reading
 from twin.road.tables.road_tables import RoadTables, road_tables
 from twin.scenario.storyboard.apart import permutations_apart, programs_apart
 from twin.scenario.storyboard.compile.compiler import CompiledScenario
@@ -68,7 +69,8 @@ def play_file(
     for number, scenario, record in zip(numbers, compiled, played, strict=True):
         assert record is not None
         name = f"{stem}-{number:03d}" if distribution else stem
-        plays.append(NamedPlay(name, number, assignments[number], scenario.notes, record))
+        notes = (*notes_of_reading(), *scenario.notes)
+        plays.append(NamedPlay(name, number, assignments[number], notes, record))
     return plays
 
 

@@ -20,7 +20,7 @@ from typer.testing import CliRunner
 
 from twin.base.errors import UsageError
 from twin.play.permutations import play_file
-from twin.road.opendrive.apart import network_apart
+from twin.road.opendrive.apart import network_apart, notes_of_reading
 from twin.road.opendrive.reading.load import load_network
 from twin.scenario.storyboard import apart
 from twin.scenario.storyboard.apart import (
@@ -284,6 +284,17 @@ def test_mistakes_and_notes_of_a_liar_are_escaped(taken_over) -> None:
     (compiled,) = programs_apart(taken_over("notes"), [{}])
     assert compiled.notes[0].startswith("\\x1b[2J\\nxxx")
     assert len(compiled.notes[0]) <= 4000
+
+
+def test_without_a_sandbox_it_is_the_same(folder: Path, monkeypatch) -> None:
+    path = folder / "scenarios" / "s.xosc"
+    with_sandbox = program_apart(path)
+    monkeypatch.setattr(reading, "why_not", lambda: "none here")
+    assert program_apart(path) == with_sandbox
+    (line,) = refused(HOSTILE["road_link"](folder))
+    assert "links included" in line
+    words = "scenario and road files are read without a sandbox: none here"
+    assert notes_of_reading() == (words,)
 
 
 def test_a_true_answer_is_taken(taken_over) -> None:
