@@ -77,12 +77,12 @@ TAKEN_OVER = """
 import os, socket
 from pathlib import Path
 import numpy as np
-from twin.scenario.storyboard.parsing import FAILED, NamesAnswer, PROGRAM, ProgramAnswer, _bytes
+from twin.scenario.storyboard.parsing import FAILED, NamesAnswer, PROGRAM, ProgramAnswer, answer_bytes
 from twin.world.apart.checks import Array
 from twin.world.apart.parser import Parser
 
 def names(path, question):
-    return _bytes(NamesAnswer(()))
+    return answer_bytes(NamesAnswer(()))
 
 def tries(path, question):
     secret, port, pid = path.read_text().split()
@@ -102,7 +102,7 @@ def tries(path, question):
     attempt("signalled a process", lambda: os.kill(int(pid), 0))
     attempt("took 50 GB", lambda: np.ones(50 << 27))
     words = ", ".join(done) or "nothing"
-    return [_bytes(ProgramAnswer((words,))), np.zeros(0, np.uint8)]
+    return [answer_bytes(ProgramAnswer((words,))), np.zeros(0, np.uint8)]
 
 NAMES = Parser("taken_over:names", Array("uint8", ("n",)), FAILED)
 PROGRAM = Parser("taken_over:tries", PROGRAM.check, FAILED)

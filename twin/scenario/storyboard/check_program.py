@@ -294,7 +294,7 @@ class _Check:
         elif isinstance(record, actions.LightAction) and name == "mode":
             if not 0 <= value <= 2:
                 yield f"mode is {value}"
-        elif kind := _REFERENCES.get(name):
+        elif kind := REFERENCES.get(name):
             least = -1 if (type(record), name) in _OPTIONAL else 0
             yield from self._index(kind, value, least)
 
@@ -316,7 +316,7 @@ class _Check:
         return value.is_integer() and 0 <= value < len(self._program.words)
 
 
-_REFERENCES = {
+REFERENCES = {
     **dict.fromkeys(("entity", "master"), "entity"),
     **dict.fromkeys(("trajectory", "master_trajectory"), "trajectory"),
     **{name: name for name in ("element", "route", "variable", "environment", "model", "light")},

@@ -187,7 +187,7 @@ class ProgramParser:
 
         answer = _answer(ProgramAnswer, compile_one)
         self._answered += networks
-        return [answer, _bytes(networks[0]) if networks else np.zeros(0, np.uint8)]
+        return [answer, answer_bytes(networks[0]) if networks else np.zeros(0, np.uint8)]
 
     def _number(self, network: RoadNetwork) -> int:
         for number, other in enumerate(self._answered):
@@ -206,14 +206,15 @@ def _answer(kind: Callable[[tuple[str, ...]], Any], make: Callable[[], Any]) -> 
         answer = make()
     except ValueError as error:
         answer = kind(tuple(str(error).splitlines()[: MISTAKES_MAX + 1]))
-    data = _bytes(answer)
+    data = answer_bytes(answer)
     if len(data) > PROGRAM_BYTES_MAX:
         words = f"it takes {len(data)} bytes when it is read, at most {PROGRAM_BYTES_MAX} are taken"
-        return _bytes(kind((words,)))
+        return answer_bytes(kind((words,)))
     return data
 
 
-def _bytes(value: Any) -> np.ndarray:
+def answer_bytes(value: Any) -> np.ndarray:
+    """An answer as MessagePack, uint8 [n]."""
     return np.frombuffer(msgspec.msgpack.encode(value, enc_hook=_plain), np.uint8)
 
 

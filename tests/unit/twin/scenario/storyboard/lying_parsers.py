@@ -21,7 +21,7 @@ from twin.scenario.storyboard.parsing import (
     NamedFile,
     NamesAnswer,
     ProgramAnswer,
-    _bytes,
+    answer_bytes,
 )
 from twin.scenario.storyboard.program.entities import BodyBox, EntityCategory, StoryboardEntity
 from twin.scenario.storyboard.program.program import ElementKind, Program, StoryElement
@@ -51,7 +51,7 @@ def names_answer(path: Path, _question: bytes) -> np.ndarray:
     if order(path) == "names":
         return np.frombuffer(b"\xc1", np.uint8)
     key = order(path) if "name" in order(path) else "roads"
-    return _bytes(NamesAnswer((), tuple(names[key])))
+    return answer_bytes(NamesAnswer((), tuple(names[key])))
 
 
 def program_answer(path: Path, _question: bytes) -> Sequence[np.ndarray]:
@@ -69,7 +69,7 @@ def program_answer(path: Path, _question: bytes) -> Sequence[np.ndarray]:
         "true roads": lambda: _two(ProgramAnswer((), (), TRUE, 0), named),
         "bytes": lambda: [np.frombuffer(b"\xdf\xff\xff\xff\xff", np.uint8), _none()],
         "deep": lambda: [np.frombuffer(b"\x91" * 100_000, np.uint8), _none()],
-        "type": lambda: [_bytes([[], [], ["Program", 7, [], [], []]]), _none()],
+        "type": lambda: [answer_bytes([[], [], ["Program", 7, [], [], []]]), _none()],
         "no program": lambda: _two(ProgramAnswer((), (), None)),
         "own roads": lambda: _two(
             ProgramAnswer((), (), msgspec.structs.replace(TRUE, network=named))
@@ -104,7 +104,7 @@ def program_answer(path: Path, _question: bytes) -> Sequence[np.ndarray]:
 
 
 def _two(answer: ProgramAnswer, roads: object = None) -> Sequence[np.ndarray]:
-    return [_bytes(answer), _none() if roads is None else _bytes(roads)]
+    return [answer_bytes(answer), _none() if roads is None else answer_bytes(roads)]
 
 
 def _none() -> np.ndarray:

@@ -18,6 +18,7 @@ from msgspec.structs import replace
 from twin.scenario.storyboard.check_program import (
     MISTAKES_MAX,
     NAME_CHARS_MAX,
+    REFERENCES,
     VARIABLES_MAX,
     program_mistakes,
 )
@@ -312,14 +313,13 @@ def test_every_reference_is_checked() -> None:
         *("StoryElement.executions_max", "StoryElement.parent", "InitAction.actor"),
         *("FixedPosition.road", "RouteLeg.road", "LightAction.mode"),
     }
-    from twin.scenario.storyboard.check_program import _REFERENCES
     from twin.scenario.storyboard.program.record import ProgramRecord
 
     unknown = [
         f"{record.__name__}.{field.name}"
         for record in ProgramRecord.__subclasses__()
         for field in msgspec.structs.fields(record)
-        if field.type is int and field.name not in _REFERENCES
+        if field.type is int and field.name not in REFERENCES
     ]
     assert set(unknown) <= plain
 
