@@ -8,12 +8,21 @@ from __future__ import annotations
 
 import argparse
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
-from esmini import FILES, Difference, EsminiRun, Pose, difference, given_trace, run_esmini
+from esmini import (
+    FILES,
+    Difference,
+    EsminiRun,
+    Pose,
+    difference,
+    given_trace,
+    own_of,
+    run_esmini,
+)
 
-from twin.play.playing import play_programs
+from twin.play.playing import PlayedScenario, play_programs
 from twin.road.tables.road_tables import RoadTables, road_tables
 from twin.scenario.storyboard.compile.compiler import RoadCache, compile_scenario
 from twin.scenario.storyboard.openscenario.scenario import expand, read_scenario
@@ -23,6 +32,8 @@ from twin.world.kernel_cache import prepare_kernels
 NCAP = FILES / "ncap/OpenSCENARIO/NCAP"
 ALKS = FILES / "alks/logical_scenarios/concrete_scenarios"
 STANDARD = NCAP / "CA-FC_2026/Variations/StandardRange"
+EVERY = 5
+"""Steps between poses that are compared."""
 CONTROLLED_S = 3.0
 """From then on esmini's own controller drives the ego of the ALKS files."""
 
@@ -42,15 +53,16 @@ class Comparisons:
         self._cache: RoadCache = {}
         self._tables: dict[str, RoadTables] = {}
 
-    def compare(self, file: Path) -> Difference:
-        """One scenario file."""
+    def compare(
+        self, file: Path, change: Callable[[Program], Program] = lambda program: program
+    ) -> Difference:
+        """One scenario file; ``change`` plants an error."""
         alks = file.parent == ALKS
-        program = compile_scenario(read_scenario(file), self._cache)
+        program = change(compile_scenario(read_scenario(file), self._cache))
         run = run_esmini(file, self._folder)
         played = self._play([program], [run] if alks else None)[0]
         trace = given_trace(f"{'alks' if alks else 'ncap'}/{file.stem}")
-        without = ["Ego"] if alks else []
-        return difference(file.stem, played, trace, run.changes, without)
+        return difference(file.stem, played, trace, run.changes, own_of(file.stem))
 
     def compare_variations(self, variations: Path) -> Iterator[Difference]:
         """The given permutations of a distribution file."""
@@ -71,9 +83,25 @@ class Comparisons:
             extra = ["--param_dist", str(variations)]
             extra += ["--param_permutation", str(permutation.number)]
             run = run_esmini(file, self._folder, extra)
-            yield difference(name, played, given_trace(f"ncap-2026-standard/{name}"), run.changes)
+            yield difference(
+                name, played, given_trace(f"ncap-2026-standard/{name}"), run.changes, own_of(name)
+            )
 
-    def _play(self, programs: Sequence[Program], runs: Sequence[EsminiRun] | None = None):  # type: ignore[no-untyped-def]
+    def compare_text(self, text: str, name: str) -> Difference:
+        """A scenario that is no file of others, compared with esmini alone."""
+        file = self._folder / f"{name}.xosc"
+        file.write_text(text)
+        run = run_esmini(file, self._folder)
+        played = self._play([compile_scenario(read_scenario(file), self._cache)])[0]
+        trace = {
+            entity: {step: pose for step, pose in rows.items() if step % EVERY == 0}
+            for entity, rows in run.trace.items()
+        }
+        return difference(name, played, trace, run.changes)
+
+    def _play(
+        self, programs: Sequence[Program], runs: Sequence[EsminiRun] | None = None
+    ) -> list[PlayedScenario]:
         network = programs[0].network
         if network is not None and network.file not in self._tables:
             self._tables[network.file] = road_tables(network)
@@ -84,14 +112,19 @@ class Comparisons:
             if step * 0.01 < CONTROLLED_S:
                 return []
             pose: Pose | None = runs[number].trace["Ego"].get(step)
-            ego = next(i for i, e in enumerate(programs[number].entities) if e.ego)
             if pose is None:
                 return []
+            ego = next(i for i, e in enumerate(programs[number].entities) if e.ego)
             x, y, heading, speed = pose
             return [(ego, (x, y, 0.0, heading, 0.0, 0.0, speed))]
 
         return play_programs(
-            programs, roads, step_s=0.01, every=5, until_s=310.0, imposed=imposed if runs else None
+            programs,
+            roads,
+            step_s=0.01,
+            every=EVERY,
+            until_s=310.0,
+            imposed=imposed if runs else None,
         )
 
 
@@ -103,7 +136,7 @@ def main() -> None:
     options = parser.parse_args()
     prepare_kernels()
     bad, total = 0, 0
-    print("scenario | entities | distance m | heading deg | event steps | end steps | worst")
+    print("scenario | entities | distance m | heading deg | chords m, deg | event steps | worst")
     with tempfile.TemporaryDirectory() as folder:
         comparisons = Comparisons(Path(folder))
         for result in _results(comparisons, options.names, options.standard):
@@ -112,8 +145,9 @@ def main() -> None:
             mark = "" if result.agrees else " <---"
             print(
                 f"{result.name} | {result.entities} | {result.distance_m:.4f} | "
-                f"{result.heading_deg:.4f} | {result.event_steps} | {result.end_steps} | "
-                f"{result.where} {result.event}{mark}"
+                f"{result.heading_deg:.4f} | {result.chord_m:.4f}, {result.chord_deg:.4f} | "
+                f"{max(result.event_steps, result.end_steps)} | {result.where} "
+                f"{result.event}{mark}"
             )
     print(f"{total - bad} of {total} agree")
     raise SystemExit(1 if bad else 0)

@@ -77,7 +77,8 @@ TAKEN_OVER = """
 import os, socket
 from pathlib import Path
 import numpy as np
-from twin.scenario.storyboard.parsing import FAILED, NamesAnswer, PROGRAM, ProgramAnswer, answer_bytes
+from twin.scenario.storyboard.parsing import FAILED, PROGRAM, NamesAnswer, ProgramAnswer
+from twin.scenario.storyboard.parsing import answer_bytes
 from twin.world.apart.checks import Array
 from twin.world.apart.parser import Parser
 

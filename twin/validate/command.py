@@ -62,24 +62,29 @@ def scenario(
     """Check an OpenSCENARIO XML file with the catalogs it uses, and say what it does.
 
     Prints entities, stories, events with their triggers, parameters and catalogs of the file, or of
-    the first permutation of a distribution. Exit code 2: a line with file and line number for
-    everything that is wrong.
+    the first permutation of a distribution; notes about what has no effect go to stderr. Exit code
+    2: a line with file and line number for everything that is wrong or that cannot be played.
     """
     from twin.road.opendrive.apart import notes_of_reading
     from twin.scenario.storyboard.apart import outline_apart, permutations_apart
 
     mistakes: list[str] = []
     lines: list[str] = []
+    notes: list[str] = []
     try:
         permutations = permutations_apart(file, distribution)
         if permutations:
-            lines = outline_apart(file, permutations[0], len(permutations))
+            lines, no_effect = outline_apart(file, permutations[0], len(permutations))
+            notes += no_effect
     except ValueError as error:
         mistakes = str(error).splitlines()
-    for note in notes_of_reading():
-        print(note, file=sys.stderr)
+    notes += notes_of_reading()
+    if output is not Output.json:
+        for note in notes:
+            print(f"note: {note}", file=sys.stderr)
     if output is Output.json:
-        print(json.dumps({"valid": not mistakes, "mistakes": mistakes, "outline": lines}))
+        words = {"valid": not mistakes, "mistakes": mistakes, "notes": notes, "outline": lines}
+        print(json.dumps(words))
     elif mistakes:
         raise UsageError("\n".join(mistakes))
     else:

@@ -99,8 +99,12 @@ def permutations_apart(path: Path, distribution: Path | None = None) -> list[Ass
     return list(answer.assignments)
 
 
-def outline_apart(path: Path, values: Mapping[str, Value], permutations: int) -> list[str]:
-    """:func:`twin.scenario.storyboard.openscenario.outline.outline` in a process apart, escaped.
+def outline_apart(
+    path: Path, values: Mapping[str, Value], permutations: int
+) -> tuple[list[str], list[str]]:
+    """What a file does in words, and notes on what of it has no effect when it is played; escaped.
+
+    Both as :mod:`twin.scenario.storyboard.openscenario.outline` and the compiler give them.
 
     Args:
         path: a scenario, catalog or distribution file.
@@ -113,7 +117,9 @@ def outline_apart(path: Path, values: Mapping[str, Value], permutations: int) ->
     files, folders = _named_files(path, [values])
     question = OutlineQuestion(dict(values), permutations)
     data = _ask("OUTLINE", path, question, readable=files, folders=folders)
-    return [_as_given(line, path) for line in _decoded(data, OutlineAnswer, path).lines]
+    answer = _decoded(data, OutlineAnswer, path)
+    lines = [_as_given(line, path) for line in answer.lines]
+    return lines, [_as_given(line, path) for line in answer.notes[:NOTES_MAX]]
 
 
 def program_apart(path: Path, values: Mapping[str, Value] | None = None) -> Program:

@@ -96,6 +96,8 @@ class OutlineAnswer(msgspec.Struct, frozen=True):
 
     mistakes: tuple[str, ...]
     lines: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    """What has no effect when it is played."""
 
 
 class ProgramQuestion(msgspec.Struct, frozen=True):
@@ -157,7 +159,11 @@ def outline_answer(path: Path, question: bytes) -> np.ndarray:
 
     def tell() -> OutlineAnswer:
         rows = [Permutation(0, asked.values, path)] * asked.permutations
-        return OutlineAnswer((), tuple(outline(read_scenario(path, asked.values), rows)))
+        effective = read_scenario(path, asked.values)
+        lines = tuple(outline(effective, rows))
+        if effective.kind != "ScenarioFile":
+            return OutlineAnswer((), lines)
+        return OutlineAnswer((), lines, compile_with_notes(effective).notes[:NOTES_MAX])
 
     return _answer(OutlineAnswer, tell)
 

@@ -102,19 +102,23 @@ def compile_with_notes(
     return CompiledScenario(program, tuple(context.notes))
 
 
-def _refuse(root: ScenarioElement, context: Compilation) -> None:
-    """Refuse what no program can express, and note what has no effect."""
-    for element in root.walk():
-        if element.type_name in REFUSED_TYPES:
-            words = f"{element.name} is refused: {REFUSED_TYPES[element.type_name]}"
-            context.mistakes.add(element.file, element.line, words)
-        reason = NO_EFFECT.get(element.type_name) or NO_EFFECT_NAMES.get(element.name)
+def _refuse(element: ScenarioElement, context: Compilation) -> None:
+    """Refuse what no program can express, and note what has no effect; both at the outermost."""
+    reason = REFUSED_TYPES.get(element.type_name)
+    if reason is not None:
+        words = f"{element.name} is refused: {reason}"
+        context.mistakes.add(element.file, element.line, words)
+        return
+    reason = NO_EFFECT.get(element.type_name) or NO_EFFECT_NAMES.get(element.name)
+    if reason is not None:
+        context.note(element, f"no effect: {reason}")
+        return
+    for key in element.values:
+        reason = NO_EFFECT_ATTRIBUTES.get((element.type_name, key))
         if reason is not None:
-            context.note(element, f"no effect: {reason}")
-        for key in element.values:
-            why = NO_EFFECT_ATTRIBUTES.get((element.type_name, key))
-            if why is not None:
-                context.note(element, f"{key} has no effect: {why}")
+            context.note(element, f"{key} has no effect: {reason}")
+    for child in (*element.children, *([element.target] if element.target else [])):
+        _refuse(child, context)
 
 
 def _roads(element: ScenarioElement, context: Compilation, cache: RoadCache) -> RoadNetwork | None:

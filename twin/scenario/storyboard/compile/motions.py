@@ -53,10 +53,14 @@ _LIMITS = (
 )
 
 
-def _dynamics(element: ScenarioElement) -> TransitionDynamics:
+def _dynamics(element: ScenarioElement, context: Compilation) -> TransitionDynamics:
     shape = _SHAPES[str(element.values["dynamicsShape"])]
     dimension = _DIMENSIONS[str(element.values["dynamicsDimension"])]
     value = float(element.values["value"])
+    if dimension is DynamicsDimension.RATE and value < 0.0:
+        # The standard allows 0 or more; files in use give decelerations with their sign.
+        context.note(element, f"the rate of {value:g} counts as {-value:g}")
+        value = -value
     if shape is not DynamicsShape.STEP and not 0.0 <= value < math.inf:
         raise RefusalError(element, f"value is {value:g}, it must be 0 or more and finite")
     return TransitionDynamics(shape, dimension, value)
@@ -79,9 +83,9 @@ def _speed(element: ScenarioElement, context: Compilation) -> SpeedAction:
     leaf = only_child(target)
     value = float(leaf.values["value"])
     if leaf.type_name == "AbsoluteTargetSpeed":
-        return SpeedAction(_dynamics(dynamics), -1, value)
+        return SpeedAction(_dynamics(dynamics, context), -1, value)
     return SpeedAction(
-        _dynamics(dynamics),
+        _dynamics(dynamics, context),
         context.entity(leaf),
         value,
         leaf.values["speedTargetValueType"] == "factor",
@@ -140,7 +144,7 @@ def _lane_change(element: ScenarioElement, context: Compilation) -> LaneChangeAc
     if reference < 0 and lane == 0:
         raise RefusalError(leaf, "lane 0 is the centre line, nobody drives on it")
     offset = number_of(element, "targetLaneOffset", 0.0)
-    return LaneChangeAction(_dynamics(dynamics), reference, lane, offset)
+    return LaneChangeAction(_dynamics(dynamics, context), reference, lane, offset)
 
 
 def _lane_offset(element: ScenarioElement, context: Compilation) -> LaneOffsetAction:

@@ -19,6 +19,7 @@ from twin.road.walk.road_arrays import RoadArrays
 from twin.scenario.storyboard.interpreter.arrays import BodyArrays, PlayArrays, ProgramArrays
 from twin.scenario.storyboard.interpreter.ground import (
     BodyPlace,
+    controlled_by,
     found_place,
     keep_place,
     moved_place,
@@ -51,7 +52,6 @@ INIT_PHASE = 0
 STORY_PHASE = 1
 _STILL_MPS = wp.constant(wp.float64(1e-3))
 """Bodies that are slower stand still [m/s]."""
-_BOTH = wp.constant(wp.int32(Domain.LONGITUDINAL | Domain.LATERAL))
 _MOVED = wp.constant(wp.int32(64))
 """Bit of ``CLAIMED``: the body was moved along its road."""
 _AT_END = wp.constant(wp.int32(128))
@@ -146,6 +146,9 @@ def move_body(
             motion.claimed = motion.claimed | _AT_END
         if motion.changing >= 0:
             play.instance_wholes[slot, motion.changing, LANE] = place.lane
+        if now.wholes[slot, e, Whole.CHANGING] != 0:
+            now.wholes[slot, e, Whole.CHANGING] = place.lane
+        if motion.changing >= 0 or now.wholes[slot, e, Whole.CHANGING] != 0:
             place = snapped_lane(roads, place)
         motion.place = place
     elif motion.mode == FREE:
@@ -186,9 +189,7 @@ def advance_kernel(
     end = first + tables.entity_wholes[row, EntityWhole.LIST_COUNT]
     inits = tables.programs[program, ProgramColumn.INITS]
     imposed = now.wholes[slot, e, Whole.IMPOSED] != 0
-    controlled = now.wholes[slot, e, Whole.CONTROLLED]
-    if imposed:
-        controlled = _BOTH
+    controlled = controlled_by(now, slot, e)
     motion = BodyMotion()
     motion.place = place_of(now, slot, e)
     motion.speed = now.reals[slot, e, Real.SPEED]
@@ -209,11 +210,14 @@ def advance_kernel(
             if motion.over != 0:
                 play.instance_states[slot, k] = wp.int32(InstanceState.FINISHED)
     if phase == STORY_PHASE:
-        taken = (motion.claimed | controlled) & wp.int32(Domain.LONGITUDINAL)
-        if taken == 0 and wp.abs(motion.speed) > CLOSE:
+        # A driver model says how fast; the way is the default controller's all the same.
+        taken = motion.claimed & wp.int32(Domain.LONGITUDINAL)
+        if taken == 0 and not imposed and wp.abs(motion.speed) > CLOSE:
             motion.ahead = motion.ahead + motion.speed * step_s
             if motion.mode == STAYS:
                 motion.mode = wp.int32(ON_ROAD)
+        if now.wholes[slot, e, Whole.CHANGING] != 0 and motion.mode == STAYS:
+            motion.mode = wp.int32(ON_ROAD)
     if imposed:
         motion.mode = wp.int32(STAYS)
     motion = move_body(tables, roads, now, play, slot, e, motion)

@@ -9,6 +9,7 @@ from twin.scenario.storyboard.interpreter.arrays import BodyArrays, PlayArrays, 
 from twin.scenario.storyboard.interpreter.distances import gap_now, start_gap
 from twin.scenario.storyboard.interpreter.ground import (
     BodyPlace,
+    controlled_by,
     direction_of,
     found_place,
     keep_place,
@@ -242,9 +243,7 @@ def begin_kernel(
     first = tables.entity_wholes[row, EntityWhole.LIST]
     end = first + tables.entity_wholes[row, EntityWhole.LIST_COUNT]
     instance0 = tables.programs[program, ProgramColumn.INSTANCE]
-    controlled = now.wholes[slot, e, Whole.CONTROLLED]
-    if now.wholes[slot, e, Whole.IMPOSED] != 0:
-        controlled = wp.int32(Domain.LONGITUDINAL) | wp.int32(Domain.LATERAL)
+    controlled = controlled_by(now, slot, e)
     for at in range(first, end):
         k = tables.actor_instances[at]
         begins = play.instance_states[slot, k] == InstanceState.STARTING

@@ -17,7 +17,7 @@ from twin.road.walk.road_arrays import RoadArrays
 from twin.road.walk.spots import road_curvature
 from twin.scenario.storyboard.interpreter.arrays import BodyArrays, ProgramArrays
 from twin.scenario.storyboard.interpreter.transition import ONE, PI, TWO, ZERO
-from twin.scenario.storyboard.player.columns import Real, Whole
+from twin.scenario.storyboard.player.columns import Domain, Real, Whole
 from twin.scenario.storyboard.player.layout import FIXED_FRAME, PLACE_REALS, PLACE_WHOLES
 from twin.scenario.storyboard.program.places import RelativeFrame
 
@@ -38,6 +38,7 @@ _FRAME = wp.constant(wp.int32(PLACE_FRAME))
 _ENTITY = wp.constant(wp.int32(PLACE_ENTITY))
 _ROAD = wp.constant(wp.int32(PLACE_ROAD))
 _LANES = wp.constant(wp.int32(PLACE_LANES))
+_BOTH = wp.constant(wp.int32(Domain.LONGITUDINAL | Domain.LATERAL))
 _QUARTER = wp.constant(wp.float64(1.5707963267948966))
 _SLACK = wp.constant(wp.float64(1e-9))
 _SHARE_MIN = wp.constant(wp.float64(0.05))
@@ -76,6 +77,17 @@ def wrapped(angle: wp.float64) -> wp.float64:
 def direction_of(turn: wp.float64) -> wp.int32:
     """1 of a body that heads along s, -1 of one that heads against it."""
     return wp.where(wp.abs(wrapped(turn)) <= _QUARTER + _SLACK, 1, -1)
+
+
+@wp.func
+def controlled_by(bodies: BodyArrays, slot: wp.int32, e: wp.int32) -> wp.int32:
+    """Bits of ``Domain`` in which something else than actions moves a body: whoever imposes its
+    poses, or its driver model. A controller that is neither leaves it to the default one."""
+    if bodies.wholes[slot, e, Whole.IMPOSED] != 0:
+        return _BOTH
+    if bodies.wholes[slot, e, Whole.MODEL] < 0:
+        return 0
+    return bodies.wholes[slot, e, Whole.CONTROLLED]
 
 
 @wp.func

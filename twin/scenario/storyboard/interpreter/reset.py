@@ -83,6 +83,7 @@ def reset_kernel(
         bodies.wholes[slot, i, Whole.LANE] = 0
         bodies.wholes[slot, i, Whole.JUMPED] = 1
         bodies.wholes[slot, i, Whole.CLAIMED] = 0
+        bodies.wholes[slot, i, Whole.CHANGING] = 0
         row = tables.programs[program, ProgramColumn.ENTITY] + i
         here = i < tables.programs[program, ProgramColumn.ENTITIES]
         if here and tables.entity_wholes[row, EntityWhole.PLACED] != 0:

@@ -226,6 +226,10 @@ class Real(IntEnum):
     WAY_Y = 25
     WAY_Z = 26
     WAY_HEADING = 27
+    CHANGE_FROM = 28
+    """Offset at which a driver model began to change lanes."""
+    CHANGE_AT = 29
+    """Time since then [s]."""
 
 
 class Whole(IntEnum):
@@ -255,3 +259,5 @@ class Whole(IntEnum):
     """Two bits a lamp."""
     CLAIMED = 15
     """Bits of :class:`Domain` that actions of Init have moved in this step."""
+    CHANGING = 16
+    """Lane to which a driver model changes; 0: it does not."""

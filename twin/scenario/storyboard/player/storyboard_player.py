@@ -20,6 +20,7 @@ from twin.scenario.storyboard.interpreter.arrays import (
 )
 from twin.scenario.storyboard.interpreter.begin import begin_kernel
 from twin.scenario.storyboard.interpreter.decide import decide_kernel, settle_kernel
+from twin.scenario.storyboard.interpreter.drivers import drivers_kernel
 from twin.scenario.storyboard.interpreter.reset import (
     close_kernel,
     copy_kernel,
@@ -122,6 +123,7 @@ class StoryboardPlayer:
         """States on the device, updated in place: columns ``Real`` and ``Whole``."""
         self._before = body_arrays(slots, self.entities, self.device)
         self._graph: Any = None
+        self._drivers = len(self.tables.models) > 0
 
     def start(self, slot: int, program_index: int) -> None:
         """Put a slot at time 0 of a program, after Init and a run of its storyboard."""
@@ -168,6 +170,12 @@ class StoryboardPlayer:
         )
         for phase in (INIT_PHASE, STORY_PHASE):
             self._copy()
+            if phase == STORY_PHASE and self._drivers:
+                self._launch(
+                    drivers_kernel,
+                    everyone,
+                    [*model, only, step_s, self._before, self._play, self.bodies],
+                )
             self._launch(
                 advance_kernel,
                 everyone,

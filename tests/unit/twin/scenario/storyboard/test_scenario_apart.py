@@ -125,7 +125,9 @@ def test_what_comes_back_is_what_is_read_here(folder: Path) -> None:
     (there,) = programs_apart(path, [{}])
     assert there == here
     (row,) = expand(path)
-    assert outline_apart(path, {}, 1) == outline(row.scenario(), [row])
+    lines, notes = outline_apart(path, {}, 1)
+    assert lines == outline(row.scenario(), [row])
+    assert tuple(notes) == here.notes
     road = folder / "roads" / "r.xodr"
     assert network_apart(road) == load_network(road)
 

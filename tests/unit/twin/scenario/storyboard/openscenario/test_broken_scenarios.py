@@ -11,13 +11,31 @@ from typer.testing import CliRunner
 pytest.importorskip("lxml", reason="lxml is not installed")
 
 from twin.base.errors import UsageError
+from twin.scenario.storyboard.compile.fates import (
+    HANDLERS,
+    NO_EFFECT,
+    NO_EFFECT_ATTRIBUTES,
+    REFUSED_TYPES,
+    STRUCTURE,
+    fate_of,
+)
 from twin.scenario.storyboard.openscenario.element import MISTAKES_MAX
 from twin.scenario.storyboard.openscenario.scenario import expand, read_scenario
-from twin.scenario.storyboard.openscenario.standard import coverage, coverage_table
+from twin.scenario.storyboard.openscenario.standard import (
+    coverage,
+    coverage_table,
+    element_rules,
+)
 from twin.validate.command import app
 
 HEADER = (
     '<FileHeader author="a" date="2026-01-31T12:00:00" description="d" revMajor="1" revMinor="3"/>'
+)
+CAR = (
+    '<Vehicle name="car" vehicleCategory="car" mass="1500"><BoundingBox><Center x="1" y="0" z="1"/>'
+    '<Dimensions width="2" length="5" height="2"/></BoundingBox><Performance maxSpeed="70" '
+    'maxDeceleration="8" maxAcceleration="5"/><Axles><RearAxle maxSteering="0" wheelDiameter="1" '
+    'trackWidth="2" positionX="0" positionZ="0"/></Axles></Vehicle>'
 )
 GOOD = f"""<OpenSCENARIO>
 {HEADER}
@@ -27,7 +45,7 @@ GOOD = f"""<OpenSCENARIO>
 <CatalogLocations><RouteCatalog><Directory path="routes"/></RouteCatalog></CatalogLocations>
 <RoadNetwork/>
 <Entities>
-<ScenarioObject name="Ego"><ExternalObjectReference name="car"/></ScenarioObject>
+<ScenarioObject name="Ego">{CAR}</ScenarioObject>
 </Entities>
 <Storyboard>
 <Init><Actions/></Init>
@@ -226,5 +244,24 @@ def test_outline_says_what_happens(tmp_path: Path) -> None:
 
 def test_the_page_has_the_table() -> None:
     page = (Path(__file__).parents[6] / "docs" / "openscenario.md").read_text()
-    assert "\n".join(coverage_table()) in page
-    assert {fate.split(":")[0] for *_, fate in coverage()} == {"read", "refused", "ignored"}
+    assert "\n".join(coverage_table(fate_of)) in page
+    fates = {fate.split(":")[0] for *_, fate in coverage(fate_of)}
+    assert fates == {"read", "played", "no effect", "refused", "ignored"}
+
+
+def test_whatever_stands_in_a_table_of_fates_is_an_element_type() -> None:
+    known = element_rules()
+    named = [*HANDLERS, *STRUCTURE, *REFUSED_TYPES, *NO_EFFECT]
+    assert [name for name in named if name not in known] == []
+    # An animation starts and ends as an event, and changes nothing.
+    assert {name for name in named if named.count(name) > 1} == {"AnimationAction"}
+    for name, attribute in NO_EFFECT_ATTRIBUTES:
+        assert attribute in known[name].attributes
+
+
+def test_what_cannot_be_played_is_told_at_once(tmp_path: Path) -> None:
+    text = GOOD.replace(CAR, '<ExternalObjectReference name="car"/>')
+    path = _write(tmp_path, text)
+    result = CliRunner().invoke(app, ["scenario", str(path)])
+    assert isinstance(result.exception, UsageError)
+    assert f"{path}:9: ExternalObjectReference is refused" in str(result.exception)
