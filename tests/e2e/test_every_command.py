@@ -41,6 +41,7 @@ ELSEWHERE = {
     "hpc submit": "a scheduler: test_slurm",
     "twin bench": "measurements",
     "twin dataset": "minutes: tests/kernel/test_dataset_files",
+    "twin play": "a scenario file: tests/unit/twin/play/test_play_command",
     "twin reenact": "a case that was changed from outside: test_intervene_in_a_case",
     "twin validate campaign": "asked by conductors: tests/unit/conductor/run/test_twin_check",
     "twin validate road": "a road file: tests/unit/twin/road/opendrive/test_road_command",

@@ -62,8 +62,8 @@ def play_file(
                 done=done,
             )
             ended += len(records)
-            for number, record in zip(group, records, strict=True):
-                played[number] = record
+            for number, played_one in zip(group, records, strict=True):
+                played[number] = played_one
     stem = (distribution or file).stem
     plays = []
     for number, scenario, record in zip(numbers, compiled, played, strict=True):

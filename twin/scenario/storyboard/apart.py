@@ -29,7 +29,7 @@ from typing import Any, TypeVar
 import msgspec
 import numpy as np
 
-from schemas.escape import escape
+from schemas.escape import ESCAPED_CHARS_MAX, escape
 from schemas.files.regular_file import open_regular
 from twin.road.opendrive.apart import decode_network
 from twin.road.opendrive.reading.answer import NETWORK_BYTES_MAX
@@ -72,6 +72,8 @@ PROGRAMS_MAX = 256
 """Permutations that one process compiles; then the next begins."""
 NAMED_FILES_MAX = 2000
 """Files that the process sees because a scenario names them, or the folder they are in."""
+OUTLINE_CHARS_MAX = 10_000
+"""Longest line of an outline [characters]."""
 FOLDER_ENTRIES_MAX = 100_000
 """Entries of a catalog folder that are looked through."""
 
@@ -118,7 +120,7 @@ def outline_apart(
     question = OutlineQuestion(dict(values), permutations)
     data = _ask("OUTLINE", path, question, readable=files, folders=folders)
     answer = _decoded(data, OutlineAnswer, path)
-    lines = [_as_given(line, path) for line in answer.lines]
+    lines = [_as_given(line, path, chars_max=OUTLINE_CHARS_MAX) for line in answer.lines]
     return lines, [_as_given(line, path) for line in answer.notes[:NOTES_MAX]]
 
 
@@ -256,13 +258,13 @@ def _wrong(path: Path, words: str) -> ValueError:
     return ValueError(escape(f"{path}: {FAILED}: its reader answered {words}"))
 
 
-def _as_given(line: str, *paths: Path) -> str:
+def _as_given(line: str, *paths: Path, chars_max: int = ESCAPED_CHARS_MAX) -> str:
     """A line of the process, escaped, its files named as the user named them."""
     for path in paths:
         place = path_apart(path)
         folder = "" if path.parent == Path() else f"{path.parent}/"
         line = line.replace(str(place), str(path)).replace(f"{place.parent}/", folder)
-    return escape(line)
+    return escape(line, chars_max)
 
 
 def _named_files(
