@@ -73,6 +73,13 @@ def summary_table(plays: Sequence[NamedPlay], step_s: float) -> Table:
     return table
 
 
+def remarks(plays: Sequence[NamedPlay]) -> list[str]:
+    """Notes of all permutations, each once, and limits that were met."""
+    notes = dict.fromkeys(note for play in plays for note in play.notes)
+    met = [f"{play.name}: {words}" for play in plays for words in play.played.overflows]
+    return [*(f"note: {note}" for note in notes), *met]
+
+
 def to_json(plays: Sequence[NamedPlay], step_s: float) -> list[dict[str, object]]:
     """Everything but the poses, as plain values."""
     return [
