@@ -2,10 +2,10 @@
 
     PYTHONPATH=tests python tests/device/storyboard_check.py --device cuda:0
 
-Plays 1,000 steps of four programs of 32 reacting actors with 1, 5, 64 and 256 slots on the CPU and
-on the device, and prints a digest of each program's states and transitions. Then it measures a step
-of 256 slots of 16 actors on the device. Exit code 1: bytes differ, or the step takes longer than
-the target.
+Plays 1,000 steps of four programs of 32 actors, one of them with driver models, with 1, 5, 64 and
+256 slots on the CPU and on the device, and prints a digest of each program's states and
+transitions. Then it measures a step of 256 slots of 16 actors on the device. Exit code 1: bytes
+differ, or the step takes longer than the target.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import sys
 import numpy as np
 
 from twin.bench.storyboard import lines, measure
-from twin.bench.storyboard_traffic import reacting_traffic, ring_network
+from twin.bench.storyboard_traffic import driver_traffic, reacting_traffic, ring_network
 from twin.road.tables.road_tables import road_tables
 from twin.scenario.storyboard.player.storyboard_player import StoryboardPlayer
 
@@ -29,7 +29,8 @@ STEPS = 1000
 
 def digests(device: str, slots: int, steps: int = STEPS) -> dict[int, set[str]]:
     """Digests of the states and transitions of every slot, by program."""
-    programs = [reacting_traffic(ACTORS, variant) for variant in range(PROGRAMS)]
+    programs = [reacting_traffic(ACTORS, variant) for variant in range(PROGRAMS - 1)]
+    programs.append(driver_traffic(ACTORS))
     player = StoryboardPlayer(programs, road_tables(ring_network()), slots, device=device)
     for slot in range(slots):
         player.start(slot, slot % PROGRAMS)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from storyboard_programs import STEP_S, at, car, played, program, start_at
 
-from twin.bench.storyboard_traffic import _on_ring, ring_network
+from twin.bench.storyboard_traffic import on_ring, ring_network
 from twin.road.tables.road_tables import road_tables
 from twin.scenario.storyboard.program.actions import ControllerAction
 from twin.scenario.storyboard.program.program import DriverModel, InitAction
@@ -76,10 +76,6 @@ def test_stops_behind_an_obstacle():
     done = drive([(at(0.0), 20.0, 0), (at(200.0), 0.0, -1)], [MODEL], 6000)
     assert done.speed_mps[-1, 0] == pytest.approx(0.0, abs=0.01)
     assert 200.0 - done.x_m[-1, 0] - LENGTH_M == pytest.approx(2.0, abs=0.2)
-
-
-def on_ring(s_m, lane):
-    return _on_ring(s_m, lane)
 
 
 @pytest.fixture(scope="module")

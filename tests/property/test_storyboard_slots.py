@@ -9,12 +9,14 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from twin.bench.storyboard_traffic import reacting_traffic, ring_network
+from twin.bench.storyboard_traffic import driver_traffic, reacting_traffic, ring_network
 from twin.road.tables.road_tables import road_tables
-from twin.scenario.storyboard.player.columns import SlotColumn
 from twin.scenario.storyboard.player.storyboard_player import StoryboardPlayer
 
-PROGRAMS = (reacting_traffic(32), reacting_traffic(5, 1), reacting_traffic(16, 2))
+PROGRAMS = (
+    *(reacting_traffic(32), reacting_traffic(5, 1), reacting_traffic(16, 2)),
+    driver_traffic(20),
+)
 STEPS = 400
 
 
@@ -53,6 +55,25 @@ def test_programs_differ_and_react():
     assert len(np.unique(speeds)) > 20
 
 
+@pytest.mark.parametrize("number", range(len(PROGRAMS)))
+def test_other_programs_of_the_player_do_not_matter(number):
+    player = StoryboardPlayer(PROGRAMS[number : number + 1], ring(), 1)
+    player.start(0, 0)
+    for _ in range(STEPS):
+        player.step()
+    assert bytes_of(player, 0, number) == alone(number)
+
+
+def test_drivers_change_lanes():
+    player = StoryboardPlayer(PROGRAMS, ring(), 1)
+    player.start(0, 3)
+    before = player.states().lane[0, :20]
+    for _ in range(1500):
+        player.step()
+    assert (player.states().lane[0, :20] != before).sum() > 5
+    assert (player.states().lane[0, :20] != 0).all()
+
+
 @pytest.mark.parametrize("slots", [1, 5, 64])
 def test_any_number_of_slots(slots):
     player = StoryboardPlayer(PROGRAMS, ring(), slots)
@@ -68,7 +89,7 @@ def test_any_number_of_slots(slots):
 @settings(max_examples=12, deadline=None, suppress_health_check=list(HealthCheck))
 @given(
     plan=st.lists(
-        st.tuples(st.integers(0, 2), st.integers(0, 150), st.integers(0, 100)),
+        st.tuples(st.integers(0, 3), st.integers(0, 150), st.integers(0, 100)),
         min_size=2,
         max_size=5,
     )
@@ -89,7 +110,8 @@ def test_starts_and_restarts_at_any_step(plan):
     for slot, (program, first, again) in enumerate(plan):
         steps = 300 - begun[slot]
         assert begun[slot] == first + again
-        assert bytes_of(player, slot, (program + 1) % 3) == alone((program + 1) % 3, steps)
+        other = (program + 1) % len(PROGRAMS)
+        assert bytes_of(player, slot, other) == alone(other, steps)
 
 
 def test_slots_that_do_not_run_stay():
@@ -99,4 +121,4 @@ def test_slots_that_do_not_run_stay():
         player.step()
     assert not player.running(1)
     assert player.bodies.reals.numpy()[1].any() == np.False_
-    assert player._play.slots.numpy()[1, SlotColumn.STEP] == 0
+    assert player.steps(1) == 0

@@ -2,7 +2,8 @@
 
 Cars drive one behind the other on a ring of a motorway's five lanes. The first of each queue
 changes its speed again and again; the others keep a time gap, change lanes when they come too near
-and change back. All of it is triggered by conditions on speeds, headways and distances.
+and change back. All of it is triggered by conditions on speeds, headways and distances. Cars of
+another program follow driver models.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from twin.road.opendrive.records import (
     RoadRecord,
 )
 from twin.scenario.storyboard.program.actions import (
+    ControllerAction,
     Displacement,
     DynamicsDimension,
     DynamicsShape,
@@ -45,6 +47,7 @@ from twin.scenario.storyboard.program.conditions import (
 from twin.scenario.storyboard.program.entities import BodyBox, EntityCategory, StoryboardEntity
 from twin.scenario.storyboard.program.places import FixedPosition
 from twin.scenario.storyboard.program.program import (
+    DriverModel,
     ElementKind,
     InitAction,
     Program,
@@ -93,7 +96,7 @@ def reacting_traffic(cars: int, variant: int = 0) -> Program:
     for car in range(cars):
         lane = -1 - (car // QUEUE) % LANES
         s = 10.0 + 22.0 * (cars - car) + 3.0 * variant
-        init.append(InitAction(TeleportAction(_on_ring(s, lane)), car))
+        init.append(InitAction(TeleportAction(on_ring(s, lane)), car))
         init.append(InitAction(_speed(22.0 + car % 5 + variant, 0.0), car))
         _add_group(elements, car, _reactions(car, lane, variant))
     return Program(
@@ -102,6 +105,20 @@ def reacting_traffic(cars: int, variant: int = 0) -> Program:
         tuple(elements),
         tuple(init),
     )
+
+
+def driver_traffic(cars: int) -> Program:
+    """Cars with driver models of three kinds, close together on the middle lanes."""
+    init = []
+    for car in range(cars):
+        lane = -2 - car % 3
+        init.append(InitAction(TeleportAction(on_ring(10.0 + 9.0 * (cars - car), lane)), car))
+        init.append(InitAction(_speed(18.0 + car % 7, 0.0), car))
+        init.append(InitAction(ControllerAction(True, True, car % 3), car))
+    models = (DriverModel(33.0), DriverModel(22.0, politeness=0.1), DriverModel(28.0, 1.0))
+    elements = (StoryElement(ElementKind.STORYBOARD, "storyboard", -1),)
+    entities = tuple(_entity(car) for car in range(cars))
+    return Program(f"drivers-{cars}", entities, elements, tuple(init), models=models)
 
 
 def _reactions(car: int, lane: int, variant: int) -> list[tuple[Trigger | None, object]]:
@@ -159,7 +176,7 @@ def _change(lane: int) -> LaneChangeAction:
     return LaneChangeAction(dynamics, -1, lane, 0.0)
 
 
-def _on_ring(s_m: float, lane: int) -> FixedPosition:
+def on_ring(s_m: float, lane: int) -> FixedPosition:
     """Middle of a lane on the first half circle."""
     t = (lane + 0.5) * LANE_M
     angle = s_m / RADIUS_M - math.pi / 2
