@@ -23,6 +23,7 @@ import pyarrow.parquet as pq
 from autodrive_logs import config, drive
 from darknet_oracle import random_weights
 from fuzz_target import SEEDS
+from played_files import played
 from road_networks import composed_file, junction_file, shapes_file, turned_file
 from targets_assets import CFG, small_network
 from targets_wire import CONTROL, DRIVE, PART, STEERING, VIEW
@@ -159,6 +160,7 @@ def _result_files(folder: Path) -> None:
     _write("report-cache", "none", msgspec.msgpack.encode(Cache()))
     key = (make_keys(folder / "keys", days=36_500) / "viewer.key").read_bytes()
     _drive_record(folder / "d")
+    _write("play", "small", msgspec.msgpack.encode(played()))
     _write("key", "viewer", key)
     _write("key", "line", as_line(key))
 

@@ -13,6 +13,8 @@ from twin.scenario.storyboard.compile.compiler import (
     RoadCache,
     compile_with_notes,
 )
+from twin.scenario.storyboard.native.compiler import compile_native
+from twin.scenario.storyboard.native.document import is_native, load_native
 from twin.scenario.storyboard.openscenario.scenario import Permutation, expand
 from twin.world.kernel_cache import prepare_kernels
 
@@ -30,12 +32,16 @@ def play_file(
     until_s: float,
     device: str = "cpu",
 ) -> list[NamedPlay]:
-    """Play a file, or all or one of its permutations.
+    """Play a file or a shipped scenario, or all or one of a file's permutations.
 
     Raises:
         ValueError: a line per mistake.
         UsageError: a program is larger than a limit.
     """
+    if is_native(str(file)):
+        if distribution is not None or permutation is not None:
+            raise ValueError(f"{file}: a campaign varies scenario files, no distribution does")
+        return [_play_native(file, step_s=step_s, every=every, until_s=until_s, device=device)]
     permutations = _chosen(expand(file, distribution), file, distribution, permutation)
     cache: RoadCache = {}
     compiled = [compile_with_notes(chosen.scenario(), cache) for chosen in permutations]
@@ -73,6 +79,17 @@ def play_file(
         name = f"{stem}-{chosen.number:03d}" if distribution else stem
         plays.append(NamedPlay(name, chosen.number, chosen.values, scenario.notes, record))
     return plays
+
+
+def _play_native(
+    file: Path, *, step_s: float, every: int, until_s: float, device: str
+) -> NamedPlay:
+    program = compile_native(load_native(file))
+    roads = None if program.network is None else road_tables(program.network)
+    (record,) = play_programs(
+        [program], roads, step_s=step_s, every=every, until_s=until_s, device=device
+    )
+    return NamedPlay(file.stem, 0, {}, (), record)
 
 
 def _chosen(
