@@ -537,7 +537,7 @@ class Engine:
         """The cases that end at the tick just reached."""
         state = self.state
         over = judging.have_ended(self._limits, self.sim_time_ns, state)
-        faulty = self._vehicles.faulty()
+        faulty, stuck = self._vehicles.faulty(), dict[int, str]()
         places = state[:, _PLACE]
         for slot, run in self._running():
             if not faulty[slot]:
@@ -545,6 +545,8 @@ class Engine:
                 over[slot] |= run.scenario.ended()
                 if self._motion is not None:
                     over[slot] |= self._motion.ended(slot)
+                    if fault := self._motion.fault(slot):
+                        stuck[slot], faulty[slot] = fault, True
         finished = []
         ending = np.flatnonzero((over | faulty) & self.active).tolist()
         if ending:
@@ -553,7 +555,7 @@ class Engine:
             self._surveyed = False
         for slot in ending:
             if faulty[slot]:
-                fault = self._vehicles.fault(slot)
+                fault = stuck.get(slot) or self._vehicles.fault(slot)
                 time_s = self.sim_time_ns[slot] / 1e9
                 finished.append(self._fail(slot, f"{fault}, at {time_s:.3f} s"))
             else:

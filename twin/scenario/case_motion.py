@@ -73,6 +73,9 @@ class CaseMotion(Protocol):
     def ended(self, slot: int) -> bool:
         """Whether the case in a slot is over."""
 
+    def fault(self, slot: int) -> str:
+        """Why the case in a slot cannot be told to its end; empty: it can."""
+
     def things(self, slot: int) -> Sequence[Thing]:
         """What the bodies of a slot are [M]."""
 

@@ -75,6 +75,7 @@ class StoryboardMotion:
         self._yaw_rate = np.zeros((slots, self.count))
         self._placement = nobody(slots, self.count)
         self._running = np.zeros(slots, np.bool_)
+        self._full = np.zeros(slots, np.bool_)
         self._stale = False
 
     @property
@@ -172,6 +173,11 @@ class StoryboardMotion:
         """Whether the storyboard of a slot has ended."""
         return not self._running[slot]
 
+    def fault(self, slot: int) -> str:
+        """The limit of the player that a slot has met, in words."""
+        limits = self._player.overflows(slot) if self._full[slot] else ()
+        return f"limit of the storyboard met: {limits[0]}" if limits else ""
+
     def things(self, slot: int) -> Sequence[Thing]:
         """What the bodies of a slot are [M]."""
         return self._run(slot).bodies.things
@@ -198,6 +204,7 @@ class StoryboardMotion:
         """What has begun in slots since it was looked at last."""
         now = self._player.now()
         self._running[slots] = now.running[slots]
+        self._full[slots] = now.full[slots]
         for slot in slots:
             run = self._cases[slot]
             if run is None or now.transitions[slot] == run.seen:

@@ -32,6 +32,8 @@ class SlotsNow:
     """bool: the storyboard has not ended, held or not."""
     transitions: np.ndarray
     """How many there were."""
+    full: np.ndarray
+    """bool: a limit was met, :meth:`RigPlayer.overflows` says which."""
 
 
 class RigPlayer(StoryboardPlayer):
@@ -103,7 +105,11 @@ class RigPlayer(StoryboardPlayer):
         """What the slots are at."""
         slots = self._play.slots.numpy()
         running = np.where(self._held >= 0, self._held, slots[:, SlotColumn.RUNNING]) != 0
-        return SlotsNow(running, slots[:, SlotColumn.TRANSITIONS].copy())
+        return SlotsNow(
+            running,
+            slots[:, SlotColumn.TRANSITIONS].copy(),
+            slots[:, SlotColumn.OVERFLOW] != 0,
+        )
 
     def begun(self, slot: int, first: int) -> list[tuple[int, int]]:
         """Step and element of the starts in a slot from transition ``first`` on."""
