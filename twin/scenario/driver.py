@@ -17,12 +17,16 @@ class RobotLimits(NamedTuple):
     brake: float
     """Brake or handbrake, above 0 to 1 [-]."""
     steering_rad: float
-    """Angle of the road wheels beside that of the robot's path [rad]."""
+    """Angle of the road wheels outside of what lies between straight ahead and the robot's path
+    [rad]."""
 
     def exceeded(
         self, brake: float, handbrake: float, steering_rad: float, path_rad: float | None
     ) -> int:
         """How commands in force intervene, :data:`BRAKED` or :data:`STEERED`; 0: they do not.
+
+        A stack that steers as the path goes does not intervene, nor one that holds the wheel
+        straight while the robot turns off, nor one in between.
 
         Args:
             brake: pedal [-].
@@ -32,8 +36,10 @@ class RobotLimits(NamedTuple):
         """
         if max(brake, handbrake) >= self.brake:
             return BRAKED
-        if path_rad is not None and abs(steering_rad - path_rad) >= self.steering_rad:
-            return STEERED
+        if path_rad is not None:
+            beyond_rad = max(steering_rad - max(path_rad, 0.0), min(path_rad, 0.0) - steering_rad)
+            if beyond_rad >= self.steering_rad:
+                return STEERED
         return 0
 
 

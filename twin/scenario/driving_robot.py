@@ -32,6 +32,8 @@ class DrivingRobots:
         self._fleet = fleet
         self._device = device
         self._carrier = Carrier(fleet, motion.steps)
+        self._turns = np.zeros(fleet.slots, np.bool_)
+        """The vehicle of a slot has come along its path, so its turning rate is that of it."""
 
     @classmethod
     def of(cls, motion: CaseMotion | None, fleet: Fleet, device: wp.Device) -> DrivingRobots | None:
@@ -48,6 +50,7 @@ class DrivingRobots:
         row = self._fleet.state[slot, 0]
         row[columns("com")], row[columns("orientation")] = self._carrier.body(led.pose)
         self._fleet.roll(slot, led.speed_mps, 0.0)
+        self._turns[slot] = False
 
     def watch(self, slots: Iterable[int]) -> None:
         """Look at the commands that come into force in this period; a robot lets go where they are
@@ -113,16 +116,18 @@ class DrivingRobots:
         )
         for slot in elsewhere:  # who is put somewhere else does not come to rest there
             fleet.roll(slot, motion.led_pose(slot).speed_mps, 0.0)
+        self._turns[led] = True
+        self._turns[elsewhere] = False
         if elsewhere:
             fleet.refresh()
         return elsewhere
 
     def _path_rad(self, slot: int) -> float | None:
         """Road-wheel angle that a car without slip takes on the path of a slot's robot, the
-        bicycle's atan(wheelbase x curvature) [rad]; None: it hardly moves."""
+        bicycle's atan(wheelbase x curvature) [rad]; None: it hardly moves, or was put there."""
         row = self._fleet.state[slot, 0]
         speed_mps = float(row[COLUMN["speed_mps"]])
-        if abs(speed_mps) < STEERING_MPS:
+        if abs(speed_mps) < STEERING_MPS or not self._turns[slot]:
             return None
         curvature_per_m = float(row[COLUMN["yaw_rate_radps"]]) / speed_mps
         return math.atan(self._fleet.vehicles[0].wheelbase_m * curvature_per_m)

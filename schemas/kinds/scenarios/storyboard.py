@@ -23,9 +23,9 @@ class StoryboardConfig(Struct, frozen=True, forbid_unknown_fields=True):
     much slows a car down by about 0.5 m/s^2, between the 0.3 and 1 m/s^2 by which Euro NCAP tells
     when an emergency brake acts; storyboard only."""
     robot_steering_deg: Annotated[float, Meta(gt=0, le=90)] = 3.0
-    """Angle of the road wheels between what the stack asks for and what the robot's path takes,
-    from which on the robot lets go; a stack that keeps the lane in which the robot drives stays
-    below it [deg]; storyboard only."""
+    """Steering of the stack from which on the robot lets go: angle of the road wheels outside of
+    what lies between straight ahead and the robot's path. A stack that keeps the lane in which the
+    robot drives stays below it, and so does one that never steers [deg]; storyboard only."""
     numbers: dict[str, float] = {}
     """Numbers of the scenario file that are others than it says, by their names there:
     ``actors.van.ahead_m``, or a parameter of OpenSCENARIO; storyboard only."""

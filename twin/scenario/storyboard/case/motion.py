@@ -98,12 +98,12 @@ class StoryboardMotion:
             raise ValueError(wrong[0])
         self._player.begin(slot, self._program(loaded), loaded.ego)
         self._cases[slot] = run = _SlotCase(loaded, bodies_of(loaded, self.count))
-        if config.driver == "robot":
-            run.limits = RobotLimits(config.robot_brake, math.radians(config.robot_steering_deg))
-            run.led_pose = self._led(slot, run)
         self._way_m[slot] = self._yaw_rate[slot] = 0.0
         self._stale = True
         self._watch([slot])
+        if config.driver == "robot":
+            run.limits = RobotLimits(config.robot_brake, math.radians(config.robot_steering_deg))
+            run.led_pose = self._led(slot, run)
         return self._ego(slot)
 
     def alone(self, slot: int, time_s: float) -> StartPose:

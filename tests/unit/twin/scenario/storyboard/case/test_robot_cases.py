@@ -50,6 +50,14 @@ events:
     do: {van: {speed_mps: 10, in_s: 1.0}}
 end: {after_s: 2.5}
 """
+BEND = """scenario: bend
+road: rural
+ego: {lane: 1, s_m: 230, speed_mps: 15}
+actors:
+  car: {kind: car, lane: 1, ahead_m: 100, speed_mps: 15}
+end: {after_s: 1.5}
+"""
+"""A bend to the left of 0.004/m, up a slope."""
 Stack = Callable[[int, float], Command]
 """What a stack asks for: at a tick, at a sim time [s]."""
 
@@ -63,7 +71,7 @@ def case_of(storyboard: object, *, latency_ms: int = 0, **scenario: object) -> C
                 **{"type": "storyboard", "storyboard": str(storyboard), "driver": "robot"},
                 **scenario,
             },
-            "matrix": {"weather": ["clear"], "latency_ms": [latency_ms]},
+            "matrix": {"weather": ["clear"], "autonomy.latency_ms": [latency_ms]},
         }
     )
     assert campaign is not None, mistakes
@@ -164,9 +172,7 @@ def test_a_stack_that_never_acts_is_carried_along_the_storyboard(changes):
     assert len(known) >= 50
     for k in known:
         row = told[times[k]]
-        off_m = np.hypot(
-            values(finished, "x_m")[k] - row.x_m, values(finished, "y_m")[k] - row.y_m
-        )
+        off_m = np.hypot(values(finished, "x_m")[k] - row.x_m, values(finished, "y_m")[k] - row.y_m)
         assert off_m < 1e-6
         assert values(finished, "speed_mps")[k] == pytest.approx(row.speed_mps, abs=0.06)
     assert values(finished, "y_m")[-1] - values(finished, "y_m")[0] == pytest.approx(3.75, abs=0.05)
@@ -222,9 +228,7 @@ def test_the_robot_does_not_come_back(straight):
     assert values(finished, "speed_mps")[-1] < 14.8, "it rolls without throttle"
 
 
-@pytest.mark.parametrize(
-    ("share", "kind"), [(0.1999, None), (0.2, 1), (0.2001, 1), (0.0, None)]
-)
+@pytest.mark.parametrize(("share", "kind"), [(0.1999, None), (0.2, 1), (0.2001, 1), (0.0, None)])
 def test_a_brake_from_the_threshold_on_counts(straight, share, kind):
     case = case_of(straight, robot_brake=0.2)
     finished = drive_one(case, acting(0.5, brake=share))
@@ -248,16 +252,20 @@ def test_steering_from_the_threshold_on_counts_to_both_sides(straight, deg, kind
 
 
 def test_steering_is_compared_with_the_path_of_the_robot(tmp_path):
-    """On a bend the stack that steers along it does not intervene, one that does not steer does."""
+    """On a bend a stack that steers along it does not intervene, nor one that does not steer."""
     path = tmp_path / "bend.yaml"
     path.write_text(BEND)
-    case = case_of(path, robot_steering_deg=1.0)
-    bicycle = np.arctan(3.09 * curvature_of(path))
-    along = drive_one(case, acting(0.0, steering_rad=float(bicycle)))
+    case, bend_rad = case_of(path, robot_steering_deg=0.5), float(np.arctan(3.09 * 0.004))
+    along = drive_one(case, acting(0.0, steering_rad=bend_rad))
     assert along.scalars["intervention_kind"] is None
-    straight_on = drive_one(case, acting(0.5, steering_rad=0.0))
-    assert straight_on.scalars["intervention_kind"] == 2
-    assert straight_on.scalars["intervention_time_s"] == 0.5
+    assert np.abs(values(along, "accel_mps2")).max() < 0.3, "no jerk at the start on a slope"
+    turned = np.diff(values(along, "yaw_rad")) / (0.05 * 15.0)
+    assert turned[:-1] == pytest.approx(0.004, rel=0.03), "straight on once the storyboard is over"
+    for more_rad, kind in ((-bend_rad, None), (0.008, None), (0.01, 2), (-bend_rad - 0.009, 2)):
+        stack = acting(0.5, steering_rad=bend_rad + more_rad)
+        finished = drive_one(case, stack)
+        assert finished.scalars["intervention_kind"] == kind, more_rad
+    assert finished.scalars["intervention_time_s"] == 0.5
 
 
 def test_a_command_counts_where_it_comes_into_force(straight):
@@ -266,7 +274,7 @@ def test_a_command_counts_where_it_comes_into_force(straight):
     assert finished.scalars["intervention_time_s"] == pytest.approx(0.65)
     speed = values(finished, "speed_mps")
     first = int(np.flatnonzero(values(finished, "robot_drives") == 0.0)[0])
-    assert (speed[:first] == pytest.approx(15.0, abs=1e-6))
+    assert speed[:first] == pytest.approx(15.0, abs=1e-6)
     assert speed[first + 1] == pytest.approx(15.0, abs=0.1), "the throttle of before is taken back"
 
 
