@@ -68,7 +68,9 @@ def case_of(storyboard: object, *, latency_ms: int = 0, **scenario: object) -> C
             "campaign": "robot",
             "camera": {"width": 32, "height": 18, "hz": 10},
             "scenario": {
-                **{"type": "storyboard", "storyboard": str(storyboard), "driver": "robot"},
+                "type": "storyboard",
+                "storyboard": str(storyboard),
+                "driver": "robot",
                 **scenario,
             },
             "matrix": {"weather": ["clear"], "autonomy.latency_ms": [latency_ms]},
@@ -216,6 +218,15 @@ def test_until_it_brakes_the_same_and_physics_afterwards(straight):
     # The brake of the vehicle has its lag: no full deceleration at once.
     assert 0.0 < speed[first] - speed[first + 1] < 0.2
     assert braking.reasons[-1] == "the stack intervened by braking after 1.00 s, at 15.00 m/s"
+
+
+def test_who_never_acts_is_driven_into_what_stands_there(straight):
+    case = case_of(straight, numbers={"actors.van.speed_mps": 0.0, "actors.van.ahead_m": 20.0})
+    finished = drive_one(case, idle)
+    assert finished.verdict == "collision"
+    assert finished.scalars["impact_speed_mps"] == pytest.approx(15.0, abs=0.01)
+    assert "'van' (car)" in finished.reasons[0]
+    assert finished.reasons[-1] == "the stack did not intervene, the robot drove to the end"
 
 
 def test_the_robot_does_not_come_back(straight):
