@@ -23,13 +23,10 @@ from devkit.detector.commands import (
 )
 from devkit.replaying.command import replay
 from devkit.training.commands import evaluate, train
-from schemas.sections.foreign import Foreign
-from schemas.sections.stack_identity import StackSource
-from schemas.wire.expected import Expected
 from twin.base.cli import make_app, run
 from twin.base.errors import UsageError
 from twin.base.process import PARENT_VARIABLE, bind_to_parent, watch_lifeline
-from twin.base.worker_start import LATER
+from twin.fabric.endpoint import LATER
 from twin.sandbox.inside import limit_self
 from twin.sandbox.view import decode
 
@@ -118,6 +115,9 @@ def host(
         return
     from devkit.hosting.host import HostOptions, run_host
     from devkit.hosting.joining import run_join
+    from schemas.sections.foreign import Foreign
+    from schemas.sections.stack_identity import StackSource
+    from schemas.wire.expected import Expected
     from twin.fabric.keys.key_file import load_key
     from twin.fabric.keys.roles import Role
 

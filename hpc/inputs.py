@@ -35,7 +35,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import IO
 
-from schemas.identity import digest
+from schemas.digest import digest
 from schemas.sections.foreign import PASSWORD, holds_password
 from twin.base.cache import check_cache
 from twin.base.errors import InfrastructureError, UsageError, storage_error

@@ -11,6 +11,7 @@ import msgspec
 
 from schemas.campaign import Campaign
 from schemas.case import Case, RigSpec
+from schemas.digest import digest
 from schemas.kinds.perception import perception_kind
 from schemas.sections.perception import Perception, file_fields
 from schemas.sections.scenario import Scenario
@@ -19,15 +20,6 @@ from schemas.sections.stack_identity import StackIdentity, StackSource
 DIGESTS = 1
 """Version of what the digests of cases and campaigns are taken over. 0: the paths of files, and
 nothing of the stack; 1: their contents."""
-
-
-def digest(parts: Iterable[bytes]) -> str:
-    """SHA-256 over length-prefixed parts, hexadecimal."""
-    sha = hashlib.sha256()
-    for part in parts:
-        sha.update(struct.pack("<Q", len(part)))
-        sha.update(part)
-    return sha.hexdigest()
 
 
 def case_digest(case: Case) -> str:

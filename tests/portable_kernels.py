@@ -30,9 +30,12 @@ def _kernel_of_two(function: Any, dtype: Any) -> Any:
     return evaluate
 
 
+_LARGEST = 1.7976931348623157e308
 SPECIAL = np.array(
-    [0.0, -0.0, 1.0, -1.0, 0.5, -0.5, 2.0, -2.0, 3.0, -3.0, np.inf, -np.inf, np.nan]
-    + [5e-324, -5e-324, 2.0**-1022, 1.7976931348623157e308, -1.7976931348623157e308, 64.0, 65.0]
+    [
+        *(0.0, -0.0, 1.0, -1.0, 0.5, -0.5, 2.0, -2.0, 3.0, -3.0, np.inf, -np.inf, np.nan),
+        *(5e-324, -5e-324, 2.0**-1022, _LARGEST, -_LARGEST, 64.0, 65.0),
+    ]
 )
 """Values at which functions have rules of their own."""
 
@@ -128,6 +131,8 @@ TWO: dict[str, Callable[[np.random.Generator, int], tuple[Floats, Floats]]] = {
 """Functions of two arguments, and who draws their arguments."""
 
 NAMES = (*ONE, *TWO)
+COUNT = 1 << 20
+"""Results of each function that are compared between devices."""
 _KERNELS: dict[str, Any] = {}
 
 
@@ -151,15 +156,20 @@ def arguments(name: str, seed: int, count: int) -> tuple[Floats, ...]:
         return tuple(np.concatenate([rare, row])[:count].astype(kind) for rare, row in both)
 
 
-def evaluate(name: str, columns: tuple[Floats, ...], device: str) -> Floats:
-    """The portable function's values on a device."""
+def kernel_of(name: str) -> Any:
+    """The kernel that evaluates a function, made once."""
     if name not in _KERNELS:
         function = getattr(portable_math, f"portable_{name}")
         make = _kernel_of_one if name in ONE else _kernel_of_two
         _KERNELS[name] = make(function, _dtype(name))
+    return _KERNELS[name]
+
+
+def evaluate(name: str, columns: tuple[Floats, ...], device: str) -> Floats:
+    """The portable function's values on a device."""
     there = [wp.array(column, dtype=_dtype(name), device=device) for column in columns]
     out = wp.empty(len(columns[0]), dtype=_dtype(name), device=device)
-    wp.launch(_KERNELS[name], dim=len(columns[0]), inputs=[*there, out], device=device)
+    wp.launch(kernel_of(name), dim=len(columns[0]), inputs=[*there, out], device=device)
     values: Floats = out.numpy()
     return values
 
@@ -167,3 +177,15 @@ def evaluate(name: str, columns: tuple[Floats, ...], device: str) -> Floats:
 def rows(name: str, columns: tuple[Floats, ...], values: Floats) -> Iterator[tuple[Any, ...]]:
     """Arguments and value, row by row, as Python floats."""
     return zip(*(column.tolist() for column in columns), values.tolist(), strict=True)
+
+
+def differing(device: str, count: int = COUNT) -> dict[str, int]:
+    """Number of results, of ``count`` per function, whose bytes differ between CPU and device."""
+    counts = {}
+    for name in NAMES:
+        columns = arguments(name, 11, count)
+        here = evaluate(name, columns, "cpu")
+        there = evaluate(name, columns, device)
+        bits = np.int32 if here.dtype == np.float32 else np.int64
+        counts[name] = int(np.count_nonzero(here.view(bits) != there.view(bits)))
+    return counts

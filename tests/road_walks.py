@@ -21,7 +21,7 @@ from twin.road.walk.lanes import (
     lane_width,
 )
 from twin.road.walk.locating import road_locate
-from twin.road.walk.moves import move_at, move_on_lane, road_advance
+from twin.road.walk.moves import move_across, move_at, move_on_lane, road_advance
 from twin.road.walk.poses import pose_along, road_pose
 from twin.road.walk.road_arrays import RoadArrays, road_arrays
 from twin.road.walk.spots import road_curvature, road_length
@@ -115,6 +115,32 @@ def advance_kernel(
     rows[i, 7] = move.rest
     rows[i, 8] = wp.float64(move.route_at)
     rows[i, 9] = move.slope
+
+
+@wp.kernel
+def across_kernel(
+    roads: RoadArrays,
+    places: wp.array2d(dtype=wp.float64),
+    rows: wp.array2d(dtype=wp.float64),
+):
+    """From road, lane, s, sign to t."""
+    i = wp.tid()
+    move = move_on_lane(
+        roads,
+        wp.int32(places[i, 0]),
+        wp.int32(places[i, 1]),
+        places[i, 2],
+        wp.float64(0.0),
+        wp.int32(places[i, 3]),
+    )
+    move.route_at = 7
+    move = move_across(roads, move, places[i, 4])
+    rows[i, 0] = wp.float64(move.lane)
+    rows[i, 1] = move.offset
+    rows[i, 2] = move.t
+    rows[i, 3] = wp.float64(move.sign)
+    rows[i, 4] = wp.float64(move.route_at)
+    rows[i, 5] = move.s
 
 
 @wp.kernel
@@ -212,6 +238,10 @@ class Walks:
             advance_kernel, len(starts), [self.roads, ways, *arrays], [rows], device=self.device
         )
         return Moved(*rows.numpy().T)
+
+    def across(self, road: Any, lane: Any, s: Any, sign: Any, t: Any) -> np.ndarray:
+        """lane, offset, t, sign, route_at, s [N, 6]."""
+        return self._run(across_kernel, 6, _rows(road, lane, s, sign, t))
 
     def locate(self, x: Any, y: Any, z: Any, near_road: Any = -1, near_s: Any = 0.0) -> np.ndarray:
         """road, lane, s, t, h, past [N, 6]."""

@@ -13,7 +13,6 @@ import typer
 
 from twin.base.cli import Output, OutputOption, make_app, run
 from twin.base.errors import UsageError
-from twin.base.worker_start import LATER
 from twin.bench.command import app as bench_app
 from twin.dataset.command_options import (
     BatchOption,
@@ -35,7 +34,7 @@ from twin.dataset.command_options import (
     VehicleOption,
 )
 from twin.fabric.connection_options import InsecureOption, KeyOption, NamespaceOption
-from twin.fabric.endpoint import LOOPBACK, NAMESPACE
+from twin.fabric.endpoint import LATER, LOOPBACK, NAMESPACE
 from twin.play.command import play
 from twin.validate.command import app as validate_app
 from twin.worker.command_options import (

@@ -7,7 +7,6 @@ from typing import Annotated, Literal
 
 import typer
 
-from conductor.commands.client import client_of
 from schemas.words import counted
 from twin.base.option_record import with_options
 from twin.fabric.connection_options import ConductorOptions
@@ -41,6 +40,8 @@ def explain(
     conductor: ConductorOptions = ConductorOptions(),
 ) -> None:
     """Say why a case waits, runs or ended."""
+    from conductor.commands.client import client_of
+
     with client_of(conductor, Role.viewer) as client:
         for line in client.explain(campaign, case):
             print(line)
@@ -51,6 +52,8 @@ def drain(
     conductor: ConductorOptions = ConductorOptions(),
 ) -> None:
     """Let a worker give its cases back and leave."""
+    from conductor.commands.client import client_of
+
     with client_of(conductor) as client:
         client.control("drain", worker=worker)
     print(f"{worker}: draining")
@@ -64,6 +67,8 @@ def _command(action: Action) -> Callable[..., None]:
         case: CaseName = "",
         conductor: ConductorOptions = ConductorOptions(),
     ) -> None:
+        from conductor.commands.client import client_of
+
         with client_of(conductor) as client:
             changed = client.control(action, campaign=campaign, case=case)
         print(f"{action} {campaign}{f' {case}' if case else ''}: {counted(changed, 'case')}")

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from schemas.wire.view import ViewMode
+from schemas.sections.view_mode import ViewMode
 from twin.base.cli import duration
 
 Source = Annotated[str, typer.Argument(help="Shipped campaign or path of a campaign file.")]

@@ -48,10 +48,10 @@ from schemas import SCHEMA_VERSION
 from schemas.campaign import Campaign
 from schemas.plan import Plan
 from schemas.sections.autonomy import UNPROTECTED, open_by_nature
+from schemas.sections.view_mode import ViewMode
 from schemas.verdict import no_collision
 from schemas.wire.control import Stop, Submit
 from schemas.wire.status import CampaignStatus
-from schemas.wire.view import ViewMode
 from schemas.words import counted
 from twin.base.cli import heed_signals
 from twin.base.errors import (

@@ -22,7 +22,8 @@ from conductor.run.places import WorkerPlace
 from twin.base.gpu.first_use import PLACE_VARIABLE
 from twin.base.gpu.slot_count import MemoryCount
 from twin.base.process import end, how_it_ended, last_lines, spawn
-from twin.base.worker_start import LATER, WorkerStart
+from twin.base.worker_start import WorkerStart
+from twin.fabric.endpoint import LATER
 
 STOP_S = 12.0
 """How long workers may take to give their leases back and finish recordings [s]."""

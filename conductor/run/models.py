@@ -16,8 +16,8 @@ from pathlib import Path
 import msgspec
 
 from conductor.run.known_good import remember, remembered
+from schemas.digest import digest
 from schemas.files.assets import file_digest
-from schemas.identity import digest
 from schemas.kinds.perception import perception_kind, perception_kinds
 from schemas.plan import Plan
 from schemas.sections.perception import Perception, file_fields, what_is_loaded

@@ -23,10 +23,10 @@ import msgspec
 from conductor.run.known_good import remember, remembered
 from schemas.campaign import Campaign
 from schemas.case import Case
+from schemas.digest import digest
 from schemas.escape import escape
 from schemas.files.assets import asset_digest, file_digest, is_path
 from schemas.files.yaml_file import YamlError
-from schemas.identity import digest
 from schemas.kinds.plugins import ForeignKind
 from schemas.plan import Plan
 from schemas.validation import Mistake

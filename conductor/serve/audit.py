@@ -24,7 +24,8 @@ import msgspec
 from schemas.escape import escape
 from schemas.wire.control import Control, Request, Stop, Submit
 from schemas.words import counted
-from twin.fabric.keys.roles import Act, Role, may
+from twin.fabric.keys.rights import Act, may
+from twin.fabric.keys.roles import Role
 from twin.fabric.refusals import Refusals
 
 if TYPE_CHECKING:

@@ -14,10 +14,10 @@ import numpy as np
 from msgspec import Struct
 
 from devkit.detector.evaluate import Truth
+from schemas.digest import digest
 from schemas.files.json_text import JsonError, decode_json
 from schemas.files.regular_file import RUN_FILE_BYTES_MAX, read_regular
 from schemas.files.yaml_file import load_yaml
-from schemas.identity import digest
 from schemas.messages import OBJECT_CLASSES
 from schemas.validation import suggest
 from twin.base.errors import UsageError

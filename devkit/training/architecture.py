@@ -14,7 +14,7 @@ from devkit.darknet.variant import architecture, vary
 from devkit.detector.labelled_images import LabelledImages
 from devkit.training.anchors import fit_anchors
 from devkit.training.parameters import TrainingParameters
-from schemas.identity import digest
+from schemas.digest import digest
 
 
 def model_name(model: str) -> str:

@@ -12,7 +12,7 @@ from typing import Literal
 
 from msgspec import Struct
 
-from schemas.identity import digest
+from schemas.digest import digest
 from schemas.sections.scenario import Scenario
 
 RECORD_FILE = "judge.json"

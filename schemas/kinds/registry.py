@@ -9,12 +9,14 @@ running package imports.
 from __future__ import annotations
 
 import importlib
-import importlib.metadata
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Generic, NamedTuple, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, NamedTuple, Protocol, TypeVar
 
 from schemas.escape import escape
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
 
 OUR_DISTRIBUTION = "drivetwin"
 
@@ -158,21 +160,25 @@ def _attribute(reference: str) -> Any:
 
 def _groups() -> list[str]:
     """The groups of entry points that bring kinds."""
-    points = importlib.metadata.entry_points()
+    from importlib.metadata import entry_points  # takes 10 ms, and some commands need no kinds
+
+    points = entry_points()
     return [name for name in points.groups if name.startswith(f"{OUR_DISTRIBUTION}.")]
 
 
-def _foreign(group: str) -> Iterable[importlib.metadata.EntryPoint]:
+def _foreign(group: str) -> Iterable[EntryPoint]:
     """Entry points of other distributions."""
-    points = importlib.metadata.entry_points(group=group)
+    from importlib.metadata import entry_points
+
+    points = entry_points(group=group)
     return [p for p in points if p.dist is None or p.dist.name != OUR_DISTRIBUTION]
 
 
-def _distribution(point: importlib.metadata.EntryPoint) -> str:
+def _distribution(point: EntryPoint) -> str:
     return " ".join(_plugin(point)).rstrip()
 
 
-def _plugin(point: importlib.metadata.EntryPoint) -> Plugin:
+def _plugin(point: EntryPoint) -> Plugin:
     if point.dist is None:
         return Plugin("unknown distribution", "")
     return Plugin(point.dist.name, point.dist.version)

@@ -18,6 +18,9 @@ TICKS_MAX = 10**12
 ENTRIES_MAX = 100_000
 """Most results, ended leases or tokens in one request: the cases of the largest campaign."""
 
+STEPS_MAX = 100_000
+"""Most control ticks that one request lets a case go on for."""
+
 SEALED_MAX = 64
 """Most sealed results in one request: each seal takes 0.1 ms to check."""
 

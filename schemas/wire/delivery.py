@@ -11,7 +11,7 @@ from typing import Annotated, Literal, get_args
 from msgspec import Meta, Struct, field
 
 from schemas.campaign import Name
-from schemas.identity import digest
+from schemas.digest import digest
 from schemas.wire.bounds import COUNT_MAX, Session
 
 FILES_BYTES_MAX = 64 << 20

@@ -15,13 +15,12 @@ from msgspec import Meta, Struct
 from schemas.case import Case
 from schemas.messages import Lights, SensorErrors
 from schemas.sections.environment import Conditions
+from schemas.wire.bounds import STEPS_MAX
 
 Metres = Annotated[float, Meta(ge=-1e5, le=1e5)]
 Radians = Annotated[float, Meta(ge=-1e3, le=1e3)]
 Share = Annotated[float, Meta(ge=0, le=1)]
 
-STEPS_MAX = 100_000
-"""Most ticks of one :class:`Step`."""
 OBJECTS_SHOWN_MAX = 256
 """Objects that a :class:`InterventionState` lists, at most."""
 

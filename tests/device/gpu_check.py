@@ -1,10 +1,11 @@
 """Checks and measures everything on one device in one call; needs no test runner.
 
-    python tests/device/gpu_check.py --device cuda:0 --out FOLDER
+    PYTHONPATH=tests python tests/device/gpu_check.py --device cuda:0 --out FOLDER
 
 Runs chaos-16 with 1, 4 and 16 slots and aeb-demo with 1 and 8, compares the fingerprints, measures
-frames per second of the engine and vehicle substeps per second, and writes
-``FOLDER/gpu_check.json``. Exit code 1: fingerprints or the bytes of vehicles differ.
+frames per second of the engine and vehicle substeps per second, counts results of portable
+functions that differ from the CPU's, and writes ``FOLDER/gpu_check.json``. Exit code 1:
+fingerprints, the bytes of vehicles or those of portable functions differ.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from pathlib import Path
 
 import msgspec
 from case_changes import changed
+from portable_kernels import differing
 
 from conductor.run.source import load
 from schemas.messages import Command
@@ -150,6 +152,7 @@ def main() -> None:
         "fingerprints_equal": equal,
         "sensor_bytes_equal": (sensors := sensor_bytes_equal(options.device)),
         "vehicles": (cars := vehicles(options.device)),
+        "portable_functions_differing": (portable := differing(options.device)),
         "frames_per_s_320x180": frames_per_s(options.device, options.slots, 320, 180, 30),
         "frames_per_s_640x360": frames_per_s(options.device, options.slots, 640, 360, 30),
         "runs": runs,
@@ -157,7 +160,8 @@ def main() -> None:
     text = json.dumps(found, indent=1)
     (options.out / "gpu_check.json").write_text(text)
     print(text)
-    sys.exit(0 if equal and sensors and cars["bytes_equal"] else 1)
+    same = equal and sensors and cars["bytes_equal"] and not any(portable.values())
+    sys.exit(0 if same else 1)
 
 
 if __name__ == "__main__":

@@ -20,7 +20,8 @@ from twin.base.software import software_digest
 from twin.fabric.discovery import find_conductor
 from twin.fabric.keys.authority import load_authority
 from twin.fabric.keys.key_file import load_key
-from twin.fabric.keys.roles import Act, Role, may
+from twin.fabric.keys.rights import Act, may
+from twin.fabric.keys.roles import Role
 from twin.fabric.zenoh_bus import open_bus
 
 CASES = 4

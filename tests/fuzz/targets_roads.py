@@ -1,4 +1,4 @@
-"""Road files, as far as the tables of kernels."""
+"""Road files, as far as the tables of kernels and the triangles of cameras."""
 
 from __future__ import annotations
 
@@ -8,14 +8,16 @@ from twin.road.opendrive.check_network import network_mistakes
 from twin.road.opendrive.gaps import find_gaps
 from twin.road.opendrive.reading.reader import read_network
 from twin.road.opendrive.road_map import RoadMap
+from twin.road.surface.surface import road_surface
 from twin.road.tables.road_tables import road_tables
 
 
 def _road(data: bytes) -> object:
     network = read_network(data, "r.xodr")
     assert network_mistakes(network) == [], "a reader apart would be taken for a liar"
-    find_gaps(network, RoadMap(network).frames)
-    return road_tables(network)
+    roads = RoadMap(network)
+    find_gaps(network, roads.frames)
+    return road_tables(network), road_surface(roads)
 
 
-TARGETS = {"opendrive": Target(_road, (ValueError,), cost=20)}
+TARGETS = {"opendrive": Target(_road, (ValueError,), cost=100)}

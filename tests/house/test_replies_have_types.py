@@ -22,7 +22,7 @@ FREE = {
     "twin/base/gpu/cuda.py:__cuda_array_interface__": "a protocol of CUDA libraries",
     "schemas/sections/perception.py:what_is_loaded": "a variant's keys are its author's",
     "twin/fabric/zenoh_bus.py:_tls": "the configuration of Zenoh",
-    "twin/fabric/keys/roles.py:access_control": "the configuration of Zenoh",
+    "twin/fabric/keys/rights.py:access_control": "the configuration of Zenoh",
     "hpc/doctor.py:as_json": "printed for scripts, with the facts of a machine",
 }
 """Functions that return what has no type of ours, and why."""

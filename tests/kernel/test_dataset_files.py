@@ -58,6 +58,7 @@ def test_the_same_bytes_whatever_the_batch(made, tmp_path, slots):
     assert len(digests(made)) == RECIPE.count + len(SPLITS) + 1
 
 
+@pytest.mark.slow
 def test_the_same_bytes_after_interruptions(made, tmp_path):
     folder = tmp_path / "d"
     for stop in (2, 9):
@@ -219,6 +220,7 @@ def _strangers():
     STRANGERS.update(children())
 
 
+@pytest.mark.slow
 def test_the_same_bytes_by_several_processes(made, tmp_path):
     seen = []
     make_dataset(
@@ -229,6 +231,7 @@ def test_the_same_bytes_by_several_processes(made, tmp_path):
     assert not children()
 
 
+@pytest.mark.slow
 def test_interrupts_and_dead_processes_leave_nothing_and_it_goes_on(made, tmp_path):
     folder = tmp_path / "d"
 

@@ -165,6 +165,15 @@ def test_a_move_stops_after_its_bound_of_crossings():
     assert walks.advance(0, -1, 0.5, 0.0, 1, 20.0).at_end == 0
 
 
+def test_a_change_of_lanes_step_by_step(line):
+    """From the middle of lane -2 to that of lane 1, and off the road."""
+    rows = line.across(0, -2, 10.0, -1, np.array([-5.25, -3.6, -3.4, -1.75, 0.1, 1.75, 9.0]))
+    assert rows[:, 0].tolist() == [-2, -2, -1, -1, 1, 1, 0]
+    np.testing.assert_allclose(rows[:, 1], [0.0, 1.65, -1.65, 0.0, -1.65, 0.0, 9.0], atol=1e-12)
+    np.testing.assert_allclose(rows[:, 2], [-5.25, -3.6, -3.4, -1.75, 0.1, 1.75, 9.0], atol=1e-12)
+    assert np.all(rows[:, 3:] == [-1.0, 7.0, 10.0])
+
+
 def test_pieces_in_order():
     walks = Walks(road_tables(composed()))
     moved = walks.advance(0, ANY_LANE, 0.0, 0.0, 1, np.linspace(0.0, 120.0, 7))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.metadata
 import os
 import signal
 import sys
@@ -99,6 +98,8 @@ class Terminated(BaseException):
 
 def _version(value: bool) -> None:
     if value:
+        import importlib.metadata  # takes 10 ms
+
         print(f"drivetwin {importlib.metadata.version('drivetwin')}")
         raise typer.Exit
 

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import functools
 import hashlib
-import importlib.metadata
 import importlib.util
 import re
 from pathlib import Path
 
-from schemas.identity import digest
+from schemas.digest import digest
 from twin.base.errors import UsageError
 from twin.base.gpu.nvml import gpu_handle, library
 
@@ -42,6 +41,8 @@ def software_digest() -> str:
 
 def _version(library: str) -> str:
     """Empty if it is not installed."""
+    import importlib.metadata  # takes 10 ms, and every command loads this module
+
     try:
         return importlib.metadata.version(library)
     except importlib.metadata.PackageNotFoundError:

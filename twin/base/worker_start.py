@@ -7,9 +7,6 @@ from msgspec import Struct
 
 from schemas.wire.control import Share
 
-LATER = "-"
-"""Value of ``--connect`` for a worker or a stack's host that will be told later."""
-
 
 class WorkerStart(Struct, frozen=True):
     """Message that such a worker is sent, on one line of JSON."""

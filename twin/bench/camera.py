@@ -247,6 +247,10 @@ class CameraBench:
             total[name] = round(total.get(name, 0.0) + result.elapsed, 3)
         return total
 
+    def second_pixels(self) -> int:
+        """Pixels of the last pictures that were listed for second rays."""
+        return self.camera.second_pixels()
+
     def render(self) -> np.ndarray:
         """Render all views; the images uint8 [S, H, W, 3]."""
         return self.camera.render(self._poses)

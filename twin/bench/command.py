@@ -9,8 +9,6 @@ from typing import Annotated, Any
 
 import typer
 
-from schemas.campaign import Camera
-from schemas.validation import convert_all
 from twin.base.cli import Output, OutputOption
 from twin.base.errors import UsageError
 
@@ -106,6 +104,8 @@ def camera(
 
     import warp as wp
 
+    from schemas.sections.camera import Camera
+    from schemas.validation import convert_all
     from twin.bench import camera as bench
 
     if device not in {str(d) for d in wp.get_devices()}:

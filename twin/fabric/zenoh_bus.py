@@ -19,7 +19,8 @@ from twin.fabric.discovery import Target
 from twin.fabric.endpoint import SOCKET, check_protected, is_socket, is_tls
 from twin.fabric.handshake import greet
 from twin.fabric.keys.key_file import MemberKey, WrongRoleError
-from twin.fabric.keys.roles import Act, Role, access_control, may, refusal
+from twin.fabric.keys.rights import Act, access_control, may, refusal
+from twin.fabric.keys.roles import Role
 
 Mode = Literal["router", "client", "peer"]
 

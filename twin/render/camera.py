@@ -260,6 +260,10 @@ class RayCamera:
         wp.launch(kernel, self.shape[0], [self._optics, pose], [self._poses], device=self._device)
         self._before.begin(self.lights.host["active"] != 0)
 
+    def second_pixels(self) -> int:
+        """Pixels of the last slots that were listed for second rays in the last picture."""
+        return int(self._seen.listed_count.numpy()[0])
+
     def rays_per_frame(self) -> float:
         """Rays to what is seen and to the sun in the last picture, the mean of the last slots."""
         slots, height, width, _ = self.shape

@@ -44,8 +44,8 @@ STRIDE = 1 << 17
 
 
 @cache
-def second_light_of(features: Features) -> Any:
-    """The function of what a place mirrors and lets through, for worlds with such ``features``."""
+def _light_functions(features: Features) -> tuple[Any, Any]:
+    """``surface_of`` and ``far_light`` for worlds with such ``features``."""
     looks = features.looks
     trace, occluded = rays_of(features)
     surface_of, matt_light = surface_functions(features)
@@ -96,75 +96,18 @@ def second_light_of(features: Features) -> Any:
         color = matt_light(scene, slot, lamps, beams, optics, pose, at, s, light)
         return through_air(color, light.air_rgb, light.extinction, hit.t)
 
-    @wp.func
-    def second_light(
-        scene: RayScene,
-        slot: wp.int32,
-        lamps: StreetLamps,
-        beams: wp.array2d(dtype=LampBeams),
-        optics: Optics,
-        pose: SlotPose,
-        at: ShadedPoint,
-        direction: wp.vec3,
-        light: SlotLight,
-        table: wp.array3d(dtype=wp.vec3),
-    ) -> wp.vec3:
-        """What a place mirrors and lets through [cd/m^2]; Fresnel after Schlick (1994)."""
-        color = wp.vec3(0.0, 0.0, 0.0)
-        s = surface_of(scene, slot, optics, at, direction, light)
-        if s.mirror <= 0.0:
-            return color
-        n = at.n
-        if n[2] > 0.9 and light.wetness > 0.0:  # water is never quite level
-            x = value_noise(at.p[0] * 5.0, at.p[1] * 5.0, 21) - 0.5
-            y = value_noise(at.p[0] * 5.0, at.p[1] * 5.0, 22) - 0.5
-            n = wp.normalize(n + wp.vec3(x, y, 0.0) * _RIPPLE)
-        if wp.static(looks):
-            n = bent_normal(n, s)
-        cosine = wp.clamp(-wp.dot(n, direction), 0.0, 1.0)
-        fresnel = fresnel_of(s.mirror, cosine)
-        # One loop over both rays, so that the code of a ray stands there once.
-        rays = wp.int32(1)
-        if s.clear > 0.0:
-            rays = 2
-        ahead = direction + n * (2.0 * cosine)
-        if wp.static(looks):
-            ahead = bounced(direction, n, at.n)
-        start = at.p + at.n * 0.02
-        weight = fresnel
-        glass = wp.bool(False)
-        for i in range(rays):
-            if i == 1:
-                ahead = direction
-                start = at.p - at.n * 0.004
-                weight = s.clear * (1.0 - fresnel)
-                glass = True
-            far = weight * far_light(
-                scene,
-                slot,
-                lamps,
-                beams,
-                optics,
-                pose,
-                start,
-                ahead,
-                at.distance,
-                glass,
-                light,
-                table,
-            )
-            if wp.static(looks):
-                far = wp.cw_mul(far, wp.where(glass, wp.vec3(1.0, 1.0, 1.0), s.tint))
-            color += far
-        return color
-
-    return second_light
+    return surface_of, far_light
 
 
 @cache
 def mirror_kernel(build: KernelOptions, features: Features = NONE) -> wp.Kernel:
-    """The kernel, compiled as ``build`` says for worlds with such ``features``."""
-    second_light = second_light_of(features)
+    """The kernel, compiled as ``build`` says for worlds with such ``features``.
+
+    What it does to a pixel stands in the kernel itself: a function of this size is not inlined, and
+    a call copies the whole scene's handle.
+    """
+    looks = features.looks
+    surface_of, far_light = _light_functions(features)
 
     @wp.kernel(**build.arguments())
     def second_kernel(
@@ -196,9 +139,51 @@ def mirror_kernel(build: KernelOptions, features: Features = NONE) -> wp.Kernel:
             ray = rays[pixel.row, pixel.column]
             direction = pose.right * ray[0] + pose.down * ray[1] + pose.ahead * ray[2]
             at = place_of(scene, slot, seen, thread, pose.eye, direction)
-            color = second_light(
-                scene, slot, lamps, beams, optics, pose, at, direction, light, sky_table
-            )
+            color = wp.vec3(0.0, 0.0, 0.0)
+            s = surface_of(scene, slot, optics, at, direction, light)
+            if s.mirror > 0.0:
+                n = at.n
+                if n[2] > 0.9 and light.wetness > 0.0:  # water is never quite level
+                    x = value_noise(at.p[0] * 5.0, at.p[1] * 5.0, 21) - 0.5
+                    y = value_noise(at.p[0] * 5.0, at.p[1] * 5.0, 22) - 0.5
+                    n = wp.normalize(n + wp.vec3(x, y, 0.0) * _RIPPLE)
+                if wp.static(looks):
+                    n = bent_normal(n, s)
+                cosine = wp.clamp(-wp.dot(n, direction), 0.0, 1.0)
+                fresnel = fresnel_of(s.mirror, cosine)  # Schlick (1994)
+                # One loop over both rays, so that the code of a ray stands there once.
+                count = wp.int32(1)
+                if s.clear > 0.0:
+                    count = 2
+                ahead = direction + n * (2.0 * cosine)
+                if wp.static(looks):
+                    ahead = bounced(direction, n, at.n)
+                start = at.p + at.n * 0.02
+                weight = fresnel
+                glass = wp.bool(False)
+                for i in range(count):
+                    if i == 1:
+                        ahead = direction
+                        start = at.p - at.n * 0.004
+                        weight = s.clear * (1.0 - fresnel)
+                        glass = True
+                    far = weight * far_light(
+                        scene,
+                        slot,
+                        lamps,
+                        beams,
+                        optics,
+                        pose,
+                        start,
+                        ahead,
+                        at.distance,
+                        glass,
+                        light,
+                        sky_table,
+                    )
+                    if wp.static(looks):
+                        far = wp.cw_mul(far, wp.where(glass, wp.vec3(1.0, 1.0, 1.0), s.tint))
+                    color += far
             for k in range(3):
                 seen.second[thread, k] = wp.float16(wp.min(color[k], _HALF_MAX))
             seen.flags[thread] = seen.flags[thread] | MIRRORED

@@ -159,9 +159,13 @@ def _into(c: wp.float32, mode: wp.int32) -> wp.float32:
 
 @wp.func
 def _neighbour(i: wp.int32, size: wp.int32, mode: wp.int32) -> wp.int32:
-    if mode == _REPEAT:
-        return (i + size) % size
-    return wp.clamp(i, 0, size - 1)
+    """Texel ``i``, from -1 to ``size``, as the image goes on; division would take most of the time
+    of an image."""
+    if i < 0:
+        return wp.where(mode == _REPEAT, size - 1, 0)
+    if i < size:
+        return i
+    return wp.where(mode == _REPEAT, 0, size - 1)
 
 
 @wp.func

@@ -11,7 +11,8 @@ from pathlib import Path
 
 from msgspec import structs
 
-from schemas.identity import digest, stack_name
+from schemas.digest import digest
+from schemas.identity import stack_name
 from schemas.wire.control import Lease, Result
 from twin.base.errors import storage_error
 from twin.base.files import write_atomic

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from schemas.identity import digest
+from schemas.digest import digest
 from schemas.sections.foreign import ContainerImage, Foreign
 from schemas.sections.stack_identity import IMAGE, StackIdentity, StackSource, difference
 from twin.base.errors import RefusedError, UsageError

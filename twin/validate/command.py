@@ -7,10 +7,8 @@ import sys
 from pathlib import Path
 from typing import Annotated
 
-import msgspec
 import typer
 
-from schemas.campaign import Campaign
 from twin.base.cli import Output, OutputOption
 from twin.base.errors import EXIT_PASS, EXIT_USAGE, UsageError
 
@@ -149,6 +147,9 @@ def campaign() -> None:
     ...], "notes": [...]}. The exit code is 0 either way; `conductor` asks this before it leases a
     case.
     """
+    import msgspec
+
+    from schemas.campaign import Campaign
     from twin.validate.campaign_check import check_campaign
 
     try:

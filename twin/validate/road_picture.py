@@ -10,9 +10,10 @@ import numpy as np
 
 from schemas.escape import escape
 from schemas.words import counted
-from twin.road.opendrive.records import DRIVEN_TYPES, Lane, RoadMark
+from twin.road.opendrive.records import DRIVEN_TYPES, Lane
 from twin.road.opendrive.road_frame import RoadFrame, traffic_sign
 from twin.road.opendrive.road_map import RoadMap
+from twin.road.surface.mark_lines import line_strokes, painted_marks
 
 FILE_NAME = "roads.png"
 _WIDTH_IN = 15.0
@@ -48,8 +49,6 @@ _MARK_COLORS = {
     "orange": "#e88a2a",
     "violet": "#8a5bc0",
 }
-_DASH_M = (3.0, 6.0)
-"""Stroke and gap of a broken mark whose lines are not given."""
 
 
 def write_picture(folder: Path, roads: RoadMap) -> Path:
@@ -170,8 +169,7 @@ def _draw(
             for lane in section.section.lanes:
                 _lane(axes, frame, number, lane, inside)
             if marks:
-                for lane in (section.section.center, *section.section.lanes):
-                    _marks(axes, frame, number, lane, inside)
+                _marks(axes, frame, number, inside)
         _direction(axes, frame, s, box)
     if marks:
         _furniture(axes, roads, box)
@@ -200,74 +198,23 @@ def _color(lane_type: str) -> str:
     return _DRIVEN if lane_type in DRIVEN_TYPES else _COLORS.get(lane_type, "#c0a8a8")
 
 
-def _marks(axes: Any, frame: RoadFrame, number: int, lane: Lane, s: np.ndarray) -> None:
+def _marks(axes: Any, frame: RoadFrame, number: int, s: np.ndarray) -> None:
     section = frame.sections[number]
-    start, end = section.section.start_m, section.section.end_m
-    for index, mark in enumerate(lane.marks):
-        if mark.type == "none":
-            continue
-        begin = start + mark.start_m
-        stop = start + lane.marks[index + 1].start_m if index + 1 < len(lane.marks) else end
-        low, high = max(begin, float(s[0])), min(stop, end, float(s[-1]))
-        if low < high:
-            for aside, stroke, gap, width in _strokes(mark):
-                _line(
-                    axes, frame, number, lane, mark, (begin, low, high), aside, stroke, gap, width
-                )
-
-
-def _strokes(mark: RoadMark) -> list[tuple[float, float, float, float]]:
-    """Lines of a mark: to the left of the border, stroke, gap and width; stroke 0: solid."""
-    if mark.lines:
-        return [
-            (
-                line.t_offset_m,
-                line.length_m if line.space_m > 0 else 0.0,
-                line.space_m,
-                line.width_m,
-            )
-            for line in mark.lines
-        ]
-    words = mark.type.split()
-    offsets = [mark.width_m, -mark.width_m] if len(words) > 1 else [0.0]
-    return [
-        (offset, *(_DASH_M if word == "broken" else (0.0, 0.0)), mark.width_m)
-        for offset, word in zip(offsets, words, strict=False)
-    ]
-
-
-def _line(
-    axes: Any,
-    frame: RoadFrame,
-    number: int,
-    lane: Lane,
-    mark: RoadMark,
-    reach: tuple[float, float, float],
-    aside: float,
-    stroke: float,
-    gap: float,
-    width: float,
-) -> None:
-    begin, low, high = reach
-    section = frame.sections[number]
-    spans = [(low, high)]
-    if stroke > 0.0:
-        period = stroke + gap
-        first = int((low - begin) // period)
-        count = min(int((high - low) / period) + 2, _STEPS_MAX)
-        starts = begin + period * np.arange(first, first + count)
-        spans = [(max(a, low), min(a + stroke, high)) for a in starts if a < high]
-    color = _MARK_COLORS.get(mark.color, "#ffffff")
-    for one, other in spans:
-        if other <= one:
-            continue
-        s = np.linspace(one, other, min(max(2, int((other - one) / 2.0) + 1), _STEPS_MAX))
-        t = section.outer(lane.id, s)[0] + aside
-        left = frame.pose(s, t + 0.5 * width)
-        right = frame.pose(s, t - 0.5 * width)
-        x = np.concatenate([left.x_m, right.x_m[::-1]])
-        y = np.concatenate([left.y_m, right.y_m[::-1]])
-        axes.fill(x, y, facecolor=color, edgecolor=color, linewidth=0.4, zorder=4)
+    for mark in painted_marks(section.section):
+        for line in mark.lines:
+            color = _MARK_COLORS.get(line.color, "#ffffff")
+            for one, other in line_strokes(line, mark.begin_m, mark.end_m).tolist():
+                if other <= s[0] or one >= s[-1]:
+                    continue
+                low, high = max(one, float(s[0])), min(other, float(s[-1]))
+                cuts = min(max(2, int((high - low) / 2.0) + 1), _STEPS_MAX)
+                at = np.linspace(low, high, cuts)
+                t = section.outer(mark.lane, at)[0] + line.aside_m
+                left = frame.pose(at, t + 0.5 * line.width_m)
+                right = frame.pose(at, t - 0.5 * line.width_m)
+                x = np.concatenate([left.x_m, right.x_m[::-1]])
+                y = np.concatenate([left.y_m, right.y_m[::-1]])
+                axes.fill(x, y, facecolor=color, edgecolor=color, linewidth=0.4, zorder=4)
 
 
 def _direction(

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from schemas.sections.view_mode import ViewMode
 from schemas.wire import topics
-from schemas.wire.view import ViewMode
 from twin.fabric.bus import Bus
 from twin.view.items import SlotRun
 

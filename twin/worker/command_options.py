@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from schemas.wire.view import ViewMode
+from schemas.sections.view_mode import ViewMode
 from twin.base.cli import SECONDS_MAX, duration
 from twin.base.errors import UsageError
 

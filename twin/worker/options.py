@@ -8,8 +8,8 @@ from pathlib import Path
 import msgspec
 
 from schemas.case import Case
+from schemas.sections.view_mode import ViewMode
 from schemas.wire.control import Share
-from schemas.wire.view import ViewMode
 from twin.base.gpu.slot_count import MemoryCount
 from twin.fabric.endpoint import LOOPBACK
 from twin.fabric.keys.key_file import MemberKey

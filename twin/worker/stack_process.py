@@ -19,7 +19,7 @@ from msgspec import json
 from schemas.case import Case
 from twin.base.gpu.compiled_kernels import compiled_folder
 from twin.base.process import spawn
-from twin.base.worker_start import LATER
+from twin.fabric.endpoint import LATER
 from twin.sandbox.reads import python_reads
 from twin.sandbox.start import Entering, spawn_inside
 from twin.sandbox.view import SandboxView, encode

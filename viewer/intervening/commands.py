@@ -6,22 +6,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from schemas.settings import actions_of, parse_words
-from schemas.wire.interventions import (
-    STEPS_MAX,
-    Action,
-    GiveBack,
-    Pause,
-    Query,
-    Resume,
-    Step,
-)
+from schemas.wire.bounds import STEPS_MAX
 from twin.base.cli import Output, OutputOption
 from twin.base.errors import UsageError
 from twin.base.option_record import with_options
 from viewer.live.place import FarPlace
 
 if TYPE_CHECKING:
+    from schemas.wire.interventions import Action
     from viewer.intervening.command import InterventionOptions
 
 Case = Annotated[str, typer.Argument(help="Case id, as the wall shows it.")]
@@ -38,8 +30,8 @@ Campaign = Annotated[str, typer.Option(help="If several campaigns have a case of
 def register(app: typer.Typer) -> None:
     """Add the commands to the viewer's."""
     app.command("set")(with_options(set_))
-    for name, (action, text) in _PLAIN.items():
-        app.command(name, help=text)(with_options(_plain(action)))
+    for name, text in _PLAIN.items():
+        app.command(name, help=text)(with_options(_plain(name)))
     app.command()(with_options(step))
     app.command()(with_options(takeover))
 
@@ -55,6 +47,8 @@ def set_(
 
     All but the pace cost the attempt its verdict; the case then runs once more, unchanged.
     """
+    from schemas.settings import actions_of, parse_words
+
     try:
         actions = actions_of(parse_words(settings))
     except ValueError as error:
@@ -70,8 +64,9 @@ def step(
     output: OutputOption = Output.human,
 ) -> None:
     """Let a case go on for some ticks and then stand still; its values stay the same."""
-    options = _options(case, place, campaign, output)
-    _intervene([Step(ticks)], options)
+    from schemas.wire.interventions import Step
+
+    _intervene([Step(ticks)], _options(case, place, campaign, output))
 
 
 def takeover(
@@ -89,26 +84,25 @@ def takeover(
     raise typer.Exit(take_over(options))
 
 
-_PLAIN: dict[str, tuple[Action, str]] = {
-    "pause": (
-        Pause(),
-        "Let a running case stand still; others go on, and its values stay the same.",
-    ),
-    "resume": (Resume(), "Let a case that stands still go on."),
-    "release": (GiveBack(), "Give a car that was taken over back to its stack."),
-    "look": (Query(), "Say how a running case stands, with its movable objects."),
+_PLAIN = {
+    "pause": "Let a running case stand still; others go on, and its values stay the same.",
+    "resume": "Let a case that stands still go on.",
+    "release": "Give a car that was taken over back to its stack.",
+    "look": "Say how a running case stands, with its movable objects.",
 }
 
 
-def _plain(action: Action):  # type: ignore[no-untyped-def]
+def _plain(name: str):  # type: ignore[no-untyped-def]
     def command(
         case: Case,
         place: FarPlace = FarPlace(),
         campaign: Campaign = "",
         output: OutputOption = Output.human,
     ) -> None:
-        options = _options(case, place, campaign, output)
-        _intervene([action], options)
+        from schemas.wire.interventions import GiveBack, Pause, Query, Resume
+
+        actions = {"pause": Pause, "resume": Resume, "release": GiveBack, "look": Query}
+        _intervene([actions[name]()], _options(case, place, campaign, output))
 
     return command
 

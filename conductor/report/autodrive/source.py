@@ -9,9 +9,9 @@ from pathlib import Path
 
 from conductor.report.autodrive.layout import Instance, StudyConfig, read_config
 from conductor.report.autodrive.logs import Log, read_log
+from schemas.digest import digest
 from schemas.escape import escape
 from schemas.files.autodrive_log import log_name
-from schemas.identity import digest
 from twin.base.errors import UsageError
 from twin.records.autodrive_files import read_log_files
 

@@ -86,3 +86,36 @@ def test_mistakes_are_one_line(tmp_path, changes, words):
     assert words in str(error.value)
     assert "\n" not in str(error.value)
     assert not (tmp_path / "a.png").exists()
+
+
+def test_roads_of_a_file(tmp_path):
+    """On a banked slope: the ego stands on the lane, and looks along it."""
+    pytest.importorskip("lxml", reason="lxml is not installed")
+    from road_files import road, xodr
+
+    profiles = (
+        '<elevationProfile><elevation s="0" a="40" b="0.1" c="0" d="0"/></elevationProfile>'
+        '<lateralProfile><superelevation s="0" a="0.05" b="0" c="0" d="0"/></lateralProfile>'
+    )
+    file, path = tmp_path / "slope.xodr", tmp_path / "road.png"
+    file.write_bytes(xodr(road(300.0, more=profiles)))
+    request = SheetRequest(weathers=("clear",), times=("12:00",), road=str(file), width_px=64)
+    write_sheet(path, request)
+    picture = cv2.imread(str(path))[22:]
+    sky, asphalt = picture[2, 32].astype(int), picture[-2, 32].astype(int)
+    assert sky[0] > sky[2] + 10  # blue above
+    assert abs(asphalt[0] - asphalt[2]) < 25  # grey below
+
+
+def test_a_place_that_is_not_on_the_road(tmp_path):
+    pytest.importorskip("lxml", reason="lxml is not installed")
+    from road_files import xodr
+
+    file = tmp_path / "flat.xodr"
+    file.write_bytes(xodr())
+    request = SheetRequest(road=str(file), at_m=101.0, width_px=64)
+    with pytest.raises(ValueError, match=r"at-m 101: not on road 0, which is 100\.0 m long"):
+        write_sheet(tmp_path / "a.png", request)
+    file.write_bytes(xodr()[:-20])
+    with pytest.raises(ValueError, match=r"flat\.xodr:\d+: "):
+        write_sheet(tmp_path / "a.png", request)

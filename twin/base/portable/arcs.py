@@ -14,6 +14,7 @@ from twin.base.portable.exact import (
     is_negative,
     magnitude,
     not_a_number,
+    opposite,
     ordered_sum,
 )
 
@@ -30,7 +31,7 @@ _SHORT = wp.constant(wp.float64(2.0**-30))
 @wp.func
 def _with_sign_of(value: wp.float64, sign: wp.float64) -> wp.float64:
     if is_negative(sign):
-        return -value
+        return opposite(value)
     return value
 
 

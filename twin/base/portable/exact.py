@@ -15,6 +15,7 @@ _MANTISSA_BITS = wp.constant(wp.int64(52))
 _EXPONENT_MASK = wp.constant(wp.int64(0x7FF))
 _MANTISSA_MASK = wp.constant(wp.int64(0xFFFFFFFFFFFFF))
 _ONE_BITS = wp.constant(wp.int64(0x3FF0000000000000))
+_ALL_BUT_SIGN = wp.constant(wp.int64(0x7FFFFFFFFFFFFFFF))
 _NAN_BITS = wp.constant(wp.int64(0x7FF8000000000000))
 _INFINITY_BITS = wp.constant(wp.int64(0x7FF0000000000000))
 
@@ -40,7 +41,13 @@ def is_negative(x: wp.float64) -> bool:
 @wp.func
 def magnitude(x: wp.float64) -> wp.float64:
     """``x`` without its sign bit."""
-    return wp.cast(wp.cast(x, wp.int64) & wp.int64(0x7FFFFFFFFFFFFFFF), wp.float64)
+    return wp.cast(wp.cast(x, wp.int64) & _ALL_BUT_SIGN, wp.float64)
+
+
+@wp.func
+def opposite(x: wp.float64) -> wp.float64:
+    """``x`` with the other sign, also of zeros: ``-x`` is ``0 - x`` in kernels, never -0.0."""
+    return wp.cast(wp.cast(x, wp.int64) ^ ~_ALL_BUT_SIGN, wp.float64)
 
 
 @wp.func

@@ -18,12 +18,14 @@ from twin.base.portable.exact import (
     magnitude,
     mantissa_of,
     not_a_number,
+    opposite,
     ordered_sum,
     pair_product,
     scaled,
 )
 
 _ZERO = wp.constant(wp.float64(0.0))
+_SHORT = wp.constant(wp.float64(2.0**-30))
 _QUARTER = wp.constant(wp.float64(0.25))
 _HALF = wp.constant(wp.float64(0.5))
 _ONE = wp.constant(wp.float64(1.0))
@@ -205,14 +207,14 @@ def portable_pow(x: wp.float64, y: wp.float64) -> wp.float64:
     if size == _ZERO or size == infinity() or wp.abs(y) == infinity():
         power = _zero_or_infinite_power(size, y)
         if odd and is_negative(x):
-            return -power
+            return opposite(power)
         return power
     if x > _ZERO:
         return _positive_power(x, y)
     if not whole:
         return not_a_number()
     if odd:
-        return -_positive_power(size, y)
+        return opposite(_positive_power(size, y))
     return _positive_power(size, y)
 
 
@@ -222,6 +224,8 @@ def portable_tanh(x: wp.float64) -> wp.float64:
     if x != x:
         return not_a_number()
     size = wp.abs(x)
+    if size < _SHORT:  # the cubic term is below half of the last bit
+        return x
     if size < _QUARTER:
         z = x * x
         tail = c.TANH_5 + z * (c.TANH_6 + z * (c.TANH_7 + z * c.TANH_8))
@@ -236,7 +240,7 @@ def portable_tanh(x: wp.float64) -> wp.float64:
         below, below_rest = exact_sum(square, _ONE)
         flat = (above + (above_rest + square_rest)) / (below + (below_rest + square_rest))
     if x < _ZERO:
-        return -flat
+        return opposite(flat)
     return flat
 
 

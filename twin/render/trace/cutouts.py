@@ -105,13 +105,9 @@ HOLE = """
             const float whole = floorf(c);
             at[axis] = c - whole;
             const int i = (int)whole;
-            if (mode == 0) {
-                low[axis] = (i + size) % size;
-                high[axis] = (i + 1) % size;
-            } else {
-                low[axis] = i < 0 ? 0 : i;
-                high[axis] = i + 1 < size ? i + 1 : size - 1;
-            }
+            // From -1 to size - 1; a division would take most of the time.
+            low[axis] = i >= 0 ? i : mode == 0 ? size - 1 : 0;
+            high[axis] = i + 1 < size ? i + 1 : mode == 0 ? 0 : size - 1;
         }
         const unsigned char* alpha = cuts.alpha.data + image.first;
         const unsigned char* upper = alpha + (size_t)low[1] * image.width;

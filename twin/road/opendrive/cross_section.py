@@ -35,6 +35,23 @@ class CrossSection:
                 t, slope = base[0] + value, base[1] + rate
         return t, slope
 
+    def borders(self, s_m: np.ndarray) -> dict[int, np.ndarray]:
+        """t of the outer borders of all lanes, and of the centre (0), by lane id from the left to
+        the right; as :meth:`outer`, but each computed from the one inside of it."""
+        base = self._offset.at(s_m)[0]
+        ahead = s_m - self.section.start_m
+        sides = []
+        for sign, lanes in ((1.0, self.section.left), (-1.0, self.section.right)):
+            rows, t = {}, base
+            for lane in lanes:
+                by_width, profile = self._profiles[lane.id]
+                value = profile.at(ahead)[0]
+                t = t + sign * np.maximum(value, 0.0) if by_width else base + value
+                rows[lane.id] = t
+            sides.append(rows)
+        left, right = sides
+        return {**dict(reversed(left.items())), 0: base, **right}
+
     def inner(self, lane_id: int, s_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """t of the inner border of a lane, and its slope along s."""
         return self.outer(lane_id - 1 if lane_id > 0 else lane_id + 1, s_m)

@@ -28,12 +28,22 @@ class SurfacePatch:
 
 
 def strip(
-    kind: PatchKind, look: str, left_m: np.ndarray, right_m: np.ndarray
+    kind: PatchKind,
+    look: str,
+    left_m: np.ndarray,
+    right_m: np.ndarray,
+    joined: np.ndarray | None = None,
 ) -> SurfacePatch | None:
-    """The strip between two lines of as many points [N, 3], both along s; None: it has no area."""
+    """The strip between two lines of as many points [N, 3], both along s; None: it has no area.
+
+    ``joined``, bool [N - 1], says which of them are joined to the next; None: all.
+
+    In a bend tighter than its distance from the reference line a strip folds over itself; what
+    would look down there is left out.
+    """
     count = len(left_m)
     points = np.concatenate([left_m, right_m])
-    i = np.arange(count - 1)
+    i = np.arange(count - 1) if joined is None else np.flatnonzero(joined)
     faces = np.concatenate(
         [
             np.column_stack([count + i, count + i + 1, i + 1]),
@@ -42,10 +52,12 @@ def strip(
     )
     a, b, c = points[faces].transpose(1, 0, 2)
     normal = np.cross(b - a, c - a)
-    large = 0.25 * (normal * normal).sum(axis=1) > AREA_MIN_M2 * AREA_MIN_M2
-    if not large.any():
+    kept = 0.25 * (normal * normal).sum(axis=1) > AREA_MIN_M2 * AREA_MIN_M2
+    if kind != "kerb":
+        kept &= normal[:, 2] > 0.0
+    if not kept.any():
         return None
-    return SurfacePatch(kind, look, points, faces[large].astype(np.int32))
+    return SurfacePatch(kind, look, points, faces[kept].astype(np.int32))
 
 
 def merged(patches: Iterable[SurfacePatch | None]) -> tuple[SurfacePatch, ...]:

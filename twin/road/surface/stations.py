@@ -23,15 +23,23 @@ STEP_M_MIN = 0.02
 """Shortest piece; shorter ones are no further cut [m]."""
 JUMP_M = 1e-3
 """Length of a piece over which a border that jumps goes from one place to the other [m]."""
+POINTS_MAX = 2_000_000
+"""Most points of the borders of a lane section."""
 _SHARES = (0.25, 0.5, 0.75)
 
 
-def section_stations(frame: RoadFrame, number: int) -> np.ndarray:
-    """Stations of lane section ``number`` from its start to its end [N] [m]."""
+def section_stations(frame: RoadFrame, number: int, most: int = POINTS_MAX) -> np.ndarray:
+    """Stations of lane section ``number`` from its start to its end [N] [m].
+
+    Raises:
+        ValueError: its borders would have more than ``most`` points.
+    """
     section = frame.sections[number]
     start, end = section.section.start_m, section.section.end_m
+    borders = len(section.section.lanes) + 1
     s = _knots(frame, section, start, end)
     steps = np.maximum(np.ceil(np.diff(s) / STEP_M), 1.0).astype(int)
+    _check(int(steps.sum()) * borders, most)
     parts = [
         np.linspace(a, b, n, endpoint=False)
         for a, b, n in zip(s[:-1], s[1:], steps.tolist(), strict=True)
@@ -42,6 +50,12 @@ def section_stations(frame: RoadFrame, number: int) -> np.ndarray:
         if not wide.any():
             return s
         s = np.sort(np.append(s, 0.5 * (s[:-1] + s[1:])[wide]))
+        _check(len(s) * borders, most)
+
+
+def _check(points: int, most: int) -> None:
+    if points > most:
+        raise ValueError(f"its lanes would have more than {most} points")
 
 
 def edge_points(
@@ -70,16 +84,11 @@ def _knots(frame: RoadFrame, section: CrossSection, start: float, end: float) ->
     inner = knots[1:-1]
     before = np.maximum(inner - JUMP_M, start)
     jumps = np.zeros(len(inner), bool)
-    for lane_id in _ids(section):
-        step = section.outer(lane_id, inner)[0] - section.outer(lane_id, before)[0]
-        jumps |= np.abs(step) > 10.0 * JUMP_M
+    there, here = section.borders(before), section.borders(inner)
+    for lane_id, t in here.items():
+        jumps |= np.abs(t - there[lane_id]) > 10.0 * JUMP_M
     stations: np.ndarray = np.union1d(knots, before[jumps])
     return stations
-
-
-def _ids(section: CrossSection) -> list[int]:
-    """All borders, from the left to the right."""
-    return [*range(len(section.section.left), -len(section.section.right) - 1, -1)]
 
 
 def _off(frame: RoadFrame, section: CrossSection, s: np.ndarray) -> np.ndarray:
@@ -87,13 +96,14 @@ def _off(frame: RoadFrame, section: CrossSection, s: np.ndarray) -> np.ndarray:
     # The end of a section belongs to the next; its own borders end just before.
     inside = np.clip(s, section.section.start_m, np.nextafter(section.section.end_m, 0.0))
     off = np.zeros(len(s) - 1, bool)
+    between = [(1.0 - share) * inside[:-1] + share * inside[1:] for share in _SHARES]
+    borders = [section.borders(at) for at in between]
     before: tuple[np.ndarray, np.ndarray] | None = None
-    for lane_id in _ids(section):
-        ends = edge_points(frame, inside, section.outer(lane_id, inside)[0])
+    for lane_id, t in section.borders(inside).items():
+        ends = edge_points(frame, inside, t)
         middle = ends[:-1]
-        for share in _SHARES:
-            at = (1.0 - share) * inside[:-1] + share * inside[1:]
-            exact = edge_points(frame, at, section.outer(lane_id, at)[0])
+        for share, at, rows in zip(_SHARES, between, borders, strict=True):
+            exact = edge_points(frame, at, rows[lane_id])
             off |= _apart(exact, (1.0 - share) * ends[:-1] + share * ends[1:])
             middle = exact if share == 0.5 else middle
         if before is not None:

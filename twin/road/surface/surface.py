@@ -6,7 +6,7 @@ import numpy as np
 
 from twin.road.opendrive.road_map import RoadMap
 from twin.road.surface.ground import ground_around
-from twin.road.surface.lane_strips import lane_strips
+from twin.road.surface.lane_strips import lane_strips, side_slopes
 from twin.road.surface.mark_strips import mark_strips
 from twin.road.surface.patch import SurfacePatch, merged
 from twin.road.surface.stations import section_stations
@@ -27,8 +27,12 @@ def road_surface(roads: RoadMap) -> tuple[SurfacePatch, ...]:
     faces = 0
     for frame in roads.frames.values():
         for number in range(len(frame.sections)):
-            s = section_stations(frame, number)
-            for maker in (lane_strips, mark_strips):
+            try:
+                s = section_stations(frame, number)
+            except ValueError as error:
+                name = frame.road.id[:40]
+                raise ValueError(f"{roads.network.file}: road {name}: {error}") from None
+            for maker in (lane_strips, mark_strips, side_slopes):
                 for patch in maker(frame, number, s):
                     if patch is None:
                         continue
@@ -43,4 +47,4 @@ def road_surface(roads: RoadMap) -> tuple[SurfacePatch, ...]:
     lanes = [patch.points_m for patch in whole if patch.kind == "lane"]
     if not lanes:
         raise ValueError(f"{roads.network.file}: no lane has an area")
-    return (*whole, ground_around(np.concatenate(lanes)))
+    return merged([*whole, ground_around(np.concatenate(lanes))])

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twin.road.opendrive.lane_graph import LaneGraph, LaneKey, lane_graph
+from twin.road.opendrive.lane_graph import LaneGraph, LaneKey, LaneRoute, lane_graph
 from twin.road.opendrive.profile import CubicProfile
 from twin.road.opendrive.records import (
     DRIVEN_TYPES,
@@ -72,6 +72,21 @@ class RoadTables:
     network of more roads than it is made for."""
     road_ids: tuple[str, ...]
     """Ids by number."""
+
+    def road_number(self, road_id: str) -> int:
+        """The number of a road.
+
+        Raises:
+            ValueError: there is no such road.
+        """
+        if road_id not in self.road_ids:
+            raise ValueError(f"road {road_id[:40]} does not exist")
+        return self.road_ids.index(road_id)
+
+    def route_numbers(self, route: LaneRoute) -> np.ndarray:
+        """Numbers of the roads along a route, each stay on a road once, int32."""
+        roads = [step.lane.key.road for step in route.steps]
+        return np.array([self.road_number(road) for road, _ in itertools.groupby(roads)], np.int32)
 
 
 def road_tables(network: RoadNetwork) -> RoadTables:

@@ -106,25 +106,26 @@ def foot_near(
         return high
     s = HALF * (roads.lines[row, 0] + part_end(roads, road, row))
     step = ONE
-    for _ in range(_FOOT_STEPS):
-        if wp.abs(step) > _SETTLED_M:
-            at = low_row
-            while at < high_row and part_end(roads, road, at) <= s:
-                at += 1
-            spot = line_spot(roads, at, s)
-            dx, dy = x - spot.x, y - spot.y
-            ahead = spot.cosine * dx + spot.sine * dy
-            beside = spot.cosine * dy - spot.sine * dx
-            if ahead > ZERO:
-                low = s
-            else:
-                high = s
-            slope = ONE - spot.curvature * beside
-            further = s + ahead / wp.where(slope > _SLOPE_MIN, slope, ONE)
-            if further < low or further > high:
-                further = HALF * (low + high)
-            step = further - s
-            s = further
+    steps = wp.int32(0)
+    while wp.abs(step) > _SETTLED_M and steps < _FOOT_STEPS:
+        steps += 1
+        at = low_row
+        while at < high_row and part_end(roads, road, at) <= s:
+            at += 1
+        spot = line_spot(roads, at, s)
+        dx, dy = x - spot.x, y - spot.y
+        ahead = spot.cosine * dx + spot.sine * dy
+        beside = spot.cosine * dy - spot.sine * dx
+        if ahead > ZERO:
+            low = s
+        else:
+            high = s
+        slope = ONE - spot.curvature * beside
+        further = s + ahead / wp.where(slope > _SLOPE_MIN, slope, ONE)
+        if further < low or further > high:
+            further = HALF * (low + high)
+        step = further - s
+        s = further
     return s
 
 

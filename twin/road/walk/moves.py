@@ -93,6 +93,17 @@ def move_at(
 
 
 @wp.func
+def move_across(roads: RoadArrays, place: RoadMove, t: wp.float64) -> RoadMove:
+    """``place`` at another t of its station, on the lane in which that lies: a step of a change of
+    lanes. Its way and its route stay."""
+    move = move_at(roads, place.road, place.s, t, place.sign)
+    move.route_at = place.route_at
+    move.at_end = place.at_end
+    move.rest = place.rest
+    return move
+
+
+@wp.func
 def way_lane(roads: RoadArrays, way: wp.int32, lane: wp.int32) -> wp.int32:
     """The lane to which a lane leads by a way, 0: none."""
     first, end = roads.ways[way, 3], roads.ways[way + 1, 3]
@@ -233,30 +244,31 @@ def walk(
     rest = wp.abs(distance)
     walking = wp.int32(1)
     section = section_row(roads, move.road, move.s)
-    for _ in range(_CROSSINGS_MAX):
-        if walking == 1:
-            along = move.sign * forward
-            last = roads.roads[move.road + 1, SECTION] - 1
-            first = roads.roads[move.road, SECTION]
-            inner = section != wp.where(along > 0, last, first)
-            border = wp.where(along > 0, road_length(roads, move.road), ZERO)
-            if inner:
-                border = roads.section_starts[section + wp.where(along > 0, 1, 0)]
-            way = wp.max((border - move.s) * wp.float64(along), ZERO)
-            # A station between two sections belongs to the second.
-            if rest < way or (rest == way and not (inner and along > 0)):
-                move.s += rest * wp.float64(along)
-                rest = ZERO
-                walking = 0
-            elif inner:
-                rest -= way
-                move = into_section(roads, move, along, section)
-                section += along
-            else:
-                rest -= way
-                move = into_road(roads, route, span, move, along, section)
-                section = section_row(roads, move.road, move.s)
-                walking = 1 - move.at_end
+    crossed = wp.int32(0)
+    while walking == 1 and crossed < _CROSSINGS_MAX:
+        crossed += 1
+        along = move.sign * forward
+        last = roads.roads[move.road + 1, SECTION] - 1
+        first = roads.roads[move.road, SECTION]
+        inner = section != wp.where(along > 0, last, first)
+        border = wp.where(along > 0, road_length(roads, move.road), ZERO)
+        if inner:
+            border = roads.section_starts[section + wp.where(along > 0, 1, 0)]
+        way = wp.max((border - move.s) * wp.float64(along), ZERO)
+        # A station between two sections belongs to the second.
+        if rest < way or (rest == way and not (inner and along > 0)):
+            move.s += rest * wp.float64(along)
+            rest = ZERO
+            walking = 0
+        elif inner:
+            rest -= way
+            move = into_section(roads, move, along, section)
+            section += along
+        else:
+            rest -= way
+            move = into_road(roads, route, span, move, along, section)
+            section = section_row(roads, move.road, move.s)
+            walking = 1 - move.at_end
     if walking == 1:
         move.at_end = 1
     move.rest = rest

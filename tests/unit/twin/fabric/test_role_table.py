@@ -6,19 +6,8 @@ That Zenoh keeps to it is in ``test_security_roles``.
 import pytest
 
 from schemas.wire import topics
-from twin.fabric.keys.roles import (
-    MAY,
-    Act,
-    Role,
-    access_control,
-    common_name,
-    fabric_of_rig,
-    may,
-    pattern,
-    refusal,
-    rig_of,
-    split_name,
-)
+from twin.fabric.keys.rights import MAY, Act, access_control, may, pattern, refusal
+from twin.fabric.keys.roles import Role, common_name, fabric_of_rig, rig_of, split_name
 
 
 @pytest.fixture(autouse=True)

@@ -16,10 +16,11 @@ import zenoh
 from waiting import PATIENCE_S
 
 from schemas.wire import topics
-from twin.fabric.keys import roles
+from twin.fabric.keys import rights
 from twin.fabric.keys.authority import load_authority, make_keys
 from twin.fabric.keys.key_file import UnfitKeyError, WrongRoleError, load_key
-from twin.fabric.keys.roles import MAY, Act, Role, may, pattern
+from twin.fabric.keys.rights import MAY, Act, may, pattern
+from twin.fabric.keys.roles import Role
 from twin.fabric.zenoh_bus import open_bus
 
 NAMESPACE = "twin/rig"
@@ -205,7 +206,7 @@ def open_to_the_end(keys, monkeypatch):
         role: {act: (*allowed.get(act, ()), END) for act in Act} for role, allowed in MAY.items()
     }
     with monkeypatch.context() as patched:
-        patched.setattr(roles, "MAY", open_end)
+        patched.setattr(rights, "MAY", open_end)
         return open_bus(
             "router", listen=["tls/127.0.0.1:0"], key=keys[Role.conductor], namespace=NAMESPACE
         )
@@ -338,12 +339,12 @@ def test_what_a_role_may_not_is_said_before_it_is_sent(keys):
         with pytest.raises(WrongRoleError, match=r"ask for one by `conductor invite --role admin`"):
             viewer.request(topics.RPC_ADMIN.key, b"", 1.0)
         viewer.close()
-        assert roles.refusal(Role.stack, Act.ask, topics.RPC_STATUS.key).endswith(
+        assert rights.refusal(Role.stack, Act.ask, topics.RPC_STATUS.key).endswith(
             "allowed: viewer or worker or admin or submitter; "
             "ask for one by `conductor invite --role viewer`"
         ), "the least that is enough"
         command = topics.COMMAND.key.format(rig="x")
-        assert roles.refusal(Role.worker, Act.publish, command).endswith(
+        assert rights.refusal(Role.worker, Act.publish, command).endswith(
             "allowed: stack; its rig gives it that one"
         )
     finally:

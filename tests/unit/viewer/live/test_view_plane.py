@@ -6,8 +6,8 @@ import socket
 import pytest
 from waiting import wait_for
 
+from schemas.sections.view_mode import ViewMode
 from schemas.wire import topics
-from schemas.wire.view import ViewMode
 from twin.base.errors import UsageError
 from twin.fabric.memory_bus import intersects
 from twin.fabric.zenoh_bus import open_bus

@@ -31,6 +31,7 @@ class ProgramArrays:
     triggers: wp.array2d(dtype=wp.int32)
     conditions: wp.array2d(dtype=wp.int32)
     watchers: wp.array2d(dtype=wp.int32)
+    visits: wp.array(dtype=wp.int32)
     instances: wp.array2d(dtype=wp.int32)
     actor_instances: wp.array(dtype=wp.int32)
     reals: wp.array(dtype=wp.float64)
@@ -60,6 +61,8 @@ class PlayArrays:
     """1: an event was skipped when its trigger was last true."""
     conditions: wp.array3d(dtype=wp.int32)
     """[S, C, :class:`ConditionState`]."""
+    condition_causes: wp.array2d(dtype=wp.int64)
+    """Entities that fulfil an expression, a bit each."""
     histories: wp.array3d(dtype=wp.int32)
     """Steps of the latest changes, by count of changes modulo ``HISTORY_MAX``."""
     instance_states: wp.array2d(dtype=wp.int32)
@@ -95,7 +98,16 @@ def program_arrays(tables: ProgramTables, device: wp.Device) -> ProgramArrays:
 
 _SAME = (
     *("programs", "entity_reals", "entity_wholes", "elements", "triggers", "conditions"),
-    *("watchers", "instances", "actor_instances", "reals", "wholes", "trajectories", "pieces"),
+    *(
+        "watchers",
+        "visits",
+        "instances",
+        "actor_instances",
+        "reals",
+        "wholes",
+        "trajectories",
+        "pieces",
+    ),
     *("routes", "leg_reals", "variables", "models", "clocks"),
 )
 
@@ -116,6 +128,7 @@ def play_arrays(slots: int, most: dict[str, int], device: wp.Device) -> PlayArra
     play.element_causes = wp.zeros((slots, most["elements"]), dtype=wp.int64, device=device)
     play.element_skips = wholes(most["elements"])
     play.conditions = wholes(most["conditions"], len(ConditionState))
+    play.condition_causes = wp.zeros((slots, most["conditions"]), dtype=wp.int64, device=device)
     play.histories = wholes(most["histories"], HISTORY_MAX)
     play.instance_states = wholes(most["instances"])
     play.instance_reals = reals(most["instances"], SCRATCH_REALS)

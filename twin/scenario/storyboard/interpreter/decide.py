@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import warp as wp
 
-from twin.road.walk.road_arrays import RoadArrays
 from twin.scenario.storyboard.interpreter.arrays import BodyArrays, PlayArrays, ProgramArrays
 from twin.scenario.storyboard.interpreter.elements import (
     IDLE,
@@ -13,7 +12,7 @@ from twin.scenario.storyboard.interpreter.elements import (
     start,
     stop_element,
 )
-from twin.scenario.storyboard.interpreter.expressions import fires
+from twin.scenario.storyboard.interpreter.triggers import fires
 from twin.scenario.storyboard.player.columns import (
     ElementColumn,
     InstanceColumn,
@@ -32,7 +31,6 @@ _IDLE = wp.constant(wp.int32(IDLE))
 def decide_kernel(
     # model
     tables: ProgramArrays,
-    roads: RoadArrays,
     # args
     only: wp.int32,
     step_s: wp.float64,
@@ -43,7 +41,8 @@ def decide_kernel(
     """Triggers of all elements in their order, on the states at the beginning of the step.
 
     A stop trigger counts before a start trigger, and a parent before its children, so what starts
-    in a step lets its children start in the same one. ``only`` -1: all slots.
+    in a step lets its children start in the same one. An element waits only while its parent runs,
+    so those with triggers need not be looked for. ``only`` -1: all slots.
     """
     slot = wp.tid()
     if only >= 0 and slot != only:
@@ -52,25 +51,25 @@ def decide_kernel(
         return
     program = play.slots[slot, SlotColumn.PROGRAM]
     step = play.slots[slot, SlotColumn.STEP]
-    nobody = wp.int64(0)
     starting = play.element_states[slot, 0] == _IDLE
-    e = wp.int32(0)
-    count = tables.programs[program, ProgramColumn.ELEMENTS]
-    while e < count:
-        # One call site for each of the large functions.
+    first = tables.programs[program, ProgramColumn.VISIT]
+    end = first + tables.programs[program, ProgramColumn.VISIT_COUNT]
+    for at in range(first, end):
+        e = tables.visits[at]
         begins = wp.bool(starting and e == 0)
-        causes = nobody
+        causes = wp.int64(0)
+        # One call site for each of the large functions.
         for turn in range(2):
-            waits = play.element_states[slot, e] == ElementState.STANDBY
+            state = play.element_states[slot, e]
             asks = wp.int32(-1)
             if turn == 0:
-                if play.element_states[slot, e] == ElementState.RUNNING:
+                if state == ElementState.RUNNING:
                     asks = element_at(tables, program, e, ElementColumn.STOP)
-            elif waits:
+            elif state == ElementState.STANDBY:
                 asks = element_at(tables, program, e, ElementColumn.START)
                 begins = asks < 0
             if asks >= 0:
-                firing = fires(tables, play, bodies, roads, slot, program, asks, step, step_s)
+                firing = fires(tables, play, slot, program, asks, step, step_s)
                 if firing.fired != 0:
                     if turn == 0:
                         stop_element(tables, play, slot, program, e)
@@ -81,10 +80,6 @@ def decide_kernel(
                     play.element_skips[slot, e] = 0
         if begins:
             start(tables, play, bodies, slot, program, e, causes)
-        if play.element_states[slot, e] == ElementState.RUNNING:
-            e += 1
-        else:
-            e = element_at(tables, program, e, ElementColumn.END)
     if play.element_states[slot, 0] != ElementState.RUNNING:
         play.slots[slot, SlotColumn.RUNNING] = 0
 

@@ -47,6 +47,9 @@ class ProgramColumn(IntEnum):
     STATES = 16
     """First of the program's element-state conditions in ``watchers``."""
     STATE_COUNT = 17
+    VISIT = 18
+    """First of the elements in ``visits``."""
+    VISIT_COUNT = 19
 
 
 class EntityColumn(IntEnum):
@@ -108,6 +111,8 @@ class ConditionColumn(IntEnum):
     WHOLES = 7
     RING = 8
     """Its history, -1: not delayed."""
+    OWNER = 9
+    """Element of its trigger."""
 
 
 class InstanceColumn(IntEnum):
@@ -186,6 +191,8 @@ class ConditionState(IntEnum):
     """Bits of states and transitions of its element since it was last evaluated."""
     LATEST = 5
     """State of its element at that time."""
+    TRUTH = 6
+    """Whether its expression on entities holds in this step."""
 
 
 class Real(IntEnum):

@@ -67,3 +67,12 @@ def domains_of(action: Action) -> int:
         return Domain.LIGHTS
     assert isinstance(action, VisibilityAction | actions.ControllerAction | GlobalAction)
     return Domain.NONE
+
+
+def lasts(action: Action) -> bool:
+    """True of actions that may still run after their first step."""
+    if isinstance(action, actions.SpeedAction):
+        return action.dynamics.shape is not actions.DynamicsShape.STEP or action.continuous
+    return bool(domains_of(action) & (Domain.LONGITUDINAL | Domain.LATERAL)) and not isinstance(
+        action, actions.TeleportAction
+    )

@@ -28,6 +28,7 @@ from twin.scenario.storyboard.interpreter.reset import (
     open_kernel,
     reset_kernel,
 )
+from twin.scenario.storyboard.interpreter.watch import watch_kernel
 from twin.scenario.storyboard.player.columns import (
     HISTORY_MAX,
     TRANSITIONS_MAX,
@@ -36,6 +37,7 @@ from twin.scenario.storyboard.player.columns import (
     SlotColumn,
     Whole,
 )
+from twin.scenario.storyboard.player.kinds import lasts
 from twin.scenario.storyboard.player.tables import pack_programs
 from twin.scenario.storyboard.program.conditions import ElementState
 from twin.scenario.storyboard.program.program import Program
@@ -123,6 +125,7 @@ class StoryboardPlayer:
         """States on the device, updated in place: columns ``Real`` and ``Whole``."""
         self._before = body_arrays(slots, self.entities, self.device)
         self._graph: Any = None
+        self._init_lasts = any(lasts(init.action) for p in self.programs for init in p.init)
         self._drivers = len(self.tables.models) > 0
 
     def start(self, slot: int, program_index: int) -> None:
@@ -161,14 +164,17 @@ class StoryboardPlayer:
         model = [self._programs, self._roads]
         everyone = (self.slots, self.entities)
         step_s = self.step_s * steps
-        self._launch(
-            decide_kernel, self.slots, [*model, only, self.step_s, self.bodies, self._play]
-        )
+        conditions = (self.slots, self.tables.most["conditions"])
+        self._launch(watch_kernel, conditions, [*model, only, self.step_s, self.bodies, self._play])
+        storyboard = [self._programs, only, self.step_s, self.bodies, self._play]
+        self._launch(decide_kernel, self.slots, storyboard)
         self._copy()
         self._launch(
             begin_kernel, everyone, [*model, only, _ALL, self._before, self.bodies, self._play]
         )
-        for phase in (INIT_PHASE, STORY_PHASE):
+        # When a slot begins, actions of Init are all stepped once.
+        init = steps == 0 or self._init_lasts
+        for phase in (INIT_PHASE, STORY_PHASE) if init else (STORY_PHASE,):
             self._copy()
             if phase == STORY_PHASE and self._drivers:
                 self._launch(

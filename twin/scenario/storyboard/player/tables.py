@@ -27,7 +27,7 @@ from twin.scenario.storyboard.player.layout import flatten
 from twin.scenario.storyboard.program.conditions import ElementStateCondition, Trigger
 from twin.scenario.storyboard.program.entities import StoryboardEntity
 from twin.scenario.storyboard.program.places import FixedPosition, Position, RoadRoute, Trajectory
-from twin.scenario.storyboard.program.program import DriverModel, Program
+from twin.scenario.storyboard.program.program import DriverModel, ElementKind, Program
 from twin.scenario.storyboard.program.record import ProgramRecord
 
 PIECE_COLUMNS = 20
@@ -54,6 +54,8 @@ class ProgramTables:
     """int32 [C, :class:`ConditionColumn`]."""
     watchers: np.ndarray
     """Conditions on states of elements: condition and element, int32 [W, 2]."""
+    visits: np.ndarray
+    """Elements that may wait for something, in their order, int32 [U]."""
     instances: np.ndarray
     """int32 [I, :class:`InstanceColumn`]."""
     actor_instances: np.ndarray
@@ -120,6 +122,7 @@ class _Packer:
             ]
         }
         self.actors: list[int] = []
+        self.visits: list[int] = []
         self.reals: list[float] = []
         self.wholes: list[int] = []
         self.variables: list[float] = []
@@ -152,6 +155,10 @@ class _Packer:
         header[ProgramColumn.INSTANCES] = len(instances.rows)
         header[ProgramColumn.INITS] = instances.inits
         histories = self._add_elements(program, instances, header)
+        visits = _visits(program)
+        header[ProgramColumn.VISIT] = len(self.visits)
+        header[ProgramColumn.VISIT_COUNT] = len(visits)
+        self.visits += visits
         header[ProgramColumn.CONDITIONS] = len(rows["conditions"]) - header[ProgramColumn.CONDITION]
         header[ProgramColumn.STATE_COUNT] = len(rows["watchers"]) - header[ProgramColumn.STATES]
         self._add_entities(program.entities, instances)
@@ -176,6 +183,7 @@ class _Packer:
             triggers=_wholes(rows["triggers"], 2),
             conditions=_wholes(rows["conditions"], len(ConditionColumn)),
             watchers=_wholes(rows["watchers"], 2),
+            visits=np.array(self.visits, np.int32),
             instances=_wholes(rows["instances"], len(InstanceColumn)),
             actor_instances=np.array(self.actors, np.int32),
             reals=np.array(self.reals, np.float64),
@@ -234,7 +242,7 @@ class _Packer:
                 number = -1
                 if trigger is not None:
                     number = len(self.rows["triggers"]) - header[ProgramColumn.TRIGGER]
-                    histories = self._add_trigger(trigger, histories, header)
+                    histories = self._add_trigger(trigger, index, histories, header)
                 triggers.append(number)
             first, count = instances.by_element.get(index, (0, 0))
             self.rows["elements"].append(
@@ -247,7 +255,7 @@ class _Packer:
         return histories
 
     def _add_trigger(
-        self, trigger: Trigger, histories: int, header: dict[ProgramColumn, int]
+        self, trigger: Trigger, owner: int, histories: int, header: dict[ProgramColumn, int]
     ) -> int:
         rows = self.rows["conditions"]
         base = header[ProgramColumn.CONDITION]
@@ -265,7 +273,7 @@ class _Packer:
                 self.wholes += condition.entities
                 kind = condition_code(condition.expression)
                 how = (kind, number, condition.edge, int(condition.all_entities))
-                rows.append((*how, *entities, *place, ring))
+                rows.append((*how, *entities, *place, ring, owner))
         self.rows["triggers"].append((first, len(rows) - base - first))
         return histories
 
@@ -349,6 +357,18 @@ def _subtree_ends(program: Program) -> list[int]:
             )
         ends[parent] = max(ends[parent], ends[index])
     return ends
+
+
+def _visits(program: Program) -> list[int]:
+    """Elements with a trigger, groups that may run again, and the storyboard."""
+    return [
+        index
+        for index, element in enumerate(program.elements)
+        if element.start is not None
+        or element.stop is not None
+        or index == 0
+        or (element.kind is ElementKind.GROUP and element.executions_max > 1)
+    ]
 
 
 def _piece_rows(trajectory: Trajectory) -> list[tuple[float, ...]]:

@@ -7,9 +7,11 @@ import math
 import numpy as np
 import pytest
 from road_files import LINE, WIDTH, geometry, lane, road, section, xodr
+from road_networks import shapes, turned
 
 from twin.road.opendrive.reading.reader import read_network
 from twin.road.opendrive.road_frame import RoadFrame
+from twin.road.opendrive.road_map import RoadMap
 
 TILT = 0.1
 PROFILES = (
@@ -78,6 +80,18 @@ def test_borders_instead_of_widths():
     lanes = section(left="", right=lane(-1, border.format(-3)) + lane(-2, border.format(-7)))
     own = frame(lanes=lanes)
     np.testing.assert_allclose(own.lane_width(np.array([-1, -2]), 5.0), [3.0, 4.0])
+
+
+@pytest.mark.parametrize("network", [shapes, turned])
+def test_all_borders_at_once_are_those_of_each_lane(network):
+    for road_frame in RoadMap(network()).frames.values():
+        for cross in road_frame.sections:
+            s = np.linspace(cross.section.start_m, cross.section.end_m, 9)
+            borders = cross.borders(s)
+            assert list(borders) == sorted(borders, reverse=True)
+            assert len(borders) == len(cross.section.lanes) + 1
+            for lane_id, t in borders.items():
+                np.testing.assert_array_equal(t, cross.outer(lane_id, s)[0])
 
 
 def test_traffic_goes_right_or_left():

@@ -12,6 +12,7 @@ pytest.importorskip("lxml", reason="lxml is not installed")
 from road_files import LINE, WIDTH, end, geometry, lane, link, road, section, xodr
 from road_networks import TURN_M, junction, shapes, turned
 
+from twin.road.opendrive.lane_graph import LanePosition, lane_graph
 from twin.road.opendrive.reading.reader import read_network
 from twin.road.tables.road_tables import LANE_COLUMNS, RoadTables, flat_tables, road_tables
 from twin.road.tables.way_lengths import ROADS_MAX
@@ -121,6 +122,18 @@ def test_a_large_network_has_no_table_of_lengths():
     roads = [road(10.0, road_id=str(number)) for number in range(ROADS_MAX + 1)]
     assert road_tables(read_network(xodr(*roads), "t")).lengths_m.shape == (0, 0)
     assert road_tables(read_network(xodr(*roads[:3]), "t")).lengths_m.shape == (6, 6)
+
+
+def test_roads_of_a_route_by_number():
+    network = junction()
+    route = lane_graph(network).route(LanePosition("0", -1, 5.0), LanePosition("3", -1, 30.0))
+    assert route is not None
+    tables = road_tables(network)
+    numbers = tables.route_numbers(route)
+    assert numbers.dtype == np.int32
+    assert [tables.road_ids[number] for number in numbers.tolist()] == ["0", "6", "3"]
+    with pytest.raises(ValueError, match=r"^road nowhere does not exist$"):
+        tables.road_number("nowhere")
 
 
 def test_flat_ground_has_no_rows():

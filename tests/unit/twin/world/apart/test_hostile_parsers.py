@@ -115,6 +115,7 @@ def _children() -> list[int]:
     return found
 
 
+@pytest.mark.slow
 def test_memory_and_time_have_an_end(tmp_path: Path) -> None:
     assert "not enough memory" in refused(tmp_path, "ALLOCATE")
     assert "not done after 1 s of processor time" in refused(tmp_path, "SPIN", cpu_s=1)
