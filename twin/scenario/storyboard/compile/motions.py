@@ -61,7 +61,9 @@ def _dynamics(element: ScenarioElement, context: Compilation) -> TransitionDynam
         # The standard allows 0 or more; files in use give decelerations with their sign.
         context.note(element, f"the rate of {value:g} counts as {-value:g}")
         value = -value
-    if shape is not DynamicsShape.STEP and not 0.0 <= value < math.inf:
+    if shape is DynamicsShape.STEP:
+        return TransitionDynamics(shape, DynamicsDimension.TIME, 0.0)
+    if not 0.0 <= value < math.inf:
         raise RefusalError(element, f"value is {value:g}, it must be 0 or more and finite")
     return TransitionDynamics(shape, dimension, value)
 

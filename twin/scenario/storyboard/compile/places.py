@@ -202,7 +202,10 @@ def _relative(
     )
     relative = orientation is None or orientation.values.get("type") == "relative"
     a, b, c = (number_of(element, key, 0.0) for key in keys)
-    return RelativePosition(frame, context.entity(element), a, b, c, lanes, h, p, r, relative)
+    by_road = frame in (RelativeFrame.ROAD, RelativeFrame.LANE)
+    return RelativePosition(
+        frame, context.entity(element), a, b, c, lanes, h, p, r, relative, by_road
+    )
 
 
 def _relative_world(element: ScenarioElement, context: Compilation) -> RelativePosition:
