@@ -89,7 +89,8 @@ def _road(network: RoadNetwork, road: RoadRecord) -> Iterator[str]:
     yield from _reference_line(road)
     yield from _tilt(road)
     yield from _sections(road)
-    for item in (*road.objects, *road.signals):
+    placed: tuple[RoadObject | RoadSignal, ...] = (*road.objects, *road.signals)
+    for item in placed:
         if not 0.0 <= item.s_m <= road.length_m + COVER_M:
             yield "an object or signal does not stand along it"
     for link in (road.predecessor, road.successor):
