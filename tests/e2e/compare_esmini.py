@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import argparse
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from esmini import (
@@ -87,17 +87,26 @@ class Comparisons:
                 name, played, given_trace(f"ncap-2026-standard/{name}"), run.changes, own_of(name)
             )
 
-    def compare_text(self, text: str, name: str) -> Difference:
-        """A scenario that is no file of others, compared with esmini alone."""
-        file = self._folder / f"{name}.xosc"
-        file.write_text(text)
-        run = run_esmini(file, self._folder)
-        played = self._play([compile_scenario(read_scenario(file), self._cache)])[0]
-        trace = {
-            entity: {step: pose for step, pose in rows.items() if step % EVERY == 0}
-            for entity, rows in run.trace.items()
-        }
-        return difference(name, played, trace, run.changes)
+    def compare_texts(
+        self, scenarios: Mapping[str, str], others: Mapping[str, str] | None = None
+    ) -> list[Difference]:
+        """Scenarios on the same roads that are no files of others; ``others`` lie beside them."""
+        for name, text in (others or {}).items():
+            (self._folder / name).write_text(text)
+        files = []
+        for number, text in enumerate(scenarios.values()):
+            files.append(self._folder / f"scenario-{number}.xosc")
+            files[-1].write_text(text)
+        programs = [compile_scenario(read_scenario(file), self._cache) for file in files]
+        results = []
+        for name, file, played in zip(scenarios, files, self._play(programs), strict=True):
+            run = run_esmini(file, self._folder)
+            trace = {
+                entity: {step: pose for step, pose in rows.items() if step % EVERY == 0}
+                for entity, rows in run.trace.items()
+            }
+            results.append(difference(name, played, trace, run.changes))
+        return results
 
     def _play(
         self, programs: Sequence[Program], runs: Sequence[EsminiRun] | None = None

@@ -14,6 +14,7 @@ pytest.importorskip("lxml", reason="lxml is not installed")
 
 from compare_esmini import NCAP, STANDARD, Comparisons, scenario_files
 from esmini import ESMINI, FILES
+from small_scenarios import ROADS, small_scenarios
 
 from twin.scenario.storyboard.program.actions import LaneChangeAction
 from twin.scenario.storyboard.program.program import Program
@@ -86,6 +87,14 @@ def test_orientations_on_routes_are_all_that_parts_the_obstructions(
     assert count == 1
     folders = re.sub(r'path="\.\./', f'path="{file.parent.parent}/', shortened)
     anywhere = re.sub(r'filepath="\.\./\.\./\.\./', f'filepath="{NCAP.parents[1]}/', folders)
-    result = comparisons.compare_text(anywhere, "obstructions")
+    (result,) = comparisons.compare_texts({"obstructions": anywhere})
     assert result.entities == 4
     assert result.agrees
+
+
+def test_small_scenarios_agree(comparisons: Comparisons) -> None:
+    """Every shape and dimension, edges with delays, priorities, arrivals, trajectories."""
+    results = comparisons.compare_texts(dict(small_scenarios()), {"small.xodr": ROADS})
+    assert len(results) > 90
+    assert all(result.entities == 2 for result in results)
+    assert [result for result in results if not result.agrees] == []

@@ -110,6 +110,8 @@ def test_a_scenario_file_is_played(file, tmp_path):
     poses = tmp_path / "poses.csv"
     result = CliRunner().invoke(twin, ["play", str(file), "--csv", str(poses), "--output", "json"])
     assert result.exit_code == 0, result.output
+    # Nothing else is said on stdout.
+    assert json.loads(result.stdout)
     lines = poses.read_text().splitlines()
     rows = [row for row in csv.DictReader(lines) if row["entity"] == "van"]
     assert float(rows[0]["speed_mps"]) == 25.0
