@@ -9,6 +9,7 @@ from dataclasses import fields, is_dataclass
 from typing import Any
 
 from schemas.escape import escape
+from twin.road.opendrive.furniture import RoadObject, RoadSignal
 from twin.road.opendrive.reading.node import NUMBER_MAX
 from twin.road.opendrive.reading.read_cubics import lowest
 from twin.road.opendrive.reading.read_lanes import WIDTH_NEGATIVE_M
