@@ -14,6 +14,7 @@ from twin.road.opendrive.gaps import find_gaps
 from twin.road.opendrive.lane_graph import lane_graph
 from twin.road.opendrive.reading.reader import read_network
 from twin.road.opendrive.road_map import RoadMap
+from twin.road.surface.surface import road_surface
 from twin.road.tables.road_tables import road_tables
 from twin.scenario.storyboard.apart import answered_program
 from twin.scenario.storyboard.check_program import program_mistakes
@@ -58,7 +59,7 @@ def _road_answer(data: bytes) -> object:
     roads = RoadMap(network)
     find_gaps(network, roads.frames)
     lane_graph(network)
-    return road_tables(network)
+    return road_tables(network), road_surface(roads)
 
 
 MISTAKES = MISTAKES_MAX + 1

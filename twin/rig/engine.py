@@ -283,8 +283,7 @@ class Engine:
             self._motion.clear(slot)
         self.objects.clear(slot)
         self.active[slot] = False
-        self.tick[slot] = 0
-        self.sim_time_ns[slot] = 0
+        self.tick[slot] = self.sim_time_ns[slot] = 0
         self._vehicles.active[slot] = 0
         self._vehicles.targets[slot] = -1
         self._winds.clear(slot)

@@ -9,6 +9,7 @@ from dataclasses import fields, is_dataclass
 from typing import Any
 
 from schemas.escape import escape
+from twin.road.opendrive.furniture import RoadObject, RoadSignal
 from twin.road.opendrive.reading.node import NUMBER_MAX
 from twin.road.opendrive.reading.read_cubics import lowest
 from twin.road.opendrive.reading.read_lanes import WIDTH_NEGATIVE_M
@@ -89,7 +90,8 @@ def _road(network: RoadNetwork, road: RoadRecord) -> Iterator[str]:
     yield from _reference_line(road)
     yield from _tilt(road)
     yield from _sections(road)
-    for item in (*road.objects, *road.signals):
+    placed: tuple[RoadObject | RoadSignal, ...] = (*road.objects, *road.signals)
+    for item in placed:
         if not 0.0 <= item.s_m <= road.length_m + COVER_M:
             yield "an object or signal does not stand along it"
     for link in (road.predecessor, road.successor):
