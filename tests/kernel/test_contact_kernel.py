@@ -73,7 +73,9 @@ def test_two_cars_conserve_momentum_and_gain_no_energy(speed, other, aside, yaw)
         assert now[2] <= last[2] * (1 + 1e-9)
     scale = masses[0] * speed + masses[1] * abs(other)
     drag_ns = 2 * 0.5 * 1.225 * 0.84 * max(speed, abs(other)) ** 2 * 2.0
-    np.testing.assert_allclose(now[0], before[0], atol=1e-3 * scale + drag_ns)
+    # Cars that slide sideways after it lose up to 1.5 % in these two seconds: 8 m/s against 4 m/s
+    # at 2.6 rad. In the step of the contact nothing is lost, see below.
+    np.testing.assert_allclose(now[0], before[0], atol=2e-2 * scale + drag_ns)
     if made.event_count[0]:
         event = dict(zip(EVENT, made.events[0, 0], strict=True))
         assert (event["vehicle"], event["partner_kind"], event["partner"]) == (0, CAR, 1)

@@ -51,6 +51,7 @@ RIG: dict[str, st.SearchStrategy[Any]] = {
     "models": st.lists(words, max_size=2).map(sorted),  # in any order they are the same
     "sandbox": st.sampled_from(["default", "strict", "off"]),
     "cosim": st.booleans(),
+    "bodies": st.integers(0, 32),
 }
 """Values of every field of a rig; of its files the contents count, see below."""
 

@@ -106,7 +106,7 @@ def test_what_the_player_refuses_is_its_line_and_its_exit_code(tmp_path: Path, c
 def test_a_name_alone_is_left_to_the_player(tmp_path: Path, capfd) -> None:
     with pytest.raises(PlayerError):
         load_play(Path("no-such-scenario"), tmp_path)
-    assert capfd.readouterr().err.startswith("twin: no-such-scenario")
+    assert capfd.readouterr().err.startswith("twin: scenario 'no-such-scenario'")
 
 
 def test_the_command_line(file: Path, tmp_path: Path) -> None:

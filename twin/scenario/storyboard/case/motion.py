@@ -58,7 +58,12 @@ class StoryboardMotion:
     steps = STEP_NS // PHYSICS_STEP_NS
 
     def __init__(
-        self, case: Case, vehicle: Vehicle, kinds: Sequence[ObjectKind], slots: int, device: Any
+        self,
+        case: Case,
+        vehicle: Vehicle,
+        kinds: Sequence[ObjectKind],
+        slots: int,
+        device: Any,  # noqa: ARG002 - see below
     ) -> None:
         """See :class:`twin.scenario.case_motion.CaseMotionMaker`."""
         self.count = case.rig.bodies
@@ -72,7 +77,9 @@ class StoryboardMotion:
         roads = _tables(self._scene)
         self._step_s = STEP_NS / 1e9
         self._programs: dict[int, tuple[LoadedStoryboard, Program]] = {}
-        self._player = RigPlayer(self._program(loaded), roads, slots, self._step_s, str(device))
+        # On the CPU whatever the rig's device: driver models do not repeat on a GPU (record 0028),
+        # and what they say is needed on the host after every step.
+        self._player = RigPlayer(self._program(loaded), roads, slots, self._step_s, "cpu")
         self._player.prepare(loaded.ego)
         self._cases: list[_SlotCase | None] = [None] * slots
         self._way_m = np.zeros((slots, self.count))

@@ -81,15 +81,26 @@ _OPEN_LANE_M = wp.constant(wp.float64(3.5))
 
 
 @wp.struct
-class LaneNeighbours:
-    """Who is next ahead and behind in the own lane, the left and the right one."""
+class LaneView:
+    """A lane as its driver, or the driver beside it, sees it."""
 
-    gap_ahead: wp.vec3d
-    speed_ahead: wp.vec3d
-    gap_behind: wp.vec3d
-    speed_behind: wp.vec3d
-    behind: wp.vec3i
-    """Entities; -1: none."""
+    lane: wp.int32
+    """Id; 0: nobody may drive there."""
+    middle: wp.float64
+    """How far to the left of the driver its middle is [m]."""
+
+
+@wp.struct
+class LaneNeighbours:
+    """Who is next ahead and behind in a lane."""
+
+    gap_ahead: wp.float64
+    """At least ``FAR``: nobody."""
+    speed_ahead: wp.float64
+    gap_behind: wp.float64
+    speed_behind: wp.float64
+    behind: wp.int32
+    """Entity; -1: none."""
 
 
 @wp.struct
@@ -148,6 +159,46 @@ def see_body(
     return seen
 
 
+@wp.struct
+class ThreeLanes:
+    """The neighbours in the own lane, the left and the right one."""
+
+    own: LaneNeighbours
+    left: LaneNeighbours
+    right: LaneNeighbours
+
+
+@wp.func
+def nobody_near() -> LaneNeighbours:
+    """An empty lane."""
+    near = LaneNeighbours()
+    near.gap_ahead = FAR
+    near.gap_behind = FAR
+    near.behind = -1
+    return near
+
+
+@wp.func
+def nearer(
+    near: LaneNeighbours,
+    other: wp.int32,
+    ahead: wp.float64,
+    speed: wp.float64,
+    gap_ahead: wp.float64,
+    gap_behind: wp.float64,
+) -> LaneNeighbours:
+    """The neighbours in a lane, with one more body in it; it is ahead by its origin."""
+    if ahead >= ZERO:
+        if gap_ahead < near.gap_ahead:
+            near.gap_ahead = gap_ahead
+            near.speed_ahead = speed
+    elif gap_behind < near.gap_behind:
+        near.gap_behind = gap_behind
+        near.speed_behind = speed
+        near.behind = other
+    return near
+
+
 @wp.func
 def neighbours_of(
     tables: ProgramArrays,
@@ -157,14 +208,16 @@ def neighbours_of(
     base: wp.int32,
     count: wp.int32,
     e: wp.int32,
-    middles: wp.vec3d,
+    own: LaneView,
+    left: LaneView,
+    right: LaneView,
     half_width: wp.float64,
-) -> LaneNeighbours:
-    """The neighbours of a body in three lanes whose middles are so far to its left."""
-    near = LaneNeighbours()
-    near.gap_ahead = wp.vec3d(FAR, FAR, FAR)
-    near.gap_behind = wp.vec3d(FAR, FAR, FAR)
-    near.behind = wp.vec3i(-1, -1, -1)
+) -> ThreeLanes:
+    """The neighbours of a body in three lanes."""
+    lanes = ThreeLanes()
+    lanes.own = nobody_near()
+    lanes.left = nobody_near()
+    lanes.right = nobody_near()
     half = HALF * tables.entity_reals[base + e, EntityColumn.LENGTH]
     front = half + tables.entity_reals[base + e, EntityColumn.CENTRE_X]
     rear = half - tables.entity_reals[base + e, EntityColumn.CENTRE_X]
@@ -176,20 +229,21 @@ def neighbours_of(
                 centre = tables.entity_reals[base + other, EntityColumn.CENTRE_X]
                 far_front = wp.where(seen.same != 0, far_half + centre, far_half - centre)
                 far_rear = wp.where(seen.same != 0, far_half - centre, far_half + centre)
-                for lane in range(3):
-                    if wp.abs(seen.left - middles[lane]) < half_width:
-                        if seen.ahead >= ZERO:
-                            gap = seen.ahead - front - far_rear
-                            if gap < near.gap_ahead[lane]:
-                                near.gap_ahead[lane] = gap
-                                near.speed_ahead[lane] = seen.speed
-                        else:
-                            gap = -seen.ahead - rear - far_front
-                            if gap < near.gap_behind[lane]:
-                                near.gap_behind[lane] = gap
-                                near.speed_behind[lane] = seen.speed
-                                near.behind[lane] = other
-    return near
+                gap_ahead = seen.ahead - front - far_rear
+                gap_behind = -seen.ahead - rear - far_front
+                if wp.abs(seen.left - own.middle) < half_width:
+                    lanes.own = nearer(
+                        lanes.own, other, seen.ahead, seen.speed, gap_ahead, gap_behind
+                    )
+                if left.lane != 0 and wp.abs(seen.left - left.middle) < half_width:
+                    lanes.left = nearer(
+                        lanes.left, other, seen.ahead, seen.speed, gap_ahead, gap_behind
+                    )
+                if right.lane != 0 and wp.abs(seen.left - right.middle) < half_width:
+                    lanes.right = nearer(
+                        lanes.right, other, seen.ahead, seen.speed, gap_ahead, gap_behind
+                    )
+    return lanes
 
 
 @wp.func
@@ -224,33 +278,31 @@ def lane_gain(
     model: wp.int32,
     speed: wp.float64,
     length: wp.float64,
-    near: LaneNeighbours,
-    lane: wp.int32,
+    own: LaneNeighbours,
+    there: LaneNeighbours,
 ) -> wp.float64:
     """How much more than the threshold a change gains; negative if it is not to be."""
-    own = follow_pull(tables, model, speed, near.gap_ahead[lane], near.speed_ahead[lane])
-    gain = own - follow_pull(tables, model, speed, near.gap_ahead[0], near.speed_ahead[0])
-    if wp.min(near.gap_ahead[lane], near.gap_behind[lane]) < _GAP_LEAST:
+    pull = follow_pull(tables, model, speed, there.gap_ahead, there.speed_ahead)
+    gain = pull - follow_pull(tables, model, speed, own.gap_ahead, own.speed_ahead)
+    if wp.min(there.gap_ahead, there.gap_behind) < _GAP_LEAST:
         return -ONE
     others = wp.float64(0.0)
-    if near.behind[lane] >= 0:
-        rule = before.wholes[slot, near.behind[lane], Whole.MODEL]
+    if there.behind >= 0:
+        rule = before.wholes[slot, there.behind, Whole.MODEL]
         if rule < 0:
             rule = model
-        behind = near.speed_behind[lane]
-        free = near.gap_behind[lane] + length + near.gap_ahead[lane]
-        after = follow_pull(tables, rule, behind, near.gap_behind[lane], speed)
+        free = there.gap_behind + length + there.gap_ahead
+        after = follow_pull(tables, rule, there.speed_behind, there.gap_behind, speed)
         if after < -tables.models[model, _SAFE]:
             return -ONE
-        others += after - follow_pull(tables, rule, behind, free, near.speed_ahead[lane])
-    if near.behind[0] >= 0:
-        rule = before.wholes[slot, near.behind[0], Whole.MODEL]
+        others += after - follow_pull(tables, rule, there.speed_behind, free, there.speed_ahead)
+    if own.behind >= 0:
+        rule = before.wholes[slot, own.behind, Whole.MODEL]
         if rule < 0:
             rule = model
-        behind = near.speed_behind[0]
-        free = near.gap_behind[0] + length + near.gap_ahead[0]
-        after = follow_pull(tables, rule, behind, free, near.speed_ahead[0])
-        others += after - follow_pull(tables, rule, behind, near.gap_behind[0], speed)
+        free = own.gap_behind + length + own.gap_ahead
+        after = follow_pull(tables, rule, own.speed_behind, free, own.speed_ahead)
+        others += after - follow_pull(tables, rule, own.speed_behind, own.gap_behind, speed)
     return gain + tables.models[model, _POLITENESS] * others - tables.models[model, _THRESHOLD]
 
 
@@ -267,6 +319,25 @@ def lane_open(
     if lane_sign(roads, road, target, s) != lane_sign(roads, road, lane, s):
         return 0
     return target
+
+
+@wp.func
+def view_of(
+    roads: RoadArrays,
+    road: wp.int32,
+    s: wp.float64,
+    t: wp.float64,
+    lane: wp.int32,
+    way: wp.int32,
+) -> LaneView:
+    """A lane as seen from a place by a driver who goes along s, or against it (``way`` -1)."""
+    view = LaneView()
+    view.lane = lane
+    view.middle = FAR
+    if lane != 0:
+        middle = lane_centre(roads, road, lane, s)
+        view.middle = (middle[0] - t) * wp.float64(way)
+    return view
 
 
 @wp.kernel
@@ -302,21 +373,16 @@ def drivers_kernel(
     speed = wp.max(now.reals[slot, e, Real.SPEED], ZERO)
     way = direction_of(now.reals[slot, e, Real.TURN])
     half_width = HALF * _OPEN_LANE_M
-    middles = wp.vec3d(ZERO, FAR, FAR)
-    lanes = wp.vec3i(lane, 0, 0)
+    own, left, right = LaneView(), LaneView(), LaneView()
+    own.lane = lane
     if road >= 0 and lane != 0:
         half_width = HALF * wp.max(lane_width(roads, road, lane, s), ONE)
-        for side in range(3):
-            target = lane
-            if side > 0:
-                target = lane_open(roads, road, s, lane, way * wp.where(side == 1, 1, -1))
-            if target != 0:
-                middle = lane_centre(roads, road, target, s)
-                lanes[side] = target
-                middles[side] = (middle[0] - t) * wp.float64(way)
-    near = neighbours_of(tables, roads, before, slot, base, count, e, middles, half_width)
+        own = view_of(roads, road, s, t, lane, way)
+        left = view_of(roads, road, s, t, lane_open(roads, road, s, lane, way), way)
+        right = view_of(roads, road, s, t, lane_open(roads, road, s, lane, -way), way)
+    near = neighbours_of(tables, roads, before, slot, base, count, e, own, left, right, half_width)
     if controlled & wp.int32(Domain.LONGITUDINAL) != 0:
-        pull = follow_pull(tables, model, speed, near.gap_ahead[0], near.speed_ahead[0])
+        pull = follow_pull(tables, model, speed, near.own.gap_ahead, near.own.speed_ahead)
         pull = wp.max(pull, -tables.entity_reals[base + e, EntityColumn.DECELERATION_MAX])
         pull = wp.min(pull, tables.entity_reals[base + e, EntityColumn.ACCELERATION_MAX])
         speed = wp.max(speed + pull * step_s, ZERO)
@@ -327,17 +393,19 @@ def drivers_kernel(
     if now.wholes[slot, e, Whole.CHANGING] == 0 and tables.models[model, _POLITENESS] >= ZERO:
         length = tables.entity_reals[base + e, EntityColumn.LENGTH]
         best = wp.float64(0.0)
-        choice = wp.int32(0)
-        for side in range(1, 3):
-            if lanes[side] != 0:
-                gain = lane_gain(tables, before, slot, model, speed, length, near, side)
-                if gain > best:
-                    best = gain
-                    choice = side
-        if choice != 0 and step_s > ZERO:
-            middle = lane_centre(roads, road, lanes[choice], s)
-            now.wholes[slot, e, Whole.CHANGING] = lanes[choice]
-            now.reals[slot, e, Real.CHANGE_FROM] = t - middle[0]
+        chosen = LaneView()
+        if left.lane != 0:
+            gain = lane_gain(tables, before, slot, model, speed, length, near.own, near.left)
+            if gain > best:
+                best = gain
+                chosen = left
+        if right.lane != 0:
+            gain = lane_gain(tables, before, slot, model, speed, length, near.own, near.right)
+            if gain > best:
+                chosen = right
+        if chosen.lane != 0 and step_s > ZERO:
+            now.wholes[slot, e, Whole.CHANGING] = chosen.lane
+            now.reals[slot, e, Real.CHANGE_FROM] = -chosen.middle * wp.float64(way)
             now.reals[slot, e, Real.CHANGE_AT] = ZERO
     if now.wholes[slot, e, Whole.CHANGING] != 0:
         begin = now.reals[slot, e, Real.CHANGE_FROM]

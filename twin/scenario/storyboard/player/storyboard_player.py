@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from twin.base.errors import UsageError
 from twin.road.tables.road_tables import RoadTables, flat_tables
 from twin.road.walk.road_arrays import road_arrays
 from twin.scenario.storyboard.interpreter.advance import INIT_PHASE, STORY_PHASE, advance_kernel
@@ -106,7 +107,8 @@ class StoryboardPlayer:
             device: cpu or cuda:N.
 
         Raises:
-            UsageError: a program is larger than a limit.
+            UsageError: a program is larger than a limit, or has driver models and is to be played
+                on a GPU.
         """
         self.programs = tuple(programs)
         self.slots = slots
@@ -126,7 +128,9 @@ class StoryboardPlayer:
         self._before = body_arrays(slots, self.entities, self.device)
         self._graph: Any = None
         self._init_lasts = any(lasts(init.action) for p in self.programs for init in p.init)
-        self._drivers = len(self.tables.models) > 0
+        self._drivers = any(program.models for program in self.programs)
+        if self._drivers and self.device.is_cuda:
+            raise UsageError(f"device '{device}': {NO_DRIVERS}")
 
     def start(self, slot: int, program_index: int) -> None:
         """Put a slot at time 0 of a program, after Init and a run of its storyboard."""
@@ -267,6 +271,7 @@ class StoryboardPlayer:
 
 
 _ALL = -1
+NO_DRIVERS = "results of driver models do not repeat on a GPU; play this one with --device cpu"
 _BLOCK = 8
 """Threads of a block: they go different ways and wait for memory, so a GPU's processors should have
 few each."""
