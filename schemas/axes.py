@@ -145,6 +145,14 @@ def scenario_of(
     return changed, mistakes
 
 
+def number_of(scenario: Scenario, axis: str) -> float | None:
+    """The number that an axis of :data:`NUMBER_AXES` sets in a scenario; None: it is as in the
+    scenario's file."""
+    prefix = next(prefix for prefix in NUMBER_AXES if axis.startswith(prefix))
+    numbers: dict[str, float] | msgspec.UnsetType = getattr(scenario, NUMBER_AXES[prefix].numbers)
+    return None if numbers is msgspec.UNSET else numbers.get(axis.removeprefix(prefix))
+
+
 def parameters_of(point: dict[str, Any]) -> dict[str, Any]:
     """The stack's parameters that a point of the matrix sets."""
     return {name: point[axis] for axis, name in _below(PARAMETER_AXES, tuple(point))}

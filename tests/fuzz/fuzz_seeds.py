@@ -1,7 +1,8 @@
 """Writes one valid seed per format: fuzzing begins with what is accepted. Run it again when a
 message or a file has changed; other seeds stay::
 
-    cd tests; PYTHONPATH=.:fuzz:unit/conductor/report python fuzz/fuzz_seeds.py
+    cd tests; C=unit/twin/scenario/storyboard/compile
+    PYTHONPATH=.:fuzz:unit/conductor/report:$C python fuzz/fuzz_seeds.py
 """
 
 from __future__ import annotations
@@ -21,12 +22,15 @@ import numpy as np
 import onnx
 import pyarrow.parquet as pq
 from autodrive_logs import config, drive
+from compiled_text import HEADER, ROADS, SPEED, TELEPORT, by_entity, compiled, scenario_text
 from darknet_oracle import random_weights
 from fuzz_target import SEEDS
 from played_files import played
+from road_files import crossing
 from road_networks import composed_file, junction_file, shapes_file, turned_file
 from targets_assets import CFG, small_network
 from targets_wire import CONTROL, DRIVE, PART, STEERING, VIEW
+from test_compile_trajectories import follow, vertex
 from tiny_networks import write_dark_spot_detector
 from wire_messages import case, control, drive_plane, result, steering, view_plane
 
@@ -61,6 +65,8 @@ from twin.fabric.keys.key_file import as_line
 from twin.records.drive_record import RecordWriter, coded
 from twin.records.kpi_file import kpi_table
 from twin.rig.pipe import CaseDone, Progress, pack
+from twin.road.opendrive.reading.reader import read_network
+from twin.scenario.storyboard.parsing import ProgramAnswer
 from twin.worker.spool import pack as spooled
 from twin.world.apart.checks import pack as packed
 from twin.world.apart.frames import write_frame
@@ -255,6 +261,84 @@ def _roads() -> None:
     _write("opendrive", "composed", composed_file())
     _write("opendrive", "turned", turned_file())
     _write("opendrive", "junction", junction_file())
+    _write("opendrive", "two-roads", ROADS)
+    data = msgspec.msgpack.encode(read_network(crossing(), "r.xodr"))
+    _write("opendrive-answer", "crossing", data)
+    data = msgspec.msgpack.encode(read_network(shapes_file(), "r.xodr"))
+    _write("opendrive-answer", "shapes", data)
+
+
+def _scenarios(folder: Path) -> None:
+    lane = '<LanePosition roadId="b" laneId="-1" s="{}" offset="0.5"/>'
+    place = f"<Position>{lane}</Position>"
+    moved = f"<PrivateAction>{TELEPORT.format(lane.format(5))}</PrivateAction>"
+    lines = "".join(vertex(x, x * 0.1, h=0.1, time=x) for x in (0.0, 2.0, 5.0))
+    controls = "".join(
+        f'<ControlPoint weight="{1 + x}">{place.format(10 * x)}</ControlPoint>' for x in range(4)
+    )
+    knots = "".join(f'<Knot value="{value}"/>' for value in (0, 0, 0, 0, 1, 1, 1, 1))
+    bend = f'<Clothoid curvature="0" curvatureDot="0.001" length="40">{place.format(1)}</Clothoid>'
+    other = '<RelativeTargetLane entityRef="Other" value="1"/>'
+    dynamics = (
+        '<LaneChangeActionDynamics dynamicsShape="cubic" dynamicsDimension="rate" value="2"/>'
+    )
+    change = f"<LaneChangeAction>{dynamics}<LaneChangeTarget>{other}</LaneChangeTarget>"
+    acquired = f"<AcquirePositionAction>{place.format(9)}</AcquirePositionAction>"
+    declared = (
+        '<ParameterDeclarations><ParameterDeclaration name="v" parameterType="double" value="3">'
+        '<ConstraintGroup><ValueConstraint rule="lessThan" value="9"/></ConstraintGroup>'
+        "</ParameterDeclaration></ParameterDeclarations>"
+    )
+    reach = f'<ReachPositionCondition tolerance="2">{place.format(30)}</ReachPositionCondition>'
+    distance = (
+        '<RelativeDistanceCondition entityRef="Other" relativeDistanceType="longitudinal" '
+        'value="4" freespace="true" rule="lessThan" coordinateSystem="lane"/>'
+    )
+    texts = {
+        "speed": scenario_text(),
+        "placed": scenario_text(init=moved, condition=by_entity(reach), edge="rising", delay="1"),
+        "polyline": scenario_text(action=follow(f"<Polyline>{lines}</Polyline>")),
+        "nurbs": scenario_text(action=follow(f'<Nurbs order="4">{controls}{knots}</Nurbs>')),
+        "clothoid": scenario_text(init=moved, action=follow(bend)),
+        "lane": scenario_text(
+            init=moved,
+            action=f"<PrivateAction><LateralAction>{change}</LaneChangeAction></LateralAction>"
+            "</PrivateAction>",
+            condition=by_entity(distance),
+        ),
+        "acquire": scenario_text(
+            init=moved,
+            action=f"<PrivateAction><RoutingAction>{acquired}</RoutingAction></PrivateAction>",
+        ),
+        "expression": scenario_text(
+            before=declared,
+            action=f"<PrivateAction>{SPEED.format('${$v * 2 ** 3}')}</PrivateAction>",
+        ),
+    }
+    for name, text in texts.items():
+        _write("openscenario", name, text)
+        program = msgspec.structs.replace(compiled(folder, text).program, network=None)
+        answer = ProgramAnswer((), ("a note",), program, 0)
+        _write("program-answer", name, msgspec.msgpack.encode(answer))
+    inner = {
+        "set": '<DistributionSet><Element value="1"/><Element value="2"/></DistributionSet>',
+        "range": '<DistributionRange stepWidth="0.5"><Range lowerLimit="0" upperLimit="2"/>'
+        "</DistributionRange>",
+    }
+    head = f'<OpenSCENARIO>{HEADER}<ParameterValueDistribution><ScenarioFile filepath="s.xosc"/>'
+    tail = "</ParameterValueDistribution></OpenSCENARIO>"
+    for name, values in inner.items():
+        single = f'<DeterministicSingleParameterDistribution parameterName="v">{values}'
+        text = f"<Deterministic>{single}</DeterministicSingleParameterDistribution></Deterministic>"
+        _write("openscenario-distribution", name, f"{head}{text}{tail}")
+    drawn = (
+        '<NormalDistribution expectedValue="5" variance="4"><Range lowerLimit="0" upperLimit="9"/>'
+    )
+    text = (
+        '<Stochastic numberOfTestRuns="3" randomSeed="1"><StochasticDistribution parameterName="v">'
+        f"{drawn}</NormalDistribution></StochasticDistribution></Stochastic>"
+    )
+    _write("openscenario-distribution", "normal", f"{head}{text}{tail}")
 
 
 def main() -> None:
@@ -268,6 +352,7 @@ def main() -> None:
         _assets(folder)
         _yaml()
         _roads()
+        _scenarios(folder)
 
 
 if __name__ == "__main__":

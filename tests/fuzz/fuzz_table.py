@@ -5,6 +5,7 @@ from __future__ import annotations
 import targets_assets
 import targets_files
 import targets_roads
+import targets_scenarios
 import targets_wire
 from fuzz_target import Target
 
@@ -13,4 +14,5 @@ TARGETS: dict[str, Target] = {
     **targets_files.TARGETS,
     **targets_assets.TARGETS,
     **targets_roads.TARGETS,
+    **targets_scenarios.TARGETS,
 }

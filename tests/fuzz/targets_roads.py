@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from fuzz_target import Target
 
+from twin.road.opendrive.check_network import network_mistakes
 from twin.road.opendrive.gaps import find_gaps
 from twin.road.opendrive.reading.reader import read_network
 from twin.road.opendrive.road_map import RoadMap
@@ -13,6 +14,7 @@ from twin.road.tables.road_tables import road_tables
 
 def _road(data: bytes) -> object:
     network = read_network(data, "r.xodr")
+    assert network_mistakes(network) == [], "a reader apart would be taken for a liar"
     roads = RoadMap(network)
     find_gaps(network, roads.frames)
     return road_tables(network), road_surface(roads)

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from twin.base.progress import progress
 from twin.play.playing import PlayedScenario, play_programs
 from twin.play.report import NamedPlay
+from twin.road.opendrive.apart import notes_of_reading
 from twin.road.tables.road_tables import RoadTables, road_tables
-from twin.scenario.storyboard.compile.compiler import (
-    CompiledScenario,
-    RoadCache,
-    compile_with_notes,
-)
+from twin.scenario.storyboard.apart import permutations_apart, programs_apart
+from twin.scenario.storyboard.compile.compiler import CompiledScenario
 from twin.scenario.storyboard.native.compiler import compile_native
 from twin.scenario.storyboard.native.document import is_native, load_native
-from twin.scenario.storyboard.openscenario.scenario import Permutation, expand
 from twin.world.kernel_cache import prepare_kernels
 
 PLAYED_MAX = 10_000
@@ -42,9 +40,9 @@ def play_file(
         if distribution is not None or permutation is not None:
             raise ValueError(f"{file}: a campaign varies scenario files, no distribution does")
         return [_play_native(file, step_s=step_s, every=every, until_s=until_s, device=device)]
-    permutations = _chosen(expand(file, distribution), file, distribution, permutation)
-    cache: RoadCache = {}
-    compiled = [compile_with_notes(chosen.scenario(), cache) for chosen in permutations]
+    assignments = permutations_apart(file, distribution)
+    numbers = _chosen(len(assignments), file, distribution, permutation)
+    compiled = list(programs_apart(file, [assignments[number] for number in numbers]))
     prepare_kernels()
     tables: dict[str, RoadTables] = {}
     played: list[PlayedScenario | None] = [None] * len(compiled)
@@ -55,13 +53,13 @@ def play_file(
             if len(compiled) > 1:
                 report(ended + count, len(compiled))
 
-        for numbers in _by_roads(compiled):
-            network = compiled[numbers[0]].program.network
+        for group in _by_roads(compiled):
+            network = compiled[group[0]].program.network
             if network is not None and network.file not in tables:
                 tables[network.file] = road_tables(network)
             roads = None if network is None else tables[network.file]
             records = play_programs(
-                [compiled[number].program for number in numbers],
+                [compiled[number].program for number in group],
                 roads,
                 step_s=step_s,
                 every=every,
@@ -70,14 +68,15 @@ def play_file(
                 done=done,
             )
             ended += len(records)
-            for number, played_one in zip(numbers, records, strict=True):
+            for number, played_one in zip(group, records, strict=True):
                 played[number] = played_one
     stem = (distribution or file).stem
     plays = []
-    for chosen, scenario, record in zip(permutations, compiled, played, strict=True):
+    for number, scenario, record in zip(numbers, compiled, played, strict=True):
         assert record is not None
-        name = f"{stem}-{chosen.number:03d}" if distribution else stem
-        plays.append(NamedPlay(name, chosen.number, chosen.values, scenario.notes, record))
+        name = f"{stem}-{number:03d}" if distribution else stem
+        notes = (*notes_of_reading(), *scenario.notes)
+        plays.append(NamedPlay(name, number, assignments[number], notes, record))
     return plays
 
 
@@ -92,26 +91,24 @@ def _play_native(
     return NamedPlay(file.stem, 0, {}, (), record)
 
 
-def _chosen(
-    permutations: list[Permutation], file: Path, distribution: Path | None, number: int | None
-) -> list[Permutation]:
+def _chosen(count: int, file: Path, distribution: Path | None, number: int | None) -> Sequence[int]:
+    """Numbers of the permutations to play."""
     if number is not None:
         if distribution is None:
             raise ValueError(f"{file}: --permutation needs --distribution")
-        if number >= len(permutations):
+        if number >= count:
             raise ValueError(
-                f"{distribution}: permutation {number} of {len(permutations)}; they are counted "
-                "from 0"
+                f"{distribution}: permutation {number} of {count}; they are counted from 0"
             )
-        return [permutations[number]]
-    if not permutations:
+        return [number]
+    if not count:
         raise ValueError(f"{distribution}: it makes no permutation")
-    if len(permutations) > PLAYED_MAX:
+    if count > PLAYED_MAX:
         raise ValueError(
-            f"{distribution}: {len(permutations)} permutations, at most {PLAYED_MAX} are played at "
-            "once; give --permutation"
+            f"{distribution}: {count} permutations, at most {PLAYED_MAX} are played at once; give "
+            "--permutation"
         )
-    return permutations
+    return range(count)
 
 
 def _by_roads(compiled: list[CompiledScenario]) -> list[list[int]]:

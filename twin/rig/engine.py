@@ -26,6 +26,7 @@ from twin.rig.slot import Finished
 from twin.scenario import families
 from twin.scenario.case_files import check_files
 from twin.scenario.case_motion import StartPose
+from twin.scenario.driving_robot import DrivingRobots
 from twin.scenario.protocol import ScenarioRun
 from twin.scenario.surroundings import Surroundings
 from twin.sensors.camera.cameras import camera_sites
@@ -134,6 +135,7 @@ class Engine:
         self._carrier = Carrier(self._vehicles, self._steps)
         if case.rig.cosim:
             self._carrier.prepare()
+        self._robots = DrivingRobots.of(self._motion, self._vehicles, self._device)
         self.camera_sites = camera_sites(case, vehicle)
         self.lidar_sites = lidar_sites(case, vehicle)
         self._suite = SensorSuite(case, scene.origin, slots, self._device)
@@ -222,6 +224,8 @@ class Engine:
         self._vehicles.place(
             slot, x_m, speed_mps, 1.0, y_m=y_m, z_m=z_m, yaw_rad=yaw_rad, refresh=False
         )
+        if self._robots is not None:
+            self._robots.begin(slot)
         self._unmeasured = True  # once for all that begin together
         self._surveyed = False
         self._vehicles.active[slot] = 1
@@ -279,8 +283,7 @@ class Engine:
             self._motion.clear(slot)
         self.objects.clear(slot)
         self.active[slot] = False
-        self.tick[slot] = 0
-        self.sim_time_ns[slot] = 0
+        self.tick[slot] = self.sim_time_ns[slot] = 0
         self._vehicles.active[slot] = 0
         self._vehicles.targets[slot] = -1
         self._winds.clear(slot)
@@ -346,7 +349,13 @@ class Engine:
         self._extinction_per_m[slot] = weather.extinction_per_m
 
     def place_ego(self, slot: int, place: PlaceEgo) -> None:
-        """Put the ego elsewhere; the scenario begins anew from there."""
+        """Put the ego elsewhere; the scenario begins anew from there.
+
+        Raises:
+            ValueError: a robot drives it; one line.
+        """
+        if self._motion is not None and self._motion.robot(slot) is not None:
+            raise ValueError("the robot has the ego of this case until the stack intervenes")
         friction = float(self._vehicles.friction[slot])
         self._vehicles.place(
             slot, place.x_m, place.speed_mps, friction, y_m=place.y_m, yaw_rad=place.yaw_rad
@@ -423,10 +432,12 @@ class Engine:
         if not self._surveyed:
             self._survey()
         self._nearest = self._vehicles.nearest()
+        self._schedule(good)
+        if self._robots is not None:
+            self._robots.watch(slot for slot, _, _ in good)
         self._record([slot for slot, _, _ in good], [command for _, _, command in good])
         self._record(list(mistakes), [None] * len(mistakes))
         finished = [self._fail(slot, reason) for slot, reason in mistakes.items()]
-        self._schedule(good)
         for slot, _, command in good:
             if command.sensors is not None:
                 self._suite.modulate(slot, command.sensors)
@@ -446,24 +457,16 @@ class Engine:
         return finished
 
     def _advance(self) -> None:
-        """One control period of vehicles and of bodies that a scenario moves.
-
-        Both go on from the same states: in a step of the scenario, the vehicle meets the bodies as
-        they move at its beginning, and the scenario sees the vehicle as it is then.
-        """
-        if self._motion is None:
+        """One control period of vehicles and of bodies that a scenario moves."""
+        if self._robots is None:
             self._vehicles.advance(self._steps)
             return
-        vehicles, steps = self._vehicles, self._motion.steps
-        for done in range(0, self._steps, steps):
-            if done:
-                vehicles.movers[...] = self.objects.at(self.sim_time_ns / 1e9).hulls(
-                    self._hull_sizes
-                )
-                vehicles.switch_step[...] -= steps
-                vehicles.first_step[...] += steps
-            self._motion.step(vehicles.state[:, 0], self.active)
-            vehicles.advance(steps)
+        for slot in self._robots.advance(self.active, self._steps, self._hulls):
+            self._exteroceptive.moved(slot)
+
+    def _hulls(self) -> np.ndarray:
+        """Hulls of what moves at the current ticks, or at the current step of a scenario."""
+        return self.objects.at(self.sim_time_ns / 1e9).hulls(self._hull_sizes)
 
     def _carry(self, poses: Mapping[int, Pose]) -> None:
         """One control period of which the stack says how it ends in some slots."""
@@ -529,7 +532,7 @@ class Engine:
         self._refresh()
         movers = self._vehicles.movers
         if movers.size and not np.array_equal(self._placed_ns, self.sim_time_ns):
-            movers = self.objects.at(self.sim_time_ns / 1e9).hulls(self._hull_sizes)
+            movers = self._hulls()
         self._vehicles.survey(movers)
         self._surveyed = True
 
@@ -537,7 +540,7 @@ class Engine:
         """The cases that end at the tick just reached."""
         state = self.state
         over = judging.have_ended(self._limits, self.sim_time_ns, state)
-        faulty = self._vehicles.faulty()
+        faulty, stuck = self._vehicles.faulty(), dict[int, str]()
         places = state[:, _PLACE]
         for slot, run in self._running():
             if not faulty[slot]:
@@ -545,6 +548,8 @@ class Engine:
                 over[slot] |= run.scenario.ended()
                 if self._motion is not None:
                     over[slot] |= self._motion.ended(slot)
+                    if fault := self._motion.fault(slot):
+                        stuck[slot], faulty[slot] = fault, True
         finished = []
         ending = np.flatnonzero((over | faulty) & self.active).tolist()
         if ending:
@@ -553,7 +558,7 @@ class Engine:
             self._surveyed = False
         for slot in ending:
             if faulty[slot]:
-                fault = self._vehicles.fault(slot)
+                fault = stuck.get(slot) or self._vehicles.fault(slot)
                 time_s = self.sim_time_ns[slot] / 1e9
                 finished.append(self._fail(slot, f"{fault}, at {time_s:.3f} s"))
             else:

@@ -72,6 +72,8 @@ class SandboxView:
     """Absolute folders in them that stay unseen: those of runs and keys."""
     writable: Sequence[Path] = ()
     """Absolute folders of the host that it may write to: a service's sockets."""
+    empty: Sequence[Path] = ()
+    """Absolute folders that are there, with nothing in them but what is readable."""
     folder: Path
     """Working folder; empty but for what is readable in it. One of the system is not taken."""
     device: str = "cpu"
@@ -98,7 +100,7 @@ def encode(view: SandboxView) -> str:
 def decode(text: str) -> SandboxView:
     """What :func:`encode` wrote; nobody but a worker gives it."""
     given: dict[str, Any] = json.loads(text)
-    for name in ("readable", "writable", "hidden"):
+    for name in ("readable", "writable", "hidden", "empty"):
         given[name] = [Path(each) for each in given[name]]
     return SandboxView(**{**given, "folder": Path(given["folder"])})
 
@@ -138,6 +140,8 @@ def arguments(view: SandboxView) -> list[str]:
             words += ["--ro-bind-try", str(path), str(path)]
         else:
             words += ["--size", str(SCRATCH_BYTES_MAX), "--perms", "0700", "--tmpfs", str(path)]
+    for path in view.empty:
+        words += ["--dir", str(path)]
     for path in view.writable:
         words += ["--bind-try", str(path), str(path)]
     for path in view.hidden:

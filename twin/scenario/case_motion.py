@@ -9,6 +9,7 @@ import numpy as np
 
 from schemas.case import Case
 from twin.actors.motion import Placement
+from twin.scenario.driver import LedPose, RobotLimits
 from twin.vehicle.vehicle_file import Vehicle
 from twin.world.things import Thing
 
@@ -63,6 +64,16 @@ class CaseMotion(Protocol):
             active: bool [S].
         """
 
+    def robot(self, slot: int) -> RobotLimits | None:
+        """When the robot that drives the ego of a slot lets go; None: the stack drives it."""
+
+    def led_pose(self, slot: int) -> LedPose:
+        """Where the robot of a slot has its ego now."""
+
+    def intervene(self, slot: int, kind: int) -> None:
+        """The stack of a slot has intervened, see :mod:`twin.scenario.driver`: its robot is gone
+        until the next case begins."""
+
     def at(self, time_s: np.ndarray, varied: Any = None) -> Placement:
         """Where all bodies are now, whatever the times; see
         :class:`twin.actors.motion.Motion`."""
@@ -72,6 +83,9 @@ class CaseMotion(Protocol):
 
     def ended(self, slot: int) -> bool:
         """Whether the case in a slot is over."""
+
+    def fault(self, slot: int) -> str:
+        """Why the case in a slot cannot be told to its end; empty: it can."""
 
     def things(self, slot: int) -> Sequence[Thing]:
         """What the bodies of a slot are [M]."""

@@ -79,6 +79,7 @@ def scenario(
     Exit code 2: a line for everything that is wrong or cannot be played, with file and line number
     or key.
     """
+    from twin.road.opendrive.apart import notes_of_reading
     from twin.validate.scenario_check import check_scenario, draw_scenario
 
     mistakes: list[str] = []
@@ -90,6 +91,7 @@ def scenario(
             draw_scenario(file, distribution, picture)
     except ValueError as error:
         mistakes = str(error).splitlines()
+    notes += notes_of_reading()
     if output is not Output.json:
         for note in notes:
             print(f"note: {note}", file=sys.stderr)
@@ -126,14 +128,16 @@ def road(
     from rich.console import Console
 
     from twin.base.errors import storage_error
-    from twin.road.opendrive.reading.load import load_network
+    from twin.road.opendrive.apart import network_apart, notes_of_reading
     from twin.road.opendrive.road_map import RoadMap
     from twin.validate import road_check
 
     try:
-        roads = RoadMap(load_network(file))
+        roads = RoadMap(network_apart(file))
     except ValueError as error:
         raise UsageError(str(error)) from None
+    for note in notes_of_reading():
+        print(note, file=sys.stderr)
     check = road_check.check_roads(roads)
     if output is Output.json:
         print(json.dumps(road_check.to_json(check), indent=1))

@@ -22,17 +22,12 @@ def check_scenario(file: Path, distribution: Path | None) -> tuple[list[str], li
             raise ValueError(f"{file}: a campaign varies scenario files, no distribution does")
         document = load_native(file)
         return native_outline(document, compile_native(document)), []
-    from twin.scenario.storyboard.compile.compiler import compile_with_notes
-    from twin.scenario.storyboard.openscenario.outline import outline
-    from twin.scenario.storyboard.openscenario.scenario import expand
+    from twin.scenario.storyboard.apart import outline_apart, permutations_apart
 
-    permutations = expand(file, distribution)
+    permutations = permutations_apart(file, distribution)
     if not permutations:
         return [], []
-    effective = permutations[0].scenario()
-    lines = outline(effective, permutations)
-    notes = compile_with_notes(effective).notes if effective.kind == "ScenarioFile" else ()
-    return lines, list(notes)
+    return outline_apart(file, permutations[0], len(permutations))
 
 
 def draw_scenario(file: Path, distribution: Path | None, picture: Path) -> None:
@@ -62,10 +57,9 @@ def draw_scenario(file: Path, distribution: Path | None, picture: Path) -> None:
 def _program(file: Path, distribution: Path | None) -> Program:
     if is_native(str(file)):
         return compile_native(load_native(file))
-    from twin.scenario.storyboard.compile.compiler import compile_scenario
-    from twin.scenario.storyboard.openscenario.scenario import expand
+    from twin.scenario.storyboard.apart import permutations_apart, program_apart
 
-    permutations = expand(file, distribution)
+    permutations = permutations_apart(file, distribution)
     if not permutations:
         raise ValueError(f"{distribution}: no permutation")
-    return compile_scenario(permutations[0].scenario())
+    return program_apart(file, permutations[0])

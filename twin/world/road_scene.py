@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 
+from schemas.files.assets import asset_digest
 from twin.road.lane import LanePath, Piece, trace
-from twin.road.opendrive.reading.load import load_network
 from twin.road.opendrive.road_frame import RoadFrame, traffic_sign
 from twin.road.opendrive.road_map import RoadMap
+from twin.road.shipped.library import roads_of
 from twin.road.surface.patch import SurfacePatch
 from twin.road.surface.surface import road_surface
 from twin.world.meshes import materials
@@ -59,7 +61,13 @@ def road_map(file: str) -> RoadMap:
     Raises:
         ValueError: it cannot be used; one line.
     """
-    return RoadMap(load_network(Path(file)))
+    return _kept(file, asset_digest(Path(file)))
+
+
+@lru_cache(maxsize=4)
+def _kept(file: str, _digest: str) -> RoadMap:
+    """The same, once for every content of a file."""
+    return RoadMap(roads_of(Path(file)))
 
 
 def _surface(file: str) -> tuple[SurfacePatch, ...]:

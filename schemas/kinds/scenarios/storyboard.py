@@ -15,8 +15,17 @@ class StoryboardConfig(Struct, frozen=True, forbid_unknown_fields=True):
     storyboard: Annotated[str, Meta(min_length=1, max_length=4096)]
     """Name of a shipped scenario, or the path of a scenario file, YAML or OpenSCENARIO XML;
     storyboard only."""
-    driver: Literal["stack"] = "stack"
-    """Who drives the ego; storyboard only."""
+    driver: Literal["stack", "robot"] = "stack"
+    """Who drives the ego: ``stack``, from the start on; ``robot``: as on a proving ground, a robot
+    holds the scenario's path and speed until the stack brakes or steers away; storyboard only."""
+    robot_brake: Annotated[float, Meta(gt=0, le=1)] = 0.05
+    """Brake or handbrake of the stack from which on the robot lets go, share of full braking; so
+    much slows a car down by about 0.5 m/s^2, between the 0.3 and 1 m/s^2 by which Euro NCAP tells
+    when an emergency brake acts; storyboard only."""
+    robot_steering_deg: Annotated[float, Meta(gt=0, le=90)] = 3.0
+    """Steering of the stack from which on the robot lets go: angle of the road wheels outside of
+    what lies between straight ahead and the robot's path. A stack that keeps the lane in which the
+    robot drives stays below it, and so does one that never steers [deg]; storyboard only."""
     numbers: dict[str, float] = {}
     """Numbers of the scenario file that are others than it says, by their names there:
     ``actors.van.ahead_m``, or a parameter of OpenSCENARIO; storyboard only."""
@@ -33,6 +42,8 @@ _REPORT = ScenarioReport(
     overview=_CURVES,
     table=(
         *("dtc_min_m", "impact_speed_mps", "aeb_time_s", "aeb_ttc_s", "events_started"),
+        *("intervention_time_s", "intervention_kind", "intervention_speed_mps"),
+        *("intervention_dtc_m", "intervention_ttc_s"),
         *("event_last_s", "decel_peak_mps2", "speed_max_mps", "sim_time_s"),
     ),
     beside=(("AEB at [s]", "aeb_time_s"), ("last event [s]", "event_last_s")),
@@ -65,7 +76,8 @@ KIND = ScenarioKind(
     stops_for_target=False,
     kpis=(
         *("storyboard_running", "events_started", "event_last", "event_last_s"),
-        "storyboard_end_s",
+        *("storyboard_end_s", "robot_drives", "intervention_kind", "intervention_time_s"),
+        *("intervention_speed_mps", "intervention_dtc_m", "intervention_ttc_s"),
     ),
     files=("storyboard",),
     brings_scene="storyboard",

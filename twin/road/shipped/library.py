@@ -5,6 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from schemas.validation import suggest
+from twin.road.opendrive.apart import network_apart
+from twin.road.opendrive.reading.load import load_network
+from twin.road.opendrive.records import RoadNetwork
 
 FOLDER = Path(__file__).parent
 SUFFIX = ".xodr"
@@ -28,6 +31,16 @@ def road_path(name_or_path: str, folder: Path) -> Path:
         names = suggest(name_or_path, [*shipped_roads()])
         raise ValueError(f"road '{name_or_path}' is not shipped; {names}, or the path of an .xodr")
     return path if path.is_absolute() else folder / path
+
+
+def roads_of(path: Path) -> RoadNetwork:
+    """The roads of a file: ours are read here, those of others by a process apart.
+
+    Raises:
+        ValueError: it cannot be read; one line.
+        InfrastructureError: the process did not start.
+    """
+    return load_network(path) if path.parent == FOLDER else network_apart(path)
 
 
 def write_roads(folder: Path) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 import resource
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 
 import msgspec
@@ -24,9 +25,9 @@ def main() -> None:
     bind_to_parent()
     request = msgspec.json.decode(sys.stdin.buffer.read(), type=ReadRequest)
     answers = os.dup(1)
-    parsers = {name: parser_of(name) for name, _ in request.asks}
+    parsers = {name: parser_of(name) for name, _, _ in request.asks}
     reads = {name: parser.function() for name, parser in parsers.items()}
-    _limit(request.cpu_s)
+    _limit({resource.RLIMIT_CPU: request.cpu_s, resource.RLIMIT_AS: request.memory_bytes})
     _silence()
 
     def write(data: memoryview) -> None:
@@ -34,10 +35,11 @@ def main() -> None:
             data = data[os.write(answers, data) :]
 
     write(memoryview(b"\0"))
-    for name, path in request.asks:
+    for name, path, argument in request.asks:
+        rest = (argument,) if argument else ()
         parser = parsers[name]
         try:
-            tree, arrays = pack(reads[name](Path(path)), parser.check)
+            tree, arrays = pack(reads[name](Path(path), *rest), parser.check)
             write_frame(write, tree, arrays)
         except MemoryError:
             write_error(write, f"{path}: not enough memory to load it")
@@ -50,8 +52,8 @@ def main() -> None:
             return
 
 
-def _limit(cpu_s: int) -> None:
-    for limit, most in {**LIMITS, resource.RLIMIT_CPU: cpu_s}.items():
+def _limit(own: Mapping[int, int]) -> None:
+    for limit, most in {**LIMITS, **own}.items():
         _, hard = resource.getrlimit(limit)
         value = most if hard == resource.RLIM_INFINITY else min(most, hard)
         # Nobody can raise it again. A second later, since the kernel kills at the hard limit of the

@@ -1,4 +1,4 @@
-"""How much a process may use that parses the files of one scene."""
+"""How much a process may use that parses files: of a scene, if nothing else is said."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ ANSWER_BYTES_MAX = 4 << 30
 """What it may answer, for all files together [bytes]."""
 
 LIMITS = {
-    resource.RLIMIT_AS: MEMORY_BYTES_MAX,
     resource.RLIMIT_CORE: 0,
     resource.RLIMIT_FSIZE: 0,
     resource.RLIMIT_NPROC: 0,
     resource.RLIMIT_NOFILE: 64,
 }
-"""Limits of the kernel; it writes no file, and starts no process or thread."""
+"""Limits of the kernel beside processor time and memory: it writes no file, and starts no process
+or thread."""

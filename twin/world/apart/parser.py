@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -18,17 +17,17 @@ class Parser:
     """A function that reads a file, and what it may answer."""
 
     entry: str
-    """``module:function``, called with the path of the file; a ``ValueError`` of it is the
-    user's line."""
+    """``module:function``, called with the path of the file and what is asked beside it, if that is
+    anything; a ``ValueError`` of it is the user's line."""
     check: Check
     """What it may answer."""
     failed: str
     """Words of the line if it comes to no answer, after the file's name."""
 
-    def function(self) -> Callable[[Path], Any]:
+    def function(self) -> Callable[..., Any]:
         """The function; imports its module."""
         module, _, name = self.entry.partition(":")
-        found: Callable[[Path], Any] = getattr(importlib.import_module(module), name)
+        found: Callable[..., Any] = getattr(importlib.import_module(module), name)
         return found
 
 
@@ -43,7 +42,9 @@ def parser_of(name: str) -> Parser:
 class ReadRequest(msgspec.Struct, forbid_unknown_fields=True):
     """What the process is asked."""
 
-    asks: list[tuple[str, str]]
-    """Parser as ``module:ATTRIBUTE``, and path of a file."""
+    asks: list[tuple[str, str, bytes]]
+    """Parser as ``module:ATTRIBUTE``, path of a file, and what is asked beside it."""
     cpu_s: int
     """Processor time that it may take [s]."""
+    memory_bytes: int
+    """Address space that it may take [bytes]."""

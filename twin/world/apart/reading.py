@@ -30,7 +30,7 @@ from twin.sandbox.start import Inside, Sandboxed, own_code
 from twin.sandbox.view import SCRATCH, SandboxView
 from twin.world.apart.checks import AnswerError, unpack
 from twin.world.apart.frames import FrameReader
-from twin.world.apart.limits import ANSWER_BYTES_MAX, CPU_S, WALL_S
+from twin.world.apart.limits import ANSWER_BYTES_MAX, CPU_S, MEMORY_BYTES_MAX, WALL_S
 from twin.world.apart.parser import ReadRequest, parser_of
 
 # Without the dots of a path as it was typed: their folders are not in the sandbox.
@@ -53,22 +53,30 @@ class AskedFile:
     path: Path
     files: Sequence[Path] = ()
     """Regular files that it names and the parser may see."""
+    argument: bytes = b""
+    """What the parser is asked beside it; empty: nothing."""
 
 
 def read_apart(
     asks: Sequence[AskedFile],
     *,
     readable: Sequence[Path] = (),
+    folders: Sequence[Path] = (),
     cpu_s: int = CPU_S,
     wall_s: float = WALL_S,
+    memory_bytes: int = MEMORY_BYTES_MAX,
+    answer_bytes: int = ANSWER_BYTES_MAX,
 ) -> Generator[Any, None, None]:
     """The answers of parsers, in order; one process parses all files.
 
     Args:
         asks: the files. What they name must be regular files, or not be there.
         readable: further files and folders that the parsers may see.
+        folders: folders that are there for the parsers, but empty.
         cpu_s: processor time that the process may take [s].
         wall_s: time until the process is given up [s].
+        memory_bytes: address space that it may take [bytes].
+        answer_bytes: what it may answer, for all files together [bytes].
 
     Raises:
         ValueError: a file cannot be used; one line that names it. No further one is read.
@@ -76,21 +84,22 @@ def read_apart(
     """
     if not asks:
         return
-    seen = [_seen(ask.path) for ask in asks]
+    seen = [path_apart(ask.path) for ask in asks]
     files = [file for ask, path in zip(asks, seen, strict=True) for file in (path, *ask.files)]
-    named = [(ask.parser, str(path)) for ask, path in zip(asks, seen, strict=True)]
-    request = ReadRequest(named, cpu_s)
-    with _started(msgspec.json.encode(request), [*files, *readable]) as (child, log):
+    named = [(ask.parser, str(path), ask.argument) for ask, path in zip(asks, seen, strict=True)]
+    request = msgspec.json.encode(ReadRequest(named, cpu_s, memory_bytes))
+    with _started(request, [*files, *readable], folders) as (child, log):
         assert child.stdout is not None
         until_s = time.monotonic() + wall_s
-        reader = FrameReader(child.stdout.fileno(), until_s, ANSWER_BYTES_MAX)
+        reader = FrameReader(child.stdout.fileno(), until_s, answer_bytes)
         try:
             reader.ready()
         except (EOFError, TimeoutError):
             child.kill()
             how = how_it_ended(own_code(child, child.wait()))
             words = f"{how}: {escape(last_lines(log, 1)) or 'it said nothing'}"
-            raise InfrastructureError(f"meshes: their reader did not start ({words})") from None
+            words = f"{asks[0].path}: its reader did not start ({words})"
+            raise InfrastructureError(words) from None
         for ask, path in zip(asks, seen, strict=True):
             try:
                 yield _answer(ask, path, reader, child)
@@ -99,10 +108,10 @@ def read_apart(
                 raise ValueError(f"{ask.path}: {parser_of(ask.parser).failed}: {words}") from None
 
 
-def unprotected() -> str:
+def unprotected(files: str = "meshes and heightmaps") -> str:
     """A line about files that are parsed without a sandbox; empty: they have one."""
     reason = why_not()
-    return f"meshes and heightmaps are read without a sandbox: {reason}" if reason else ""
+    return f"{files} are read without a sandbox: {reason}" if reason else ""
 
 
 def _answer(ask: AskedFile, path: Path, reader: FrameReader, child: subprocess.Popen[bytes]) -> Any:
@@ -126,20 +135,20 @@ def _answer(ask: AskedFile, path: Path, reader: FrameReader, child: subprocess.P
     raise ValueError(escape(line) or f"{ask.path}: {parser.failed}")
 
 
-def _seen(path: Path) -> Path:
+def path_apart(path: Path) -> Path:
     """The file as the process sees it: absolute, its folder without links."""
     return Path(os.path.realpath(path.parent)) / path.name
 
 
 @contextmanager
 def _started(
-    request: bytes, readable: Sequence[Path]
+    request: bytes, readable: Sequence[Path], folders: Sequence[Path]
 ) -> Iterator[tuple[subprocess.Popen[bytes], IO[bytes]]]:
     """The process, which ends with the block, and what it says on standard error."""
     with tempfile.TemporaryFile() as log, tempfile.TemporaryFile() as given:
         given.write(request)
         given.seek(0)
-        child = _spawn(given, log, readable)
+        child = _spawn(given, log, readable, folders)
         try:
             yield child, log
         finally:
@@ -149,7 +158,9 @@ def _started(
             child.stdout.close()
 
 
-def _spawn(given: IO[bytes], log: IO[bytes], readable: Sequence[Path]) -> subprocess.Popen[bytes]:
+def _spawn(
+    given: IO[bytes], log: IO[bytes], readable: Sequence[Path], folders: Sequence[Path]
+) -> subprocess.Popen[bytes]:
     # Modules are found where this process finds them.
     places = [entry for entry in sys.path if entry.startswith("/")]
     variables = {
@@ -161,7 +172,10 @@ def _spawn(given: IO[bytes], log: IO[bytes], readable: Sequence[Path]) -> subpro
         own = {**os.environ, **variables, PARENT_VARIABLE: str(os.getpid())}
         return _popen(subprocess.Popen, _COMMAND, own, (), given, log)
     view = SandboxView(
-        readable=[*python_reads(), *dict.fromkeys(readable)], folder=SCRATCH, variables=variables
+        readable=[*python_reads(), *dict.fromkeys(readable)],
+        empty=list(dict.fromkeys(folders)),
+        folder=SCRATCH,
+        variables=variables,
     )
     with Sandboxed(_COMMAND, view) as box:
         return _popen(Inside, box.words, box.environment, box.descriptors, given, log)

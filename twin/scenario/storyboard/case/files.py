@@ -8,7 +8,6 @@ from typing import Any
 
 from schemas.files.assets import SCENARIO_SUFFIX, asset_digest, asset_files, is_path
 from schemas.kinds.scenarios.storyboard import StoryboardConfig
-from schemas.validation import suggest
 from twin.scenario.storyboard.native.document import scenario_path
 from twin.scenario.storyboard.program.program import Program
 
@@ -82,16 +81,9 @@ def file_of(name: str) -> Path:
 def _program(path: Path, numbers: dict[str, float]) -> Program:
     # Both take libraries or tables that are slow to load, and a campaign needs one of them.
     if path.suffix == SCENARIO_SUFFIX:
-        from twin.scenario.storyboard.compile.compiler import compile_scenario
-        from twin.scenario.storyboard.openscenario.scenario import read_scenario
+        from twin.scenario.storyboard.apart import program_apart
 
-        effective = read_scenario(path)
-        if unknown := [name for name in numbers if name not in effective.parameters]:
-            hint = suggest(unknown[0], list(effective.parameters))
-            raise ValueError(f"{path}: it has no parameter {unknown[0]}; {hint}")
-        if numbers:
-            effective = read_scenario(path, numbers)
-        return compile_scenario(effective)
+        return program_apart(path, numbers)
     from twin.scenario.storyboard.native.compiler import compile_native
     from twin.scenario.storyboard.native.document import load_native, with_values
 

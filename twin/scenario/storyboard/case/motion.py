@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -16,6 +17,7 @@ from twin.road.opendrive.grid import cosine, settled, sine
 from twin.road.tables.road_tables import RoadTables, road_tables
 from twin.scenario.case_files import check_scenario_files
 from twin.scenario.case_motion import StartPose
+from twin.scenario.driver import LedPose, RobotLimits
 from twin.scenario.storyboard.case.bodies import CaseBodies, bodies_of
 from twin.scenario.storyboard.case.checks import STEP_NS, other_road, program_mistakes
 from twin.scenario.storyboard.case.files import (
@@ -46,6 +48,8 @@ _POSE = [
     COLUMN[name] for name in ("x_m", "y_m", "z_m", "yaw_rad", "pitch_rad", "roll_rad", "speed_mps")
 ]
 
+_LED = (Real.X, Real.Y, Real.Z, Real.HEADING, Real.PITCH, Real.ROLL, Real.SPEED)
+
 
 class StoryboardMotion:
     """Bodies of all slots, see :class:`twin.scenario.case_motion.CaseMotion`."""
@@ -75,6 +79,7 @@ class StoryboardMotion:
         self._yaw_rate = np.zeros((slots, self.count))
         self._placement = nobody(slots, self.count)
         self._running = np.zeros(slots, np.bool_)
+        self._full = np.zeros(slots, np.bool_)
         self._stale = False
 
     @property
@@ -86,16 +91,20 @@ class StoryboardMotion:
         """A case begins: bodies and ego are where they are at time 0 of its storyboard."""
         check_scenario_files(case)
         loaded = _load(case)
-        name = KIND.config_of(case.variation.scenario).storyboard
+        config = KIND.config_of(case.variation.scenario)
+        name = config.storyboard
         wrong = [*program_mistakes(name, loaded)]
         wrong += [f"{name}: {line}" for line in [other_road(self._scene, loaded.road)] if line]
         if wrong:
             raise ValueError(wrong[0])
         self._player.begin(slot, self._program(loaded), loaded.ego)
-        self._cases[slot] = _SlotCase(loaded, bodies_of(loaded, self.count))
+        self._cases[slot] = run = _SlotCase(loaded, bodies_of(loaded, self.count))
         self._way_m[slot] = self._yaw_rate[slot] = 0.0
         self._stale = True
         self._watch([slot])
+        if config.driver == "robot":
+            run.limits = RobotLimits(config.robot_brake, math.radians(config.robot_steering_deg))
+            run.led_pose = self._led(slot, run)
         return self._ego(slot)
 
     def alone(self, slot: int, time_s: float) -> StartPose:
@@ -129,8 +138,39 @@ class StoryboardMotion:
 
     def step(self, state: np.ndarray, active: np.ndarray) -> None:
         """One step: the storyboards see the egos at its beginning."""
-        self._player.impose_egos(np.ascontiguousarray(state[:, _POSE]))
+        led = np.array([run is not None and run.limits is not None for run in self._cases])
+        self._player.impose_egos(np.ascontiguousarray(state[:, _POSE]), led)
         self._go_on(active)
+        for slot in np.flatnonzero(active & led).tolist():
+            run = self._run(slot)
+            run.led_pose = self._led(slot, run)
+
+    def _led(self, slot: int, run: _SlotCase) -> LedPose:
+        """Where the robot has the ego: where the storyboard has it, and straight on at the same
+        speed for what is left of a control period when that has ended."""
+        row = self._player.bodies.reals.numpy()[slot, run.loaded.ego].tolist()
+        if self._running[slot]:
+            return LedPose(*(row[column] for column in _LED))
+        last, step_s = run.led_pose, self._step_s
+        return last._replace(
+            x_m=last.x_m + row[Real.VX] * step_s,
+            y_m=last.y_m + row[Real.VY] * step_s,
+            z_m=last.z_m + row[Real.VZ] * step_s,
+        )
+
+    def robot(self, slot: int) -> RobotLimits | None:
+        """When the robot that drives the ego of a slot lets go; None: the stack drives it."""
+        run = self._cases[slot]
+        return None if run is None else run.limits
+
+    def led_pose(self, slot: int) -> LedPose:
+        """Where the robot of a slot has its ego now."""
+        return self._run(slot).led_pose
+
+    def intervene(self, slot: int, kind: int) -> None:
+        """The robot of a slot is gone: from the next step on the ego is where the vehicle is."""
+        run = self._run(slot)
+        run.limits, run.intervention = None, kind
 
     def _go_on(self, active: np.ndarray) -> None:
         before = self._player.bodies.reals.numpy()[:, :, Real.HEADING].copy()
@@ -166,11 +206,20 @@ class StoryboardMotion:
         }
         if run.event_last:
             values |= {"event_last": float(run.event_last), "event_last_s": run.event_last_s}
+        if run.limits is not None or run.intervention:
+            values["robot_drives"] = float(run.limits is not None)
+        if run.intervention:
+            values["intervention_kind"] = float(run.intervention)
         return values
 
     def ended(self, slot: int) -> bool:
         """Whether the storyboard of a slot has ended."""
         return not self._running[slot]
+
+    def fault(self, slot: int) -> str:
+        """The limit of the player that a slot has met, in words."""
+        limits = self._player.overflows(slot) if self._full[slot] else ()
+        return f"limit of the storyboard met: {limits[0]}" if limits else ""
 
     def things(self, slot: int) -> Sequence[Thing]:
         """What the bodies of a slot are [M]."""
@@ -198,6 +247,7 @@ class StoryboardMotion:
         """What has begun in slots since it was looked at last."""
         now = self._player.now()
         self._running[slots] = now.running[slots]
+        self._full[slots] = now.full[slots]
         for slot in slots:
             run = self._cases[slot]
             if run is None or now.transitions[slot] == run.seen:
@@ -251,6 +301,7 @@ class _SlotCase:
     __slots__ = (
         *("loaded", "bodies", "names", "numbers", "seen"),
         *("events_started", "event_last", "event_last_s"),
+        *("limits", "led_pose", "intervention"),
     )
 
     def __init__(self, loaded: LoadedStoryboard, bodies: CaseBodies) -> None:
@@ -267,6 +318,11 @@ class _SlotCase:
         self.event_last = 0
         """0: none has begun."""
         self.event_last_s = 0.0
+        self.limits: RobotLimits | None = None
+        """Of the robot that drives the ego; None: the stack does."""
+        self.led_pose = LedPose(*[0.0] * len(LedPose._fields))
+        self.intervention = 0
+        """How the stack intervened; 0: it has not."""
 
 
 def scene_file(case: Case) -> str:

@@ -32,6 +32,8 @@ class SlotsNow:
     """bool: the storyboard has not ended, held or not."""
     transitions: np.ndarray
     """How many there were."""
+    full: np.ndarray
+    """bool: a limit was met, :meth:`RigPlayer.overflows` says which."""
 
 
 class RigPlayer(StoryboardPlayer):
@@ -56,7 +58,7 @@ class RigPlayer(StoryboardPlayer):
     def prepare(self, ego: int) -> None:
         """Have all kernels compiled before the first case; ``ego``: entity of the program."""
         self.begin(0, self.programs[0], ego)
-        self.impose_egos(np.zeros((self.slots, 7)))
+        self.impose_egos(np.zeros((self.slots, 7)), np.zeros(self.slots, np.bool_))
         self.step()
         self.end(0)
 
@@ -87,10 +89,11 @@ class RigPlayer(StoryboardPlayer):
             self._set_running(slot, int(self._held[slot]))
             self._held[slot] = -1
 
-    def impose_egos(self, poses: np.ndarray) -> None:
+    def impose_egos(self, poses: np.ndarray, led: np.ndarray) -> None:
         """Say where the egos of all slots are: x, y, z [m], heading, pitch, roll [rad] and speed
-        [m/s] of each, [S, 7]; of slots that are held they count for nothing."""
-        egos = np.where(self._held < 0, self._egos, -1).astype(np.int32)
+        [m/s] of each, [S, 7]; of slots that are held they count for nothing, nor of those that the
+        storyboard itself leads, ``led`` bool [S]."""
+        egos = np.where((self._held < 0) & ~led, self._egos, -1).astype(np.int32)
         inputs: list[Any] = [
             self._roads,
             wp.array(egos, dtype=wp.int32, device=self.device),
@@ -103,7 +106,11 @@ class RigPlayer(StoryboardPlayer):
         """What the slots are at."""
         slots = self._play.slots.numpy()
         running = np.where(self._held >= 0, self._held, slots[:, SlotColumn.RUNNING]) != 0
-        return SlotsNow(running, slots[:, SlotColumn.TRANSITIONS].copy())
+        return SlotsNow(
+            running,
+            slots[:, SlotColumn.TRANSITIONS].copy(),
+            slots[:, SlotColumn.OVERFLOW] != 0,
+        )
 
     def begun(self, slot: int, first: int) -> list[tuple[int, int]]:
         """Step and element of the starts in a slot from transition ``first`` on."""

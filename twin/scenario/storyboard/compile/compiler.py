@@ -22,6 +22,7 @@ from twin.scenario.storyboard.compile.fates import (
 from twin.scenario.storyboard.compile.storyboards import compile_init, compile_storyboard
 from twin.scenario.storyboard.openscenario.element import ScenarioElement
 from twin.scenario.storyboard.openscenario.expression import Value
+from twin.scenario.storyboard.openscenario.references import named_path
 from twin.scenario.storyboard.openscenario.scenario import EffectiveScenario
 from twin.scenario.storyboard.program.program import Program
 
@@ -124,7 +125,7 @@ def _roads(element: ScenarioElement, context: Compilation, cache: RoadCache) -> 
     logic = element.first("LogicFile")
     if logic is None:
         return None
-    path: Path = logic.file.parent / str(logic.values["filepath"])
+    path = named_path(logic.file, str(logic.values["filepath"]))
     if path not in cache:
         try:
             network = load_network(path)

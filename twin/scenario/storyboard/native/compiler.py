@@ -11,8 +11,7 @@ import math
 from dataclasses import dataclass
 
 from schemas.validation import suggest
-from twin.road.opendrive.reading.load import load_network
-from twin.road.shipped.library import road_path
+from twin.road.shipped.library import road_path, roads_of
 from twin.scenario.storyboard.native.actions import (
     ARRIVE,
     AT_ONCE,
@@ -139,7 +138,7 @@ def compile_native(document: NativeDocument) -> Program:
 def _ground(document: NativeDocument, mistakes: NativeMistakes) -> ScenarioGround | None:
     try:
         path = road_path(document.scenario.road, document.file.parent)
-        return scenario_ground(load_network(path))
+        return scenario_ground(roads_of(path))
     except ValueError as error:
         mistakes.add("road", str(error))
         return None

@@ -10,6 +10,7 @@ from twin.scenario.storyboard.openscenario.reader import (
     ScenarioReader,
     load_document,
 )
+from twin.scenario.storyboard.openscenario.references import named_path
 from twin.scenario.storyboard.openscenario.values import value_of
 
 CATALOG_FILES_MAX = 1000
@@ -24,7 +25,7 @@ def load_catalogs(document: ScenarioDocument, reader: ScenarioReader) -> None:
             text = str(value_of(directory.get("path", ""), "s", {}, document.minor))
         except ValueError:
             continue  # said where the element is read; folders depend on no parameter here
-        folder = document.path.parent / text
+        folder = named_path(document.path, text)
         if not text or not folder.is_dir():
             words = f"the catalog folder '{text}' is missing ({folder})"
             reader.mistakes.add(document.path, directory.sourceline, words)

@@ -27,6 +27,8 @@ DEPTH_MAX = 64
 """How deep elements may nest in a file."""
 ELEMENTS_MAX = 200_000
 """Elements of one file."""
+PLACED_ELEMENTS_MAX = 400_000
+"""Elements of a scenario, with entries of catalogs in place of their references."""
 CATALOG_DEPTH_MAX = 16
 """How deep catalog entries may refer to others."""
 _XSI = "{http://www.w3.org/2001/XMLSchema-instance}"
@@ -80,6 +82,8 @@ class ScenarioReader:
     """Global parameters with their values."""
     catalogs_used: dict[str, None] = field(default_factory=dict)
     """``catalog/entry`` in the order in which they were met."""
+    elements: int = 0
+    """Those that were read so far."""
     _document: ScenarioDocument | None = None
     _open: tuple[str, ...] = ()
 
@@ -100,6 +104,10 @@ class ScenarioReader:
         self, node: Any, rule: ElementRule, scope: Scope, overrides: Scope, top: bool = False
     ) -> ScenarioElement:
         assert self._document is not None
+        self.elements += 1
+        if self.elements > PLACED_ELEMENTS_MAX:
+            words = f"more than {PLACED_ELEMENTS_MAX} elements with those of catalog entries"
+            raise ValueError(f"{self._document.path}:{node.sourceline or 1}: {words}")
         if rule.name in REFUSED:
             self._say(node, f"{node.tag} is refused: {REFUSED[rule.name]}")
         declared = node.find("ParameterDeclarations")

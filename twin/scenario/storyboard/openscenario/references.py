@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 from schemas.validation import suggest
@@ -40,6 +41,14 @@ def check_references(
             _road_file(element, scenario.file, mistakes)
 
 
+def named_path(file: Path, name: str) -> Path:
+    """The file or folder that another file names, as seen from there.
+
+    ``..`` takes the folder before it away, so nothing has to be there that is only passed.
+    """
+    return Path(os.path.normpath(file.parent / name))
+
+
 def _names_once(element: ScenarioElement, mistakes: ScenarioMistakes) -> None:
     known: set[tuple[str, str]] = set()
     for child in element.children:
@@ -53,7 +62,7 @@ def _names_once(element: ScenarioElement, mistakes: ScenarioMistakes) -> None:
 
 
 def _road_file(element: ScenarioElement, scenario: Path, mistakes: ScenarioMistakes) -> None:
-    path = scenario.parent / str(element.values.get("filepath", ""))
+    path = named_path(scenario, str(element.values.get("filepath", "")))
     if not path.is_file():
         mistakes.add(element.file, element.line, f"the road file {path} is missing")
 

@@ -11,7 +11,7 @@ from twin.scenario.storyboard.openscenario.distribution import permutations
 from twin.scenario.storyboard.openscenario.element import ScenarioElement
 from twin.scenario.storyboard.openscenario.expression import Value
 from twin.scenario.storyboard.openscenario.reader import ScenarioReader, load_document
-from twin.scenario.storyboard.openscenario.references import check_references
+from twin.scenario.storyboard.openscenario.references import check_references, named_path
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +76,7 @@ def expand(path: Path, distribution: Path | None = None) -> list[Permutation]:
         raise ValueError(f"{distribution}:1: it has no ParameterValueDistribution")
     named = element.first("ScenarioFile")
     assert named is not None
-    target = distribution.parent / str(named.values["filepath"])
+    target = named_path(distribution, str(named.values["filepath"]))
     if target.resolve() != path.resolve():
         raise ValueError(f"{distribution}:{named.line}: it varies {target}, not {path}")
     return [Permutation(i, values, path) for i, values in enumerate(permutations(element))]

@@ -197,6 +197,18 @@ def test_a_file_that_changed_since_the_submission_is_refused(near):
     engine.close()
 
 
+def test_a_case_whose_player_met_a_limit_fails(near):
+    """A storyboard that begins and ends an event at every step."""
+    events = "".join(
+        f"  e{n}:\n    at_s: {n / 500:.3f}\n    do: {{van: {{speed_mps: 15, at_mps2: 9}}}}\n"
+        for n in range(250)
+    )
+    near.write_text(CUT_IN[: CUT_IN.index("  cut_in:")] + events + "end: {after_s: 2.5}\n")
+    finished, _ = drive([case_of(near)], 1)[0]
+    assert finished.outcome == "failed"
+    assert "TRANSITIONS_MAX" in finished.reasons[0]
+
+
 def test_interventions_place_the_ego_and_leave_the_bodies(near):
     case = case_of(near)
     engine = Engine(case, 1)
