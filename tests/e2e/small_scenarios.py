@@ -206,6 +206,8 @@ def small_scenarios() -> Iterator[tuple[str, str]]:
     """Names and texts."""
     for name, start, action in _actions():
         yield name, scenario(start, B, event("e", action, after(1)))
+    for name, start, b in _places():
+        yield name, scenario(start, b, event("e", teleport(lane(700, -1, 0.4)), after(4)))
     for name, action in _distances():
         yield name, scenario(A, B, event("e", action, after(1)), BRAKING)
     for name, final, speed_mps in _arrivals():
@@ -219,6 +221,25 @@ def small_scenarios() -> Iterator[tuple[str, str]]:
         yield name, scenario(A, teleport(lane(80)), waiting + faster + slower)
     for name, events in _events():
         yield name, scenario(A, B, events)
+
+
+def _places() -> Iterator[tuple[str, str, str]]:
+    """Positions relative to B, which drives along the road or against it."""
+    oriented = '<Orientation h="0.2" type="relative"/>'
+    for lane_id in (-2, 2):
+        b = teleport(lane(560, lane_id)) + speed(12)
+        for words, attributes in (
+            ("Lane", 'dLane="1" ds="20" offset="0.3"'),
+            ("Lane", 'dLane="-1" ds="-20"'),
+            ("Road", 'ds="20" dt="1"'),
+            ("Object", 'dx="20" dy="1"'),
+            ("World", 'dx="5" dy="1"'),
+        ):
+            name = f"Relative{words}Position"
+            for inner in ("", oriented) if words != "World" else ("",):
+                text = f'<Position><{name} entityRef="B" {attributes}>{inner}</{name}></Position>'
+                title = f"{name} {attributes} {inner[13:20]} of lane {lane_id}"
+                yield title, teleport(text) + speed(11), b
 
 
 def _actions() -> Iterator[tuple[str, str, str]]:

@@ -211,7 +211,10 @@ def advance_kernel(
                 play.instance_states[slot, k] = wp.int32(InstanceState.FINISHED)
     if phase == STORY_PHASE:
         # A driver model says how fast; the way is the default controller's all the same.
+        # Who was put somewhere in this step drives on from there in the next, as in esmini.
         taken = motion.claimed & wp.int32(Domain.LONGITUDINAL)
+        if now.wholes[slot, e, Whole.JUMPED] != 0:
+            taken = wp.int32(Domain.LONGITUDINAL)
         if taken == 0 and not imposed and wp.abs(motion.speed) > CLOSE:
             motion.ahead = motion.ahead + motion.speed * step_s
             if motion.mode == STAYS:

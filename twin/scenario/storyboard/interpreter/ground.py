@@ -268,7 +268,8 @@ def resolved_place(
 ) -> BodyPlace:
     """A position of a program as it is now; ``reals`` and ``wholes`` say where its columns begin.
 
-    Lanes are counted, and ds is measured, as seen by the entity that a position is relative to.
+    Lanes are counted, and ds is measured, as seen by the entity that a position is relative to, or
+    along the road.
     """
     place = BodyPlace()
     a, b = tables.reals[reals + _X], tables.reals[reals + _X + 1]
@@ -294,6 +295,8 @@ def resolved_place(
     base = place.heading
     on_road = place.road >= 0 and frame >= RelativeFrame.ROAD
     sign = direction_of(place.turn)
+    if tables.wholes[wholes + _LANES + 2] != 0:
+        sign = 1
     if on_road:
         if frame == RelativeFrame.ROAD:
             middle = lane_centre(roads, place.road, place.lane, place.s)

@@ -21,7 +21,7 @@ from twin.scenario.storyboard.program.record import ProgramRecord
 
 PLACE_REALS = ("x_m", "y_m", "z_m", "heading_rad", "pitch_rad", "roll_rad", "s_m", "t_m", "offset")
 """Floats of a position; those of a relative one begin with a, b, c."""
-PLACE_WHOLES = ("frame", "entity", "road", "lane", "lanes", "relative")
+PLACE_WHOLES = ("frame", "entity", "road", "lane", "lanes", "relative", "by_road")
 """Integers of a position; frame -1: fixed, -2: there is none."""
 FIXED_FRAME = -1
 NO_PLACE = -2
@@ -144,6 +144,7 @@ def _place_value(place: Position | None, column: str) -> float:
             "entity": place.entity,
             "lanes": place.lanes,
             "relative": int(place.relative_orientation),
+            "by_road": int(place.by_road),
         }
     values |= {
         "heading_rad": place.heading_rad,
