@@ -89,9 +89,9 @@ def _road(network: RoadNetwork, road: RoadRecord) -> Iterator[str]:
     yield from _reference_line(road)
     yield from _tilt(road)
     yield from _sections(road)
-    for item in (*road.objects, *road.signals):
-        if not 0.0 <= item.s_m <= road.length_m + COVER_M:
-            yield "an object or signal does not stand along it"
+    stations = [*(item.s_m for item in road.objects), *(item.s_m for item in road.signals)]
+    if not all(0.0 <= s <= road.length_m + COVER_M for s in stations):
+        yield "an object or signal does not stand along it"
     for link in (road.predecessor, road.successor):
         if link is not None:
             yield from _link(network, link)
