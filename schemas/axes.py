@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import msgspec
 from msgspec import Meta, Struct
 
+from schemas.kinds.scenario import scenario_kinds
 from schemas.kinds.sensor import sensor_kinds
 from schemas.names import Name, TimeOfDay
 from schemas.sections.autonomy import DELAYS, Autonomy
@@ -21,6 +22,8 @@ from schemas.validation import Mistake, convert_all
 
 PARAMETER_AXES = "autonomy.parameters."
 """How an axis begins that is a parameter of the stack, by its name."""
+NUMBER_AXES = {f"{kind.name}.": kind for kind in scenario_kinds().declared if kind.numbers}
+"""How axes begin that are numbers of a scenario's file, by their names there; its family."""
 OBJECT_AXES = "objects."
 """How an axis begins that is a field of :class:`ObjectVariation`, by the object's name."""
 
@@ -35,6 +38,7 @@ _SECTIONS: dict[str, type[Struct]] = {
 }
 _NO_AXES = (
     *("scenario.type", "camera.name"),
+    *(f"scenario.{kind.numbers}" for kind in scenario_kinds().declared if kind.numbers),
     *(f"sensors.{kind.name}.{key}" for kind in sensor_kinds().declared for key in kind.no_axes),
     *("environment.custom", "environment.timeline", "camera.effects", "camera.outputs"),
     # Which stack it is decides which cases may share a rig.
@@ -45,15 +49,20 @@ _NO_AXES = (
 def axes_allowed() -> list[str]:
     """Every axis a matrix may name."""
     fields = [f"{s}.{f}" for s, type_ in _SECTIONS.items() for f in type_.__struct_fields__]
-    named = [PARAMETER_AXES + "NAME", *(f"{OBJECT_AXES}NAME.{name}" for name in PARAMETERS)]
+    named = [f"{prefix}NAME" for prefix in NUMBER_AXES]
+    named += [PARAMETER_AXES + "NAME", *(f"{OBJECT_AXES}NAME.{name}" for name in PARAMETERS)]
     return [*_PLAIN_AXES, *(f for f in fields if f not in _NO_AXES), *named]
 
 
 def is_axis(axis: str, allowed: list[str]) -> bool:
     """Whether a matrix may name ``axis``; ``allowed`` is :func:`axes_allowed`.
 
-    The ``NAME`` of a parameter or an object is checked where the stack and the scene are known.
+    The ``NAME`` of a parameter, an object or a number is checked where the stack, the scene and
+    the file are known.
     """
+    for prefix in NUMBER_AXES:
+        if axis.startswith(prefix):
+            return all(axis.removeprefix(prefix).split("."))
     for prefix in (PARAMETER_AXES, OBJECT_AXES):
         if axis.startswith(prefix):
             name, dot, parameter = axis.removeprefix(prefix).rpartition(".")
@@ -112,6 +121,36 @@ def section_of(
 def _below(prefix: str, axes: tuple[str, ...]) -> list[tuple[str, str]]:
     """Axes of a point that begin so, each with the rest of its name."""
     return [(axis, axis.removeprefix(prefix)) for axis in axes if axis.startswith(prefix)]
+
+
+def scenario_of(
+    scenario: Scenario, point: dict[str, Any], where: str, memo: Memo
+) -> tuple[Any, list[Mistake]]:
+    """The scenario with the fields, and the numbers of its file, that a point of the matrix
+    sets."""
+    changed, mistakes = section_of(scenario, "scenario", point, where, memo)
+    for prefix, kind in NUMBER_AXES.items():
+        axes = _below(prefix, tuple(point))
+        if not axes or changed is None:
+            continue
+        if kind.name != changed.type:
+            problem = f"belongs to scenario type {kind.name}, and this is {changed.type}"
+            mistakes.append(Mistake(f"{where}.{axes[0][0]}", problem))
+            continue
+        numbers, wrong = convert_all({name: point[axis] for axis, name in axes}, dict[str, float])
+        mistakes += [Mistake(f"{where}.{prefix}{m.path}", m.message) for m in wrong]
+        before = getattr(changed, kind.numbers)
+        known = {} if before is msgspec.UNSET else before
+        changed = msgspec.structs.replace(changed, **{kind.numbers: {**known, **(numbers or {})}})
+    return changed, mistakes
+
+
+def number_of(scenario: Scenario, axis: str) -> float | None:
+    """The number that an axis of :data:`NUMBER_AXES` sets in a scenario; None: it is as in the
+    scenario's file."""
+    prefix = next(prefix for prefix in NUMBER_AXES if axis.startswith(prefix))
+    numbers: dict[str, float] | msgspec.UnsetType = getattr(scenario, NUMBER_AXES[prefix].numbers)
+    return None if numbers is msgspec.UNSET else numbers.get(axis.removeprefix(prefix))
 
 
 def parameters_of(point: dict[str, Any]) -> dict[str, Any]:
@@ -188,7 +227,7 @@ def _plain(axis: str, value: bool | int | float | str) -> str:
         return str(value)  # most of what a hundred thousand cases differ in
     text = str(value).lower() if isinstance(value, bool) else f"{value}"
     if (
-        axis.startswith((PARAMETER_AXES, OBJECT_AXES))
+        axis.startswith((PARAMETER_AXES, OBJECT_AXES, *NUMBER_AXES))
         and isinstance(value, int | float)
         and value < 0
     ):

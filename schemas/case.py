@@ -47,7 +47,8 @@ class RigSpec(_Part, frozen=True, kw_only=True):
     clock: Clock = "lockstep"
     """What sim time waits for."""
     scene: str
-    """Name of a shipped scene, or the path of a scene file."""
+    """Name of a shipped scene, or the path of a scene file; or of the file of its scenario that
+    says where the case takes place."""
     vehicle: str
     """Name of a shipped vehicle, or the path of a vehicle file."""
     files: dict[str, str] = {}
@@ -81,6 +82,8 @@ class RigSpec(_Part, frozen=True, kw_only=True):
     """What its stack is kept from; no result depends on it."""
     cosim: bool = False
     """The stack may command the car's poses."""
+    bodies: int = 0
+    """Room for so many bodies that scenarios bring."""
 
     @property
     def seeing(self) -> list[Camera]:
@@ -116,7 +119,7 @@ class Variation(_Part, frozen=True, kw_only=True):
     """Name of the perception variant."""
     perception: Perception
     files: dict[str, str] = {}
-    """SHA-256 of the files that the perception variant names, by path."""
+    """SHA-256 of the files that the perception variant and the scenario name, by path."""
     time_of_day_min: Annotated[int, Meta(ge=0, lt=1440)]
     """Local time [minutes after midnight]."""
     weather: Name

@@ -13,6 +13,7 @@ from schemas.campaign import Campaign
 from schemas.case import Case, RigSpec
 from schemas.digest import digest
 from schemas.kinds.perception import perception_kind
+from schemas.kinds.scenario import kind_of
 from schemas.sections.perception import Perception, file_fields
 from schemas.sections.scenario import Scenario
 from schemas.sections.stack_identity import StackIdentity, StackSource
@@ -32,6 +33,7 @@ def case_digest(case: Case) -> str:
     variation["perception"] = msgspec.to_builtins(perception_by_content(case))
     # Which sensors there are, and their rates, stand in their sections.
     del rig["sensor_hz"], rig["scene"], rig["vehicle"]
+    del rig["bodies"]  # follows from the family of the scenario
     variation["scenario"] = msgspec.to_builtins(scenario_by_content(case))
     undecisive = {
         "batch": 0,
@@ -60,9 +62,14 @@ def perception_by_content(case: Case) -> Perception:
 
 
 def scenario_by_content(case: Case) -> Scenario:
-    """The scenario with digests in place of the paths of scene and vehicle."""
-    rig = _by_content(case.rig)
-    return msgspec.structs.replace(case.variation.scenario, scene=rig.scene, vehicle=rig.vehicle)
+    """The scenario with digests in place of the paths of scene, vehicle and other files."""
+    rig, scenario = _by_content(case.rig), case.variation.scenario
+    kind = kind_of(scenario)
+    files = {
+        key: case.variation.files.get(path, path)
+        for key, path in zip(kind.files, kind.files_of(scenario), strict=True)
+    }
+    return msgspec.structs.replace(scenario, scene=rig.scene, vehicle=rig.vehicle, **files)
 
 
 def _by_content(rig: RigSpec) -> RigSpec:

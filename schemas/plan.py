@@ -12,11 +12,12 @@ from schemas.campaign import CASES_MAX, Campaign, campaign_mistakes, count_of
 from schemas.case import Case, RigSpec, Variation
 from schemas.kinds.perception import perception_kind
 from schemas.kinds.plugins import ForeignKind, foreign_kinds
+from schemas.kinds.scenario import kind_of
 from schemas.points import Point, points_of
 from schemas.sections.autonomy import DELAYS, driver
 from schemas.sections.camera import Camera
 from schemas.sections.perception import file_fields
-from schemas.sections.scenario import Scenario
+from schemas.sections.scenario import SCENE, Scenario
 from schemas.validation import Mistake, convert_all
 
 AMENDABLE = frozenset(
@@ -174,7 +175,10 @@ def _case(campaign: Campaign, point: Point, batch: int, shared: _Shared) -> Case
         drop=autonomy.drop,
         model=point.model,
         perception=variant,
-        files=_named(campaign, file_fields(variant).values()),
+        files=_named(
+            campaign,
+            [*file_fields(variant).values(), *kind_of(point.scenario).files_of(point.scenario)],
+        ),
         time_of_day_min=point.time_of_day_min,
         weather=point.weather,
         objects=point.objects,
@@ -209,7 +213,9 @@ class _Shared:
         parameters = campaign.autonomy.parameters | point.parameters
         values = tuple((name, type(value), value) for name, value in parameters.items())
         rates = tuple(point.sensor_hz.items())
-        key = (scenario.scene, scenario.vehicle, id(camera), rates, values)
+        kind = kind_of(scenario)
+        scene = kind.scene_of(scenario, SCENE)
+        key = (scene, scenario.vehicle, kind.bodies, id(camera), rates, values)
         if key not in self._rigs:
             rig = _rig(campaign, scenario, camera, point.sensor_hz, parameters)
             files = rig.files | _named(campaign, self.models)
@@ -224,13 +230,15 @@ def _rig(
     sensor_hz: dict[str, int],
     parameters: dict[str, Any],
 ) -> RigSpec:
+    kind = kind_of(scenario)
+    scene = kind.scene_of(scenario, SCENE)
     return RigSpec(
         simulator=campaign.simulator,
         control_hz=campaign.control_hz,
         clock=campaign.clock,
-        scene=scenario.scene,
+        scene=scene,
         vehicle=scenario.vehicle,
-        files=_named(campaign, (scenario.scene, scenario.vehicle)),
+        files=_named(campaign, (scene, scenario.vehicle)),
         camera=camera,
         cameras=campaign.cameras,
         lidars=campaign.lidars,
@@ -243,4 +251,5 @@ def _rig(
         placement=campaign.autonomy.placement,
         sandbox=campaign.autonomy.sandbox,
         cosim=campaign.autonomy.cosim,
+        bodies=kind.bodies,
     )

@@ -10,6 +10,7 @@ from schemas.axes import (
     case_id,
     objects_of,
     parameters_of,
+    scenario_of,
     section_of,
     sensors_of,
     value_of,
@@ -126,7 +127,7 @@ def _point(
         mistakes.append(Mistake(f"{where}.weather", problem))
     repeat, axis_mistakes = value_of(point, "repeat", where, memo)
     mistakes += axis_mistakes
-    scenario, axis_mistakes = section_of(campaign.scenario, "scenario", point, where, memo)
+    scenario, axis_mistakes = scenario_of(campaign.scenario, point, where, memo)
     mistakes += axis_mistakes
     camera, axis_mistakes = section_of(campaign.camera, "camera", point, where, memo)
     mistakes += axis_mistakes

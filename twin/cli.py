@@ -225,6 +225,12 @@ def snapshot(
     ] = None,
     scene: Annotated[str, typer.Option(help="Shipped scene, or a scene file.")] = "downtown",
     road: Annotated[str, typer.Option(help="OpenDRIVE file instead of a scene.")] = "",
+    scenario: Annotated[
+        str, typer.Option(help="Scenario file, or a shipped scenario, instead of a scene.")
+    ] = "",
+    at_s: Annotated[
+        float, typer.Option(min=0.0, max=3600.0, help="Time of the scenario [s].")
+    ] = 0.0,
     vehicle: Annotated[str, typer.Option(help="Shipped vehicle, or a vehicle file.")] = "opencav",
     distance: Annotated[float, typer.Option(help="Distance to the obstacle [m].")] = 25.0,
     at_m: Annotated[
@@ -244,6 +250,8 @@ def snapshot(
         environment={"family": family, "sun": sun, "date": date, "exposure_ev100": ev100},
         scene=scene,
         road=road,
+        scenario=scenario,
+        at_s=at_s,
         vehicle=vehicle,
         distance_m=distance,
         at_m=at_m,

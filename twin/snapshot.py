@@ -14,23 +14,26 @@ import numpy as np
 import warp as wp
 
 from schemas.campaign import Camera
+from schemas.case import Case
 from schemas.identity import stream_key
+from schemas.kinds.registry import implementation
+from schemas.kinds.scenario import scenario_kinds
 from schemas.messages import Lights
 from schemas.names import WEATHERS, TimeOfDay, minutes
+from schemas.plan import parse_plan
 from schemas.sections.environment import Environment, environment_mistakes
 from schemas.validation import Mistake, convert_all
 from twin.render.camera import RayCamera
 from twin.render.light.light import begin_sky, fill_light, fill_sky, switch_lamps
 from twin.render.trace.geometry import Geometry
-from twin.road.opendrive.apart import network_apart
 from twin.road.opendrive.records import DRIVEN_TYPES
 from twin.road.opendrive.road_frame import RoadPose
-from twin.road.opendrive.road_map import RoadMap
+from twin.scenario import families
 from twin.scenario.surroundings import place_before
 from twin.vehicle.columns import COLUMN, TELEMETRY, columns
 from twin.vehicle.vehicle_file import load_vehicle
 from twin.world.kernel_cache import prepare_kernels
-from twin.world.roads import road_world
+from twin.world.road_scene import road_map
 from twin.world.scene import Scene, load_scene
 from twin.world.sky.environment import light_of, wind_towards
 from twin.world.sky.sun import Daylight
@@ -66,6 +69,8 @@ def contact_sheet(
     camera: Camera | None = None,
     scene: str = "downtown",
     road: str = "",
+    scenario: str = "",
+    at_s: float = 0.0,
     vehicle: str = "opencav",
     device: str = "cpu",
     lights: Lights | None = None,
@@ -81,6 +86,9 @@ def contact_sheet(
         at_m: the ego stands at this station of its lane instead [m].
         camera: size and field of view of one picture; 320x180 by default.
         road: an OpenDRIVE file instead of a scene; the ego stands on its first road.
+        scenario: a scenario file, or the name of a shipped one, instead of a scene: the ego and all
+            others are where it has them.
+        at_s: at this time [s].
         lights: lamps of the ego; those of :func:`usual_lights` by default.
 
     Raises:
@@ -92,11 +100,14 @@ def contact_sheet(
         raise ValueError(f"snapshot: {path}: give a file that ends in {' or '.join(_ENCODING)}")
     found = {n: weather_of(n, environment.family, environment.custom) for n in weathers}
     camera = camera or Camera(width=320, height=180)
-    street = (
-        _OpenDrive(road, vehicle, camera, device)
-        if road
-        else _Street(load_scene(scene), None, vehicle, camera, device)
-    )
+    street: _Street
+    if scenario:
+        street = _Moment(scenario, at_s, vehicle, camera, device)
+    else:
+        target = load_scene(road or scene)
+        street = (_OpenDrive if target.opendrive else _Street)(
+            target, build_world(target), vehicle, camera, device
+        )
     street.stand(distance_m, at_m)
     rows = []
     for time in times:
@@ -128,6 +139,8 @@ class SheetRequest:
     """Further keys of :class:`schemas.sections.environment.Environment`."""
     scene: str = "downtown"
     road: str = ""
+    scenario: str = ""
+    at_s: float = 0.0
     """An OpenDRIVE file instead of a scene."""
     vehicle: str = "opencav"
     distance_m: float = 25.0
@@ -165,6 +178,8 @@ def write_sheet(path: str | Path, request: SheetRequest) -> None:
         camera=size,
         scene=request.scene,
         road=request.road,
+        scenario=request.scenario,
+        at_s=request.at_s,
         vehicle=request.vehicle,
         device=request.device,
     )
@@ -189,13 +204,14 @@ class _Street:
     """One camera behind a windscreen, in a street."""
 
     def __init__(
-        self, target: Scene, world: World | None, vehicle: str, camera: Camera, device: str
+        self, target: Scene, world: World, vehicle: str, camera: Camera, device: str
     ) -> None:
         prepare_kernels()
         car = load_vehicle(vehicle)
-        world = self._world = build_world(target) if world is None else world
+        self._world = world
         for note in world.notes:
             print(note, file=sys.stderr)
+        self._scene = target
         self._front_m = car.front_offset_m
         warp_device = wp.get_device(device)
         self.place = target.origin
@@ -258,14 +274,10 @@ class _Street:
 class _OpenDrive(_Street):
     """One camera on the first road of an OpenDRIVE file."""
 
-    def __init__(self, road: str, vehicle: str, camera: Camera, device: str) -> None:
-        self._roads = RoadMap(network_apart(Path(road)))
-        super().__init__(Scene(scene="road"), road_world(self._roads), vehicle, camera, device)
-
     def stand(self, distance_m: float, at_m: float | None) -> None:  # noqa: ARG002 - no obstacle
         """Put the ego at the station ``at_m``, else a little behind the beginning, on the innermost
         lane that is driven, along it."""
-        frame = next(iter(self._roads.frames.values()))
+        frame = next(iter(road_map(self._scene.opendrive).frames.values()))
         length = frame.road.length_m
         s = min(_INTO_ROAD_M, 0.5 * length) if at_m is None else at_m
         if not 0.0 <= s <= length:
@@ -277,6 +289,51 @@ class _OpenDrive(_Street):
         driven = sorted((abs(i.id), i.id) for i in lanes if i.type in DRIVEN_TYPES)
         lane = driven[0][1] if driven else 0
         self._stand_at(frame.lane_pose(lane, s, with_traffic=lane != 0))
+
+
+class _Moment(_Street):
+    """One camera in the ego of a scenario, at a moment."""
+
+    def __init__(
+        self, scenario: str, at_s: float, vehicle: str, camera: Camera, device: str
+    ) -> None:
+        prepare_kernels()
+        self._at_s = at_s
+        self._case = _case(scenario, vehicle)
+        target = families.scene_of(self._case)
+        world = build_world(target, self._case.rig.bodies)
+        self._motion = families.motion_of(
+            self._case, load_vehicle(vehicle), world, 1, wp.get_device(device)
+        )
+        super().__init__(target, world, vehicle, camera, device)
+
+    def stand(self, distance_m: float, at_m: float | None) -> None:  # noqa: ARG002 - it says where
+        """Put the ego and all others where the scenario has them."""
+        assert self._motion is not None
+        self._motion.begin(0, self._case)
+        ego = self._motion.alone(0, self._at_s)
+        self._geometry.place(self._motion.at(np.array([self._at_s])))
+        x, y, z, heading, _ = ego
+        zero = np.zeros(())
+        self._stand_at(RoadPose(*(np.array(v) for v in (x, y, z, heading)), zero, zero))
+
+
+def _case(scenario: str, vehicle: str) -> Case:
+    """A case of a scenario file.
+
+    Raises:
+        ValueError: it cannot be used; a line for each mistake.
+    """
+    kind = next(kind for kind in scenario_kinds().declared if kind.scene_name)
+    section = {"type": kind.name, kind.brings_scene: scenario, "vehicle": vehicle}
+    data = {"campaign": "snapshot", "scenario": section, "matrix": {"weather": ["clear"]}}
+    plan, mistakes = parse_plan(data)
+    if plan is None:
+        raise ValueError(mistakes[0].line("snapshot"))
+    lines: list[str] = implementation(kind.checks)(plan.cases)
+    if lines:
+        raise ValueError("\n".join(lines))
+    return plan.cases[0]
 
 
 def _quaternion(heading: float, pitch: float, roll: float) -> tuple[float, float, float, float]:

@@ -21,6 +21,7 @@ from twin.base.process import PARENT_VARIABLE
 from twin.fabric.connection_options import KeyOption
 from viewer.intervening.commands import register as register_steering
 from viewer.live.place import FarPlace, LivePlace
+from viewer.playing.commands import register as register_playing
 
 app = make_app(
     "viewer",
@@ -30,6 +31,7 @@ app = make_app(
 
 
 register_steering(app)
+register_playing(app)
 
 
 @app.command(hidden=True)

@@ -12,8 +12,9 @@ from conductor.run.stack_check import stack_mistakes
 from conductor.run.twin_check import twin_mistakes
 from schemas.campaign import UNREPEATABLE, Campaign
 from schemas.case import Case
-from schemas.files.assets import asset_digest, file_digest, is_path
+from schemas.files.assets import ROAD_SUFFIX, asset_digest, file_digest, is_path
 from schemas.files.yaml_file import YamlError, load_yaml
+from schemas.kinds.scenario import kind_of
 from schemas.plan import Plan, examine
 from schemas.sections.autonomy import driver
 from schemas.sections.lidar import Lidar
@@ -115,9 +116,9 @@ def _identity(campaign: Campaign, shown: str) -> StackIdentity:
 
 
 def _digests(campaign: Campaign) -> dict[str, str]:
-    """SHA-256 of every scene, vehicle and model file that the campaign names by path."""
+    """SHA-256 of every scene, vehicle, scenario and model file that the campaign names by path."""
     named = set()
-    for field in ("scene", "vehicle"):
+    for field in ("scene", "vehicle", *kind_of(campaign.scenario).files):
         axis = f"scenario.{field}"
         named.add(getattr(campaign.scenario, field))
         named.update(str(value) for value in campaign.matrix.get(axis, ()))
@@ -242,9 +243,19 @@ def _missing_models(campaign: Campaign, cases: list[Case]) -> list[Mistake]:
 
 def _missing_files(cases: list[Case]) -> list[Mistake]:
     mistakes = []
-    for field, folder in (("scene", "world/scenes"), ("vehicle", "vehicle/models")):
-        names = _simulator_files(folder)
-        for name in sorted({getattr(case.rig, field) for case in cases}):
+    # What is wrong with files of the scenario, its family says.
+    brought = {
+        name
+        for case in cases
+        for name in kind_of(case.variation.scenario).files_of(case.variation.scenario)
+    }
+    for field, patterns in (
+        ("scene", ("world/scenes/*.yaml", f"road/shipped/*{ROAD_SUFFIX}")),
+        ("vehicle", ("vehicle/models/*.yaml",)),
+    ):
+        names = _simulator_files(*patterns)
+        used = {getattr(case.rig, field) for case in cases}
+        for name in sorted(used - brought):
             if name not in names and not (is_path(name) and Path(name).is_file()):
                 mistakes.append(
                     Mistake(
@@ -310,9 +321,10 @@ def _sweep_rate(path: Path, lidar: Lidar, mount: dict[str, Any], control_hz: int
     return []
 
 
-def _simulator_files(folder: str) -> list[str]:
+def _simulator_files(*patterns: str) -> list[str]:
     """Names of files that the simulator ships."""
-    return sorted(path.stem for path in _simulator_folder(folder).glob("*.yaml"))
+    root = _simulator_folder("")
+    return sorted(path.stem for pattern in patterns for path in root.glob(pattern))
 
 
 def _simulator_folder(folder: str) -> Path:

@@ -28,7 +28,9 @@ from schemas.escape import escape
 from schemas.files.assets import asset_digest, file_digest, is_path
 from schemas.files.yaml_file import YamlError
 from schemas.kinds.plugins import ForeignKind
+from schemas.kinds.scenario import kind_of
 from schemas.plan import Plan
+from schemas.sections.scenario import Scenario
 from schemas.validation import Mistake
 from twin.base.errors import InfrastructureError, UsageError
 from twin.base.process import how_it_ended
@@ -51,7 +53,11 @@ def twin_mistakes(plan: Plan) -> list[Mistake]:
     """
     cases, kinds = plan.cases, plan.kinds_of_others()
     if not kinds and not any(
-        is_path(c.rig.scene) or is_path(c.rig.vehicle) or c.variation.objects for c in cases
+        is_path(c.rig.scene)
+        or is_path(c.rig.vehicle)
+        or c.variation.objects
+        or kind_of(c.variation.scenario).checks
+        for c in cases
     ):
         return []
     identity = _identity(cases, kinds)
@@ -101,14 +107,32 @@ def _identity(cases: Sequence[Case], kinds: Sequence[ForeignKind]) -> str:
     scenes = {case.rig.scene for case in cases}
     vehicles = {case.rig.vehicle for case in cases if is_path(case.rig.vehicle)}
     varied = {(case.rig.scene, _packed(case.variation.objects)) for case in cases}
+    checked = [case for case in cases if kind_of(case.variation.scenario).checks]
     try:
+        parts = _checked(checked)
         content = {name: asset_digest(Path(name)) if is_path(name) else name for name in scenes}
         cars = sorted(asset_digest(Path(name)) for name in vehicles)
-        parts = [software_digest(), *cars, *(_code(kinds) if kinds else ())]
+        parts += [software_digest(), *cars, *(_code(kinds) if kinds else ())]
     except (OSError, YamlError, UsageError):
         return ""
     looked_at = sorted((content[scene].encode(), objects) for scene, objects in varied)
     return digest([*map(str.encode, parts), *itertools.chain.from_iterable(looked_at)])
+
+
+def _checked(cases: Sequence[Case]) -> list[str]:
+    """What decides whether a family finds something wrong with its cases; names with the contents
+    of their files."""
+    files = {name for case in cases for name in kind_of(_scenario(case)).files_of(_scenario(case))}
+    content = [f"{name}={asset_digest(Path(name))}" for name in sorted(files) if is_path(name)]
+    rigs = {
+        f"{case.rig.scene} {case.rig.control_hz} {case.rig.cosim} {_packed(_scenario(case))!r}"
+        for case in cases
+    }
+    return [*content, *sorted(rigs)]
+
+
+def _scenario(case: Case) -> Scenario:
+    return case.variation.scenario
 
 
 _packed = msgspec.json.Encoder(order="sorted").encode

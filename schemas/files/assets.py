@@ -8,6 +8,7 @@ content refuses the case.
 from __future__ import annotations
 
 import hashlib
+import html
 import json
 import os
 import re
@@ -22,9 +23,16 @@ from schemas.files.yaml_file import load_yaml
 FILE_BYTES_MAX = 2 << 30
 """Largest scene, vehicle, mesh or model file [bytes]."""
 
-_FILE_KEYS = ("file", "heightmap")
+ROAD_SUFFIX = ".xodr"
+"""How names of OpenDRIVE files end."""
+SCENARIO_SUFFIX = ".xosc"
+"""How names of OpenSCENARIO XML files end."""
+_SUFFIXES = (".yaml", ".yml", ROAD_SUFFIX, SCENARIO_SUFFIX)
+"""How names end that are paths of files."""
+
+_FILE_KEYS = ("file", "heightmap", "opendrive")
 """Keys of scene and vehicle files whose values are paths, relative to the file."""
-_NAME_KEYS = ("profile",)
+_NAME_KEYS = ("profile", "road")
 """Keys whose values are names, or such paths."""
 
 # To the end of a line, whatever it holds: a pattern that looks for the last word of it can be made
@@ -36,6 +44,9 @@ _LIBRARY = re.compile(rb"[ \t]*mtllib[ \t]+([^\r\n]+)")
 _PLY_TEXTURE = re.compile(
     rb"^comment[ \t]+TextureFile[ \t]+([^\r\n]+)", re.MULTILINE | re.IGNORECASE
 )
+_ROADS = re.compile(rb"""=\s*["']([^"'<>]{1,4096}\.xodr)\s*["']""")
+"""Roads that an OpenSCENARIO file names, also as the value of a parameter."""
+_CATALOGS = re.compile(rb"""<Directory\s[^<>]*?path\s*=\s*["']([^"'<>]{1,4096})["']""")
 _HEAD_BYTES = 64 << 10
 _LINE_BYTES_MAX = 64 << 10
 _TEXT_BYTES_MAX = 64 << 20
@@ -44,11 +55,12 @@ _TEXT_BYTES_MAX = 64 << 20
 
 def is_path(name: str) -> bool:
     """Whether a scene's or vehicle's name is the path of a file."""
-    return "/" in name or name.endswith((".yaml", ".yml"))
+    return "/" in name or name.endswith(_SUFFIXES)
 
 
 def asset_files(path: Path) -> list[Path]:
-    """The YAML file itself, the files it names, and the files that those name; each once.
+    """The file itself, the files it names, and the files that those name; each once. An OpenDRIVE
+    file names none, an OpenSCENARIO file its road and the files of its catalogs.
 
     Files that do not exist are left out: whoever loads them says so.
 
@@ -56,7 +68,9 @@ def asset_files(path: Path) -> list[Path]:
         YamlError: not readable, or not YAML.
     """
     paths = [path]
-    named = _named(load_yaml(path))
+    if path.suffix == SCENARIO_SUFFIX:
+        return [file for file in dict.fromkeys([path, *_scenario_files(path)]) if file.is_file()]
+    named = [] if path.suffix == ROAD_SUFFIX else _named(load_yaml(path))
     for name in named:
         paths += mesh_files(path.parent / name)
     unique = dict.fromkeys(file for file in paths if file.is_file())
@@ -90,6 +104,20 @@ def file_digest(path: Path, most: int | None = FILE_BYTES_MAX) -> str:
     """
     with open_regular(path, most) as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def _scenario_files(path: Path) -> list[Path]:
+    """The roads that an OpenSCENARIO file names, and all files in the folders of its catalogs."""
+    try:
+        text = read_regular(path, _TEXT_BYTES_MAX)
+    except (OSError, ValueError):
+        return []  # whoever loads it says why
+    roads = [path.parent / html.unescape(as_text(name)) for name in _ROADS.findall(text)]
+    folders = [path.parent / html.unescape(as_text(name)) for name in _CATALOGS.findall(text)]
+    catalogs = [
+        file for folder in folders if folder.is_dir() for file in folder.glob(f"*{SCENARIO_SUFFIX}")
+    ]
+    return [*roads, *sorted(catalogs)]
 
 
 def _named(value: Any) -> list[str]:

@@ -15,7 +15,10 @@ from schemas.kinds.registry import Kinds, implementation, read_kinds
 GROUP = "drivetwin.kpis"
 """Entry points that bring KPIs."""
 
-OURS = {"base": "schemas.kinds.kpis.base:KPIS"}
+OURS = {
+    "base": "schemas.kinds.kpis.base:KPIS",
+    "storyboard": "schemas.kinds.kpis.storyboard:KPIS",
+}
 """KPIs that are shipped; the same as in pyproject.toml."""
 
 KpiType = Literal["bool", "int32", "int64", "float64", "detections", "name"]

@@ -126,6 +126,26 @@ class ScenarioKind:
     """Verdict words that only this family has."""
     kpis: tuple[str, ...] = ()
     """Scalars and columns that its cases have beside those of all; each is declared as a KPI."""
+    files: tuple[str, ...] = ()
+    """Keys whose values are names of shipped files, or paths; files count by their contents."""
+    brings_scene: str = ""
+    """The one of ``files`` whose file says where the case takes place, unless ``scene`` does."""
+    scene_name: str = ""
+    """``module:attribute`` of a function that says which scene it is: config -> name or path."""
+    numbers: str = ""
+    """Key with numbers of the file by name, which axes of a matrix set as ``FAMILY.NAME``."""
+    motion: str = ""
+    """``module:attribute`` of its :class:`twin.scenario.case_motion.CaseMotionMaker`, if its cases
+    bring bodies that move; empty: what moves stands in the scene."""
+    bodies: int = 0
+    """Most bodies of a case that move by the scenario."""
+    ends_at_rest: bool = True
+    """A case ends ``standstill_s`` after the ego has come to rest."""
+    nearest: bool = False
+    """DTC and TTC are about the nearest of all hulls, not about ``target``."""
+    checks: str = ""
+    """``module:attribute`` of a function that says what is wrong with cases before one is leased:
+    list of :class:`schemas.case.Case` -> lines."""
 
     @property
     def scalars(self) -> tuple[KpiKind, ...]:
@@ -139,6 +159,18 @@ class ScenarioKind:
         the family gives, then those that are computed."""
         kinds = [columns_by_name()[name] for name in self.kpis if name in columns_by_name()]
         return tuple(sorted(kinds, key=lambda kind: bool(kind.implementation)))
+
+    def files_of(self, scenario: NamesFamily) -> tuple[str, ...]:
+        """Names or paths of the files that a scenario of this family names."""
+        return tuple(str(getattr(scenario, key)) for key in self.files)
+
+    def scene_of(self, scenario: NamesFamily, usual: str) -> str:
+        """What names the scene of a scenario: its ``scene``, or the file that brings one where
+        ``scene`` is the ``usual`` one."""
+        scene = str(scenario.scene)  # type: ignore[attr-defined]
+        if not self.brings_scene or scene != usual:
+            return scene
+        return str(getattr(scenario, self.brings_scene))
 
     def config_of(self, scenario: NamesFamily) -> Any:
         """The keys of this family in a scenario, as ``config``.

@@ -16,6 +16,9 @@ from schemas.words import agree
 
 _KINDS = scenario_kinds()
 
+SCENE = "downtown"
+"""Scene of a scenario that names none."""
+
 if TYPE_CHECKING:
     _Type = str
 else:  # A family that cannot be used is named, too: who asks for it is told why.
@@ -27,7 +30,7 @@ class _Common(Struct, frozen=True):
 
     type: _Type = _KINDS.declared[0].name
     """What the ego is asked to do."""
-    scene: str = "downtown"
+    scene: str = SCENE
     """Name of a shipped scene, or the path of a scene file."""
     vehicle: str = "opencav"
     """Name of a shipped vehicle, or the path of a vehicle file."""

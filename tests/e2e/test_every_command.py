@@ -52,6 +52,7 @@ ELSEWHERE = {
     "viewer bench": "a measurement",
     "viewer live": "test_viewer",
     "viewer look": "a running case: test_intervene_in_a_case",
+    "viewer play": "a scenario file: test_viewer_play",
     "viewer pause": "a running case: test_intervene_in_a_case",
     "viewer release": "a running case: test_intervene_in_a_case",
     "viewer replay": "a display: test_viewer",

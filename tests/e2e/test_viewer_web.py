@@ -14,6 +14,7 @@ from urllib.parse import urlsplit
 import cv2
 import numpy as np
 import pytest
+from played_files import played
 from processes import PATIENCE_S, Marked, keys_of, nothing_left, wait_for
 from test_conductor_restart import serve
 from test_intervene_in_a_case import caught
@@ -26,7 +27,9 @@ from twin.fabric.bus import Bus
 from twin.fabric.discovery import find_target
 from twin.fabric.keys.roles import Role
 from twin.fabric.zenoh_bus import join
+from twin.records.play_file import write_play
 from twin.view.samples import jpeg
+from viewer.playing import paths
 
 sync_api = pytest.importorskip("playwright.sync_api", reason="install the package 'playwright'")
 expect = sync_api.expect
@@ -212,6 +215,23 @@ def test_the_table_sorts_finds_and_leads_to_a_case(served, open_page):
     expect(page.locator("#title")).to_contain_text("pass")
     page.goto(home + "view?case=nobody")
     expect(page.locator("#state")).to_contain_text("no case 'nobody'; it has e.g. case-a")
+
+
+def test_a_played_scenario_has_a_page_of_its_own(marked, open_page, tmp_path):
+    write_play(tmp_path / "s.play", played())
+    child = marked.start("viewer", "play", str(tmp_path / "s.play"), "--web", "--at-s", "1")
+    page = open_page(child.stdout.readline().split()[0])
+    expect(page.locator("#state")).to_have_text("Paused at 1 s", timeout=PATIENCE_MS)
+    expect(page.locator("#title")).to_have_text("s")
+    expect(page.locator("#back")).to_be_hidden()
+
+    def look():
+        picture = picture_of(page, tmp_path / "played.png")
+        off = np.abs(picture[..., ::-1].astype(int) - paths.EGO_COLOR).max(axis=2)
+        return (off <= 24).sum() > 100
+
+    wait_for(look, "the ego on the screen")
+    end(child)
 
 
 def publish(bus: Bus, stop):

@@ -25,6 +25,7 @@ from autodrive_logs import config, drive
 from compiled_text import HEADER, ROADS, SPEED, TELEPORT, by_entity, compiled, scenario_text
 from darknet_oracle import random_weights
 from fuzz_target import SEEDS
+from played_files import played
 from road_files import crossing
 from road_networks import composed_file, junction_file, shapes_file, turned_file
 from targets_assets import CFG, small_network
@@ -165,6 +166,7 @@ def _result_files(folder: Path) -> None:
     _write("report-cache", "none", msgspec.msgpack.encode(Cache()))
     key = (make_keys(folder / "keys", days=36_500) / "viewer.key").read_bytes()
     _drive_record(folder / "d")
+    _write("play", "small", msgspec.msgpack.encode(played()))
     _write("key", "viewer", key)
     _write("key", "line", as_line(key))
 

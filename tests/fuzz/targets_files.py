@@ -35,11 +35,21 @@ from twin.fabric.keys.roles import Role
 from twin.records import kpi_file
 from twin.records.autodrive_files import read_log_files
 from twin.records.drive_record import RecordReader
+from twin.records.play_file import read_play
 from twin.rig.interventions.journal import read_journal
+from twin.scenario.storyboard.native.compiler import compile_native
+from twin.scenario.storyboard.native.document import load_native
 from twin.sensors.lidar.profile_file import load_lidar_profile
 from twin.vehicle.vehicle_file import load_vehicle
 from twin.world.scene import load_scene
 from viewer.playback import folder as viewer_folder
+from viewer.playing.bodies import bodies, styles
+from viewer.playing.eyes import top_eyes
+from viewer.playing.ground import ground
+from viewer.playing.layout import play_blueprint
+from viewer.playing.names import body_names
+from viewer.playing.recording import origin
+from viewer.playing.story import fired, log_rows, summary
 from viewer.recording import naming
 
 ROOT = Path(__file__).parents[2]
@@ -127,6 +137,16 @@ def _drive_record(path: Path) -> int:
     return sum(len(list(sensor_messages(tick.seen, reader, each))) for tick in reader.ticks())
 
 
+def _play(path: Path) -> object:
+    """What ``viewer play`` does with it before a recording is written."""
+    play = read_play(path)
+    origin_m = origin(play)
+    play_blueprint(play, origin_m)
+    drawn = [ground(play, origin_m), styles(play), list(bodies(play, origin_m))]
+    names = [list(body_names(play, origin_m, eye)) for eye in top_eyes(play, origin_m)]
+    return [*drawn, *names, log_rows(play), fired(play, origin_m), summary(play)]
+
+
 def _folder(run: Callable[[Path], Any]) -> Callable[[Path], Any]:
     return lambda path: run(path.parent)
 
@@ -150,6 +170,13 @@ TARGETS = {
         (ValueError,),
         tuple(sorted((ROOT / "twin/sensors/lidar/profiles").glob("*.yaml"))),
         cost=10,
+    ),
+    "yaml-scenario": Target(
+        of_file("s.yaml", lambda path: compile_native(load_native(path))),
+        (ValueError,),
+        tuple(sorted((ROOT / "twin/scenario/storyboard/shipped").glob("*.yaml"))),
+        lines_max=MISTAKES_MAX,
+        cost=20,
     ),
     "yaml-site": Target(of_file("site.yaml", load_site), (UsageError,), lines_max=MISTAKES_MAX),
     "yaml-dataset": Target(of_file("dataset.yaml", _folder(read_head)), (UsageError,), cost=5),
@@ -178,5 +205,6 @@ TARGETS = {
         (InfrastructureError,),
     ),
     "key": Target(of_file("f.key", _key), (UsageError,), cost=2),
+    "play": Target(of_file("s.play", _play), (UsageError,), cost=10),
     "drive-record": Target(of_file(DRIVE_FILE, _drive_record), (UsageError,), cost=2),
 }

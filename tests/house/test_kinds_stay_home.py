@@ -47,6 +47,10 @@ HOMONYMS = {
     "encoders": ("devkit/bridges/autodrive/fields.py", "schemas/messages.py"),
     "imu": ("devkit/bridges/autodrive/fields.py", "schemas/messages.py"),
     "gnss": ("schemas/messages.py",),
+    "storyboard": (
+        *("twin/scenario/storyboard/native/compiler.py", "twin/play/report.py"),
+        "twin/bench/storyboard_traffic.py",
+    ),
     "autodrive": (
         *("schemas/sections/environment.py", "twin/world/sky/almanac.py"),
         *("twin/world/sky/weather.py", "devkit/reference/planning.py"),
@@ -54,8 +58,9 @@ HOMONYMS = {
     ),
 }
 """Files in which a bridge says where each reading goes, in which columns have their public names,
-or in which the same word means something else: weather families, rules of the planner, and the
-simulator of imported logs are called after AutoDRIVE, too."""
+or in which the same word means something else: the outermost element of a scenario file,
+weather families, rules of the planner, and the simulator of imported logs, which are called after
+AutoDRIVE, too."""
 
 
 def home(kind) -> str:

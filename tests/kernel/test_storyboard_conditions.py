@@ -258,6 +258,7 @@ def edge_distance(one, other):
 PLACES = st.tuples(st.floats(-9.0, 9.0), st.floats(-9.0, 9.0), st.floats(-math.pi, math.pi))
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None)
 @given(first=PLACES, second=PLACES)
 def test_distances_of_boxes_against_sampled_sides(first, second):

@@ -14,6 +14,8 @@ from twin.road.tables.road_tables import road_tables
 from twin.scenario.storyboard.program.actions import ControllerAction
 from twin.scenario.storyboard.program.program import DriverModel, InitAction
 
+pytestmark = pytest.mark.slow
+
 MODEL = DriverModel(33.0, politeness=-1.0)
 LENGTH_M = 5.0
 

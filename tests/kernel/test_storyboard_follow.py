@@ -30,6 +30,8 @@ from twin.scenario.storyboard.program.actions import (
 )
 from twin.scenario.storyboard.program.places import Trajectory, TrajectoryPiece
 
+pytestmark = pytest.mark.slow
+
 BEGIN = 20
 
 

@@ -57,6 +57,8 @@ from twin.scenario.storyboard.program.places import (
 )
 from twin.scenario.storyboard.program.program import InitAction
 
+pytestmark = pytest.mark.slow
+
 TIME, RATE, DISTANCE = DynamicsDimension.TIME, DynamicsDimension.RATE, DynamicsDimension.DISTANCE
 LINEAR, CUBIC = DynamicsShape.LINEAR, DynamicsShape.CUBIC
 SINUSOIDAL, STEP = DynamicsShape.SINUSOIDAL, DynamicsShape.STEP

@@ -30,6 +30,8 @@ from twin.scenario.storyboard.program.actions import (
     SpeedProfileEntry,
 )
 
+pytestmark = pytest.mark.slow
+
 TIME, RATE, DISTANCE = DynamicsDimension.TIME, DynamicsDimension.RATE, DynamicsDimension.DISTANCE
 LINEAR, CUBIC = DynamicsShape.LINEAR, DynamicsShape.CUBIC
 SINUSOIDAL, STEP = DynamicsShape.SINUSOIDAL, DynamicsShape.STEP
@@ -134,3 +136,13 @@ def test_profile():
     expected = np.interp(after, [0.0, 1.0, 2.5, 4.5], [10.0, 14.0, 8.0, 20.0])
     np.testing.assert_allclose(done.speed_mps[:, 0], expected, atol=1e-6)
     assert steps_of(done.events, "g0.e0", "end") == [BEGIN + 449]
+
+
+@pytest.mark.parametrize(("follow", "span"), [(False, 1.0), (True, 2.0)])
+def test_profile_within_its_limits(follow, span):
+    """10 m/s more in 1 s are 10 m/s^2; within a limit of 5 they take 2 s."""
+    entries = (SpeedProfileEntry(20.0, 1.0),)
+    done = run(SpeedProfileAction(-1, entries, follow, MotionLimits(5.0, 5.0)))
+    after = (np.arange(len(done.speed_mps)) - BEGIN) * STEP_S
+    expected = np.interp(after, [0.0, span], [10.0, 20.0])
+    np.testing.assert_allclose(done.speed_mps[:, 0], expected, atol=1e-6)

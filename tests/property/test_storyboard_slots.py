@@ -13,6 +13,8 @@ from twin.bench.storyboard_traffic import driver_traffic, reacting_traffic, ring
 from twin.road.tables.road_tables import road_tables
 from twin.scenario.storyboard.player.storyboard_player import StoryboardPlayer
 
+pytestmark = pytest.mark.slow
+
 PROGRAMS = (
     *(reacting_traffic(32), reacting_traffic(5, 1), reacting_traffic(16, 2)),
     driver_traffic(20),

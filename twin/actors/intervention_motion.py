@@ -74,6 +74,8 @@ class InterventionMotion:
         Raises:
             ValueError: no such object or kind, or none to spare; one line.
         """
+        if self.count and not self._script.actors:
+            raise ValueError("object: the scenario of this case moves all of them")
         if isinstance(action, SpawnObject):
             index = self._spare(slot, action.kind, time_s)
         else:
@@ -100,7 +102,7 @@ class InterventionMotion:
         return [
             ObjectState(
                 object=index,
-                kind=self._name(index),
+                kind=self._name(index, int(placement.kind[slot, index])),
                 present=bool(placement.kind[slot, index] >= 0),
                 x_m=float(placement.position_m[slot, index, 0]),
                 y_m=float(placement.position_m[slot, index, 1]),
@@ -108,10 +110,14 @@ class InterventionMotion:
                 by_hand=index in placed,
             )
             for index in range(self.count)
+            if self._script.actors or placement.kind[slot, index] >= 0
         ]
 
-    def _name(self, index: int) -> str:
-        return self._kinds[int(self.standing[index])].name
+    def _name(self, index: int, now: int = -1) -> str:
+        """Name of an object's kind; of one that no scene knows, of what it is ``now``."""
+        if self._script.actors or now < 0:
+            return self._kinds[int(self.standing[index])].name
+        return self._kinds[now].name.partition(" phase")[0]
 
     def _spare(self, slot: int, kind: str, time_s: np.ndarray) -> int:
         """The first object of a kind that is not there.

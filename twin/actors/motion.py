@@ -44,6 +44,27 @@ class Placement:
     """float32 [S, M], brake lamps 0 or 1."""
     lamps: np.ndarray
     """float32 [S, M], head and tail lamps 0 or 1; who calls decides whether it is dark."""
+    half_m: np.ndarray | None = None
+    """float64 [S, M, 2], half length and half width of each; None: those of the kinds."""
+    class_index: np.ndarray | None = None
+    """int32 [S, M], index into :data:`schemas.messages.OBJECT_CLASSES` of objects that are another
+    thing in every slot; None: the world says what each is."""
+
+    def hulls(self, sizes_m: np.ndarray) -> np.ndarray:
+        """What vehicles may hit of it [S, M, 8], :data:`twin.vehicle.kernel.MOVER_COLUMNS`.
+
+        Args:
+            sizes_m: half length and half width of each kind [K, 2].
+        """
+        hulls = np.zeros((*self.kind.shape, 8))
+        if hulls.size:
+            half_m = sizes_m[self.kind] if self.half_m is None else self.half_m
+            hulls[..., 0:2] = self.position_m[..., :2]
+            hulls[..., 2] = self.yaw_rad
+            hulls[..., 3:5] = half_m * (self.kind >= 0)[..., None]
+            hulls[..., 5:7] = self.velocity_mps[..., :2]
+            hulls[..., 7] = self.yaw_rate_radps
+        return hulls
 
 
 class Motion(Protocol):

@@ -184,7 +184,8 @@ def _step(number: str) -> float:
 
 def _limits(scenario: Scenario) -> Scenario:
     """A scenario without the places of its files: a campaign may have moved."""
-    return msgspec.structs.replace(scenario, scene="", vehicle="")
+    files = dict.fromkeys(kind_of(scenario).files, "-")
+    return msgspec.structs.replace(scenario, scene="", vehicle="", **files)
 
 
 def _attempt_folder(claim: Claim) -> Path:

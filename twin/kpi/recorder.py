@@ -53,9 +53,11 @@ class KpiRecorder:
             slots: S.
             names: of the objects that ``nearest`` of :meth:`add` counts.
         """
-        self._names = np.array(["", *names])
+        self._names: list[np.ndarray] = [np.array(["", *names])] * slots
         self._target = np.ones(slots, np.bool_)
         """There is something to which ``dtc_m`` is measured."""
+        self._nearest = np.zeros(slots, np.bool_)
+        """What is nearest is the target."""
         self._values = {c.name: np.zeros((slots, _FIRST_ROWS), _TYPES[c.type]) for c in _KEPT}
         self._valid = {
             c.name: np.zeros((slots, _FIRST_ROWS), np.bool_) for c in _KEPT if c.nullable
@@ -66,14 +68,27 @@ class KpiRecorder:
         self._offsets: list[list[int]] = [[0] for _ in range(slots)]
         self._commanded: list[list[bool]] = [[] for _ in range(slots)]
 
-    def begin(self, slot: int, own: Sequence[KpiKind] = (), *, target: bool = True) -> None:
+    def begin(
+        self,
+        slot: int,
+        own: Sequence[KpiKind] = (),
+        *,
+        target: bool = True,
+        nearest: bool = False,
+        names: Sequence[str] | None = None,
+    ) -> None:
         """Forget the rows of a slot: a case begins.
 
         Args:
             slot: which.
             own: columns that its scenario's family has behind those of all.
             target: its scenario's target is there, so it has a distance to collision.
+            nearest: its target is always what is nearest.
+            names: of the objects that ``nearest`` of :meth:`add` counts in it; None: as before.
         """
+        self._nearest[slot] = nearest
+        if names is not None:
+            self._names[slot] = np.array(["", *names])
         self._own[slot] = own
         self._target[slot] = target
         self._rows[slot] = 0
@@ -117,6 +132,8 @@ class KpiRecorder:
         closes = here & (closing > CLOSING_MIN_MPS)
         ttc_s = np.divide(state[which, COLUMN["dtc_m"]], closing, where=closes, out=closing.copy())
         self._set("ttc_s", which, row, ttc_s, closes)
+        if nearest is not None and self._nearest[which].any():
+            self._set_target(which, row, nearest)
         for name in _BY_SCENARIO:
             valid = np.array([name in values for values in by_scenario], np.bool_)
             values = np.array([values.get(name, 0.0) for values in by_scenario])
@@ -124,6 +141,13 @@ class KpiRecorder:
         self._set_nearest(which, row, nearest)
         self._set_commands(which, row, commands)
         self._rows[which] += 1
+
+    def _set_target(self, which: np.ndarray, row: np.ndarray, nearest: np.ndarray) -> None:
+        """Distance and time to collision of those whose target is what is nearest."""
+        mine = self._nearest[which]
+        for name, at in (("dtc_m", 0), ("ttc_s", 2)):
+            values = nearest[which[mine]]
+            self._set(name, which[mine], row[mine], values[:, at], values[:, at + 1] >= 0.0)
 
     def _set_nearest(self, which: np.ndarray, row: np.ndarray, nearest: np.ndarray | None) -> None:
         if nearest is None:
@@ -182,7 +206,7 @@ class KpiRecorder:
         case_rows = CaseRows(
             {name: self._values[name][slot, :rows] for name in columns},
             {name: self._valid[name][slot, :rows] for name in columns if name in self._valid},
-            self._names,
+            self._names[slot],
             DetectionColumn(
                 offsets=np.array(self._offsets[slot], np.int32),
                 valid=np.array(self._commanded[slot], np.bool_),

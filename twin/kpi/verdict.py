@@ -10,9 +10,10 @@ import numpy as np
 from schemas.campaign import Scenario
 from schemas.files.kpi import SCALARS
 from schemas.kinds.kpi import KpiKind
+from schemas.kinds.scenario import kind_of
 from twin.kpi.computed import computed_scalars
 from twin.kpi.recorder import CaseRows
-from twin.scenario.protocol import Scalars, ScenarioRun, Verdict
+from twin.scenario.protocol import Scalars, ScenarioRun, TellsEvents, Verdict
 from twin.vehicle.columns import COLUMN, PHYSICS_STEP_NS
 from twin.world.things import Thing
 
@@ -24,7 +25,7 @@ class Limits:
     duration_ns: np.ndarray
     """Longest sim time of the cases, int64 [S] [ns]."""
     standstill_ns: np.ndarray
-    """Time at rest after which a case ends, int64 [S] [ns]."""
+    """Time at rest after which a case ends, int64 [S] [ns]; -1: it does not end so."""
 
     @classmethod
     def of(cls, slots: int) -> Limits:
@@ -34,7 +35,8 @@ class Limits:
     def begin(self, slot: int, scenario: Scenario) -> None:
         """A case begins in a slot."""
         self.duration_ns[slot] = round(scenario.duration_s * 1e9)
-        self.standstill_ns[slot] = round(scenario.standstill_s * 1e9)
+        rests = kind_of(scenario).ends_at_rest
+        self.standstill_ns[slot] = round(scenario.standstill_s * 1e9) if rests else -1
 
 
 def have_ended(limits: Limits, sim_time_ns: np.ndarray, state: np.ndarray) -> np.ndarray:
@@ -49,6 +51,7 @@ def have_ended(limits: Limits, sim_time_ns: np.ndarray, state: np.ndarray) -> np
     at_rest = rest_step >= 0.0  # -1: it moves, or has not moved yet
     rest_ns = np.where(at_rest, rest_step, 0.0).astype(np.int64) * PHYSICS_STEP_NS
     rested = at_rest & (sim_time_ns - rest_ns >= limits.standstill_ns)
+    rested &= limits.standstill_ns >= 0
     crashed = state[:, COLUMN["collisions"]] > 0
     ended: np.ndarray = crashed | rested | (sim_time_ns >= limits.duration_ns)
     return ended
@@ -127,5 +130,8 @@ def judge(rows: CaseRows, state: np.ndarray, run: ScenarioRun, hit: Thing | None
         speed = state[COLUMN["impact_speed_mps"]]
         at = state[COLUMN["impact_step"]] * PHYSICS_STEP_NS / 1e9
         what = f" with {hit.words}" if hit else ""
-        return Verdict("collision", [f"collision at {speed:.2f} m/s after {at:.3f} s{what}"])
+        reasons = [f"collision at {speed:.2f} m/s after {at:.3f} s{what}"]
+        if isinstance(run, TellsEvents):
+            reasons += run.before_end(rows)
+        return Verdict("collision", reasons)
     return run.judge(rows, bool(state[COLUMN["moved"]] != 0))

@@ -4,17 +4,33 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, TextIO
 
 import typer
 
 from twin.base.cli import Output, OutputOption
 from twin.base.errors import UsageError, storage_error
 
+if TYPE_CHECKING:
+    from twin.play.report import NamedPlay
+
+CsvOption = Annotated[
+    Path | None,
+    typer.Option(help="Write poses to this CSV file; of several permutations to this folder."),
+]
+SaveOption = Annotated[
+    Path | None,
+    typer.Option(
+        help="Write everything to this file for `viewer play`; of several permutations to this "
+        "folder."
+    ),
+]
+
 
 def play(
-    file: Annotated[Path, typer.Argument(help="An OpenSCENARIO XML file (.xosc), 1.0 to 1.3.")],
+    file: Annotated[Path, typer.Argument(help="A .xosc or .yaml file, or a shipped scenario.")],
     distribution: Annotated[
         Path | None, typer.Option(help="A parameter distribution file that varies it.")
     ] = None,
@@ -28,31 +44,33 @@ def play(
     every: Annotated[
         int, typer.Option(min=1, help="Poses are written after every so many steps.")
     ] = 5,
-    csv: Annotated[
-        Path | None,
-        typer.Option(help="Write poses to this CSV file; of several permutations to this folder."),
-    ] = None,
+    csv: CsvOption = None,
+    save: SaveOption = None,
     until_s: Annotated[
         float, typer.Option(min=0.0, max=86_400.0, help="Stop then, if it still runs [s].")
     ] = 600.0,
     device: Annotated[str, typer.Option(help="Where to simulate: cpu or cuda:N.")] = "cpu",
     output: OutputOption = Output.human,
 ) -> None:
-    """Play an OpenSCENARIO XML file without a stack, and say what happened when.
+    """Play a scenario without a stack, and say what happened when.
 
     All actors, the ego among them, are moved by the default controller. Prints starts and ends of
     all storyboard elements; of several permutations a row for each.
 
     `twin play cut-in.xosc --csv cut-in.csv` also writes where everybody was: time_s, entity, x_m,
     y_m, z_m, heading_rad, speed_mps, of entities that are there, rear axle on the ground.
+    `twin play cut-in.xosc --save cut-in.play` keeps all of it for `viewer play cut-in.play`.
 
     Exit code 2: the file is broken or needs what is not played; a line with file and line number
     for everything. Reading needs lxml: pip install 'drivetwin[scenarios]'.
     """
-    from rich.console import Console
+    from twin.world.kernel_cache import prepare_kernels
+
+    prepare_kernels()  # before the modules that define kernels
 
     from twin.play.permutations import play_file
-    from twin.play.report import event_table, remarks, summary_table, to_json, write_csv
+    from twin.play.report import remarks, write_csv
+    from twin.play.saving import save_plays
 
     try:
         plays = play_file(
@@ -68,16 +86,31 @@ def play(
         raise UsageError(str(error)) from None
     for line in remarks(plays):
         print(line, file=sys.stderr)
+    _show(plays, step_s, output)
+    told = sys.stderr if output is Output.json else sys.stdout
+    if csv is not None:
+        _write(csv, lambda: write_csv(csv, plays), told)
+    if save is not None:
+        _write(save, lambda: save_plays(save, plays, step_s), told)
+
+
+def _show(plays: Sequence[NamedPlay], step_s: float, output: Output) -> None:
+    """Print what happened."""
+    from rich.console import Console
+
+    from twin.play.report import event_table, summary_table, to_json
+
     if output is Output.json:
         print(json.dumps(to_json(plays, step_s), indent=1))
     else:
         single = len(plays) == 1
         table = event_table(plays[0], step_s) if single else summary_table(plays, step_s)
         Console(width=None if sys.stdout.isatty() else 140, highlight=False).print(table)
-    if csv is not None:
-        try:
-            paths = write_csv(csv, plays)
-        except OSError as error:
-            raise storage_error(error, str(csv)) from None
-        words = str(paths[0]) if len(paths) == 1 else f"{len(paths)} files in {csv}"
-        print(words, file=sys.stderr if output is Output.json else sys.stdout)
+
+
+def _write(out: Path, write: Callable[[], list[Path]], told: TextIO) -> None:
+    try:
+        paths = write()
+    except OSError as error:
+        raise storage_error(error, str(out)) from None
+    print(paths[0] if len(paths) == 1 else f"{len(paths)} files in {out}", file=told)

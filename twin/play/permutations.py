@@ -12,6 +12,8 @@ from twin.road.opendrive.apart import notes_of_reading
 from twin.road.tables.road_tables import RoadTables, road_tables
 from twin.scenario.storyboard.apart import permutations_apart, programs_apart
 from twin.scenario.storyboard.compile.compiler import CompiledScenario
+from twin.scenario.storyboard.native.compiler import compile_native
+from twin.scenario.storyboard.native.document import is_native, load_native
 from twin.world.kernel_cache import prepare_kernels
 
 PLAYED_MAX = 10_000
@@ -28,12 +30,16 @@ def play_file(
     until_s: float,
     device: str = "cpu",
 ) -> list[NamedPlay]:
-    """Play a file, or all or one of its permutations.
+    """Play a file or a shipped scenario, or all or one of a file's permutations.
 
     Raises:
         ValueError: a line per mistake.
         UsageError: a program is larger than a limit.
     """
+    if is_native(str(file)):
+        if distribution is not None or permutation is not None:
+            raise ValueError(f"{file}: a campaign varies scenario files, no distribution does")
+        return [_play_native(file, step_s=step_s, every=every, until_s=until_s, device=device)]
     assignments = permutations_apart(file, distribution)
     numbers = _chosen(len(assignments), file, distribution, permutation)
     compiled = list(programs_apart(file, [assignments[number] for number in numbers]))
@@ -72,6 +78,17 @@ def play_file(
         notes = (*notes_of_reading(), *scenario.notes)
         plays.append(NamedPlay(name, number, assignments[number], notes, record))
     return plays
+
+
+def _play_native(
+    file: Path, *, step_s: float, every: int, until_s: float, device: str
+) -> NamedPlay:
+    program = compile_native(load_native(file))
+    roads = None if program.network is None else road_tables(program.network)
+    (record,) = play_programs(
+        [program], roads, step_s=step_s, every=every, until_s=until_s, device=device
+    )
+    return NamedPlay(file.stem, 0, {}, (), record)
 
 
 def _chosen(count: int, file: Path, distribution: Path | None, number: int | None) -> Sequence[int]:

@@ -255,8 +255,9 @@ def surface_functions(features: Features, copy: int = 0) -> tuple[Any, Any]:
         n = at.n
         if scene.faces[at.face].material == _FOLIAGE:  # leaves face every way
             n = wp.normalize(n + s.ruffle)
-        elif wp.static(looks):
-            n = bent_normal(n, s)
+        elif wp.static(looks):  # noqa: SIM102 (resolved before the kernel is compiled)
+            if scene.faces[at.face].uv_per_m < 0.0:
+                n = bent_normal(n, s)
         lux = irradiance(scene, slot, lamps, beams, optics, pose, at, n, s.retro, light)
         return wp.cw_mul(s.albedo, lux) * PI_INVERSE + s.emission
 

@@ -5,33 +5,30 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from pathlib import Path
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import warp as wp
 
 from schemas.case import Case
-from schemas.files.assets import asset_digest
-from schemas.files.yaml_file import YamlError
 from schemas.identity import stream_key
 from schemas.kinds.scenario import kind_of
 from schemas.messages import Command, Lights, Pose, SensorErrors, command_mistake
 from schemas.wire.interventions import PlaceEgo
 from twin.actors.intervention_motion import InterventionMotion
 from twin.actors.motion import Placement
-from twin.base.errors import RefusedError
 from twin.base.stopwatch import Stopwatch
-from twin.fabric.frames import FrameChannel
 from twin.kpi import verdict as judging
 from twin.kpi.judge_record import judge_record
 from twin.kpi.recorder import KpiRecorder
 from twin.rig.command_delay import Delays
 from twin.rig.slot import Finished
 from twin.scenario import families
+from twin.scenario.case_files import check_files
+from twin.scenario.case_motion import StartPose
+from twin.scenario.driving_robot import DrivingRobots
 from twin.scenario.protocol import ScenarioRun
 from twin.scenario.surroundings import Surroundings
-from twin.sensors import exteroceptive
 from twin.sensors.camera.cameras import camera_sites
 from twin.sensors.data import SensorData
 from twin.sensors.exteroceptive import ExteroceptiveSuite
@@ -47,8 +44,7 @@ from twin.vehicle.model import PHYSICS_STEP_NS
 from twin.vehicle.nearest import NEAREST
 from twin.vehicle.state import COLUMN
 from twin.vehicle.vehicle_file import load_vehicle
-from twin.world.kernel_cache import prepare_kernels
-from twin.world.scene import load_scene
+from twin.world.kernel_cache import known_device, prepare_kernels
 from twin.world.sky.environment import CaseEnvironment
 from twin.world.sky.wind import Winds
 from twin.world.street.build import World, build_world
@@ -103,16 +99,16 @@ class Engine:
             slots: number of slots S, at least 1.
             device: ``cpu`` or ``cuda:N``.
             buffers: host arrays that receive images, by the name of the channel
-                (:func:`frame_channels`).
+                (:func:`twin.sensors.exteroceptive.frame_channels`).
             watch: told where the time goes: ``sense``, ``render``, ``step``, ``physics``.
 
         Raises:
             ValueError: scene or vehicle file not usable, or no such device; one line.
         """
         prepare_kernels()
-        self._device = _known_device(device)
+        self._device = known_device(device)
         check_files(case)
-        scene = load_scene(case.rig.scene)
+        scene = families.scene_of(case)
         vehicle = load_vehicle(case.rig.vehicle)
         self.slots = slots
         self._watch = watch or Stopwatch()
@@ -121,11 +117,13 @@ class Engine:
         self.tick = np.zeros(slots, np.int32)
         self.sim_time_ns = np.zeros(slots, np.int64)
         self._steps = self.control_period_ns // PHYSICS_STEP_NS
-        self._world = build_world(scene)
-        self.objects = InterventionMotion(self._world.motion, self._world.kinds, slots)
+        self._world = build_world(scene, case.rig.bodies)
+        self._motion = families.motion_of(case, vehicle, self._world, slots, self._device)
+        script = self._motion or self._world.motion
+        self.objects = InterventionMotion(script, self._world.kinds, slots)
         """Movable objects of all slots."""
         self._origin = scene.origin
-        self._street = scene.street
+        self._street = self._world.lane_known
         self._winds = Winds(slots, self.control_period_ns / 1e9)
         self._vehicle = vehicle
         self._exteroceptive = ExteroceptiveSuite(
@@ -137,6 +135,7 @@ class Engine:
         self._carrier = Carrier(self._vehicles, self._steps)
         if case.rig.cosim:
             self._carrier.prepare()
+        self._robots = DrivingRobots.of(self._motion, self._vehicles, self._device)
         self.camera_sites = camera_sites(case, vehicle)
         self.lidar_sites = lidar_sites(case, vehicle)
         self._suite = SensorSuite(case, scene.origin, slots, self._device)
@@ -206,14 +205,27 @@ class Engine:
         index = int(self._vehicles.targets[slot])
         return index if index >= 0 else None
 
+    def closest(self, slot: int) -> tuple[float | None, float | None] | None:
+        """Distance [m] and time [s] to collision with what is nearest, at the current tick; None:
+        the case of the slot is about its target."""
+        run = self._runs[slot]
+        if run is None or not kind_of(run.case.variation.scenario).nearest:
+            return None
+        row = (self._vehicles.nearest() if self._surveyed else self._nearest)[slot].tolist()
+        return (row[0] if row[1] >= 0.0 else None, row[2] if row[3] >= 0.0 else None)
+
     def reset(self, slot: int, case: Case) -> None:
         """Begin ``case`` in ``slot``, at case tick 0."""
         environment = CaseEnvironment(case, self._origin)
         self.objects.begin(slot, case.variation.objects)
         ground = self._ground(slot, case)
-        x_m, y_m, yaw_rad = families.start_of(case.variation.scenario, ground)
-        speed_mps = case.variation.scenario.ego_speed_mps
-        self._vehicles.place(slot, x_m, speed_mps, 1.0, y_m=y_m, yaw_rad=yaw_rad, refresh=False)
+        start, ground = self._start(slot, case, ground)
+        x_m, y_m, z_m, yaw_rad, speed_mps = start
+        self._vehicles.place(
+            slot, x_m, speed_mps, 1.0, y_m=y_m, z_m=z_m, yaw_rad=yaw_rad, refresh=False
+        )
+        if self._robots is not None:
+            self._robots.begin(slot)
         self._unmeasured = True  # once for all that begin together
         self._surveyed = False
         self._vehicles.active[slot] = 1
@@ -225,7 +237,13 @@ class Engine:
         run = families.begin(case.variation.scenario, ground, x_m, y_m)
         self._runs[slot] = _Run(case, environment, run, ground)
         kind = kind_of(case.variation.scenario)
-        self._recorder.begin(slot, kind.columns, target=ground.target is not None)
+        self._recorder.begin(
+            slot,
+            kind.columns,
+            target=ground.target is not None,
+            nearest=kind.nearest,
+            names=[thing.name for thing in self._things(slot)] if self._motion else None,
+        )
         self._limits.begin(slot, case.variation.scenario)
         self.active[slot] = True
         self.tick[slot] = 0
@@ -242,13 +260,30 @@ class Engine:
             self._world, self._vehicle, kind, scenario.scene, street=self._street
         )
 
+    def _start(self, slot: int, case: Case, ground: Surroundings) -> tuple[StartPose, Surroundings]:
+        """Where the ego begins, and what the scenario looks at then."""
+        if self._motion is None:
+            scenario = case.variation.scenario
+            x_m, y_m, yaw_rad = families.start_of(scenario, ground)
+            return StartPose(x_m, y_m, 0.0, yaw_rad, scenario.ego_speed_mps), ground
+        start = self._motion.begin(slot, case)
+        return start, replace(ground, events=self._motion.events(slot))
+
+    def _things(self, slot: int) -> Sequence[Thing]:
+        """What the hulls of a slot belong to."""
+        things = self._world.things
+        if self._motion is None:
+            return things
+        return [*things[: len(self._world.colliders)], *self._motion.things(slot)]
+
     def clear(self, slot: int) -> None:
         """Make ``slot`` inactive; its case is forgotten."""
         self._runs[slot] = None
+        if self._motion is not None:
+            self._motion.clear(slot)
         self.objects.clear(slot)
         self.active[slot] = False
-        self.tick[slot] = 0
-        self.sim_time_ns[slot] = 0
+        self.tick[slot] = self.sim_time_ns[slot] = 0
         self._vehicles.active[slot] = 0
         self._vehicles.targets[slot] = -1
         self._winds.clear(slot)
@@ -314,7 +349,13 @@ class Engine:
         self._extinction_per_m[slot] = weather.extinction_per_m
 
     def place_ego(self, slot: int, place: PlaceEgo) -> None:
-        """Put the ego elsewhere; the scenario begins anew from there."""
+        """Put the ego elsewhere; the scenario begins anew from there.
+
+        Raises:
+            ValueError: a robot drives it; one line.
+        """
+        if self._motion is not None and self._motion.robot(slot) is not None:
+            raise ValueError("the robot has the ego of this case until the stack intervenes")
         friction = float(self._vehicles.friction[slot])
         self._vehicles.place(
             slot, place.x_m, place.speed_mps, friction, y_m=place.y_m, yaw_rad=place.yaw_rad
@@ -333,6 +374,8 @@ class Engine:
         self._winds.hold(slot, held=not on)
         self._exteroceptive.hold(slot, held=not on)
         self._suite.hold(slot, held=not on)
+        if self._motion is not None:
+            self._motion.hold(slot, held=not on)
 
     # --- a tick -----------------------------------------------------------------------------
 
@@ -350,19 +393,7 @@ class Engine:
         """Scripted objects as they are at the current ticks, for cameras, lidars and contacts."""
         self._placement = self.objects.at(self.sim_time_ns / 1e9)
         self._placed_ns[...] = self.sim_time_ns
-        self._vehicles.movers[...] = self._movers(self._placement)
-
-    def _movers(self, placement: Placement) -> np.ndarray:
-        """Hulls of scripted objects [S, M, 8], :data:`twin.vehicle.kernel.MOVER_COLUMNS`."""
-        there = placement.kind >= 0
-        hulls = np.zeros_like(self._vehicles.movers)
-        if hulls.size:
-            hulls[..., 0:2] = placement.position_m[..., :2]
-            hulls[..., 2] = placement.yaw_rad
-            hulls[..., 3:5] = self._hull_sizes[placement.kind] * there[..., None]
-            hulls[..., 5:7] = placement.velocity_mps[..., :2]
-            hulls[..., 7] = placement.yaw_rate_radps
-        return hulls
+        self._vehicles.movers[...] = self._placement.hulls(self._hull_sizes)
 
     def _lamps(self) -> list[Lights | None]:
         """The lamps in force at the current ticks; a command that is due now counts already."""
@@ -401,10 +432,12 @@ class Engine:
         if not self._surveyed:
             self._survey()
         self._nearest = self._vehicles.nearest()
+        self._schedule(good)
+        if self._robots is not None:
+            self._robots.watch(slot for slot, _, _ in good)
         self._record([slot for slot, _, _ in good], [command for _, _, command in good])
         self._record(list(mistakes), [None] * len(mistakes))
         finished = [self._fail(slot, reason) for slot, reason in mistakes.items()]
-        self._schedule(good)
         for slot, _, command in good:
             if command.sensors is not None:
                 self._suite.modulate(slot, command.sensors)
@@ -414,7 +447,7 @@ class Engine:
         if poses:
             self._carry(poses)
         else:
-            self._vehicles.advance(self._steps)
+            self._advance()
         self._watch.lap("physics")
         self._surveyed = False
         self.tick[self.active] += 1
@@ -422,6 +455,18 @@ class Engine:
         finished += self._ended()
         self._watch.lap("step")
         return finished
+
+    def _advance(self) -> None:
+        """One control period of vehicles and of bodies that a scenario moves."""
+        if self._robots is None:
+            self._vehicles.advance(self._steps)
+            return
+        for slot in self._robots.advance(self.active, self._steps, self._hulls):
+            self._exteroceptive.moved(slot)
+
+    def _hulls(self) -> np.ndarray:
+        """Hulls of what moves at the current ticks, or at the current step of a scenario."""
+        return self.objects.at(self.sim_time_ns / 1e9).hulls(self._hull_sizes)
 
     def _carry(self, poses: Mapping[int, Pose]) -> None:
         """One control period of which the stack says how it ends in some slots."""
@@ -471,10 +516,15 @@ class Engine:
     def _record(self, slots: list[int], commands: Sequence[Command | None]) -> None:
         if not slots:
             return
-        given = [self._run(slot).scenario.columns() for slot in slots]
+        given = [self._columns(slot) for slot in slots]
         self._recorder.add(
             slots, self.tick, self.sim_time_ns, self.state, commands, given, self._nearest
         )
+
+    def _columns(self, slot: int) -> Mapping[str, float]:
+        """KPI columns that the scenario of a slot gives."""
+        columns = self._run(slot).scenario.columns()
+        return columns if self._motion is None else {**columns, **self._motion.columns(slot)}
 
     def _survey(self) -> None:
         """Begin to measure what every ego is nearest to at the current ticks, see
@@ -482,7 +532,7 @@ class Engine:
         self._refresh()
         movers = self._vehicles.movers
         if movers.size and not np.array_equal(self._placed_ns, self.sim_time_ns):
-            movers = self._movers(self.objects.at(self.sim_time_ns / 1e9))
+            movers = self._hulls()
         self._vehicles.survey(movers)
         self._surveyed = True
 
@@ -490,12 +540,16 @@ class Engine:
         """The cases that end at the tick just reached."""
         state = self.state
         over = judging.have_ended(self._limits, self.sim_time_ns, state)
-        faulty = self._vehicles.faulty()
+        faulty, stuck = self._vehicles.faulty(), dict[int, str]()
         places = state[:, _PLACE]
         for slot, run in self._running():
             if not faulty[slot]:
                 run.scenario.observe(places[slot, :1], places[slot, 1:])
                 over[slot] |= run.scenario.ended()
+                if self._motion is not None:
+                    over[slot] |= self._motion.ended(slot)
+                    if fault := self._motion.fault(slot):
+                        stuck[slot], faulty[slot] = fault, True
         finished = []
         ending = np.flatnonzero((over | faulty) & self.active).tolist()
         if ending:
@@ -504,7 +558,7 @@ class Engine:
             self._surveyed = False
         for slot in ending:
             if faulty[slot]:
-                fault = self._vehicles.fault(slot)
+                fault = stuck.get(slot) or self._vehicles.fault(slot)
                 time_s = self.sim_time_ns[slot] / 1e9
                 finished.append(self._fail(slot, f"{fault}, at {time_s:.3f} s"))
             else:
@@ -528,8 +582,8 @@ class Engine:
 
     def _hit(self, slot: int) -> Thing | None:
         """What the ego of a slot hit first."""
-        index = self._vehicles.first_hit(slot)
-        return self._world.things[index] if 0 <= index < len(self._world.things) else None
+        index, things = self._vehicles.first_hit(slot), self._things(slot)
+        return things[index] if 0 <= index < len(things) else None
 
     def fail(self, slot: int, reason: str) -> Finished:
         """End the case of a slot whose stack cannot go on, at the current tick."""
@@ -544,45 +598,3 @@ class Engine:
         record = judge_record(run.case, self.state[slot], run.ground, None)
         self.clear(slot)
         return Finished(slot, "failed", "", [reason], scalars, table, record=record)
-
-
-def _known_device(name: str) -> wp.Device:
-    """
-    Raises:
-        ValueError: there is no such device here; one line.
-    """
-    try:
-        return wp.get_device(name)
-    except Exception as error:
-        known = ", ".join(str(device) for device in wp.get_devices())
-        raise ValueError(f"device '{name}': not here; allowed: {known}") from error
-
-
-def frame_channels(case: Case, slots: int) -> list[FrameChannel]:
-    """The arrays of a rig that are large enough to be worth sharing.
-
-    Raises:
-        ValueError: the vehicle has no such sensor; one line.
-    """
-    return exteroceptive.frame_channels(case, load_vehicle(case.rig.vehicle), slots)
-
-
-def check_files(case: Case) -> None:
-    """Refuse scene and vehicle files that are not those of the submission.
-
-    Raises:
-        RefusedError: one is another, or is missing; one line.
-    """
-    for name in (case.rig.scene, case.rig.vehicle):
-        digest = case.rig.files.get(name)
-        if digest is None:  # a shipped one
-            continue
-        try:
-            found = asset_digest(Path(name))
-        except (YamlError, OSError):  # gone, or cut short
-            found = ""
-        if found != digest:
-            raise RefusedError(
-                f"{name}: it, or a file it names, is not what the campaign was submitted with; "
-                "put it back, or run the campaign anew with another --out"
-            )

@@ -20,10 +20,10 @@ from schemas.plan import parse_plan
 from schemas.sections.perception import Perception, file_fields
 from twin.base.errors import UsageError
 from twin.render.memory import MemoryPlan, MemoryRow, free_bytes
+from twin.scenario import families
 from twin.sensors.rig_memory import rig_memory
 from twin.vehicle.vehicle_file import load_vehicle
 from twin.world.kernel_cache import prepare_kernels
-from twin.world.scene import load_scene
 from twin.world.street.build import build_world
 
 _STACK_BYTES = 1_500 * 2**20
@@ -144,7 +144,7 @@ def _plan(case: Case, networks: list[Perception], slots: int) -> MemoryPlan:
     vehicle = load_vehicle(case.rig.vehicle)
     for camera in case.rig.seeing:
         vehicle.camera(camera.name)
-    plan = rig_memory(case, vehicle, build_world(load_scene(case.rig.scene)), slots)
+    plan = rig_memory(case, vehicle, build_world(families.scene_of(case), case.rig.bodies), slots)
     if not networks:
         return plan
     rows = (

@@ -155,7 +155,9 @@ class Simulator:
 
     def _build(self) -> None:
         # Warp takes its time to load: the drive session is announced before.
-        from twin.rig.engine import Engine, check_files, frame_channels
+        from twin.rig.engine import Engine
+        from twin.scenario.case_files import check_files
+        from twin.sensors.exteroceptive import frame_channels
 
         case, slots = self._case, len(self._slots)
         try:

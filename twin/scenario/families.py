@@ -3,12 +3,20 @@
 from __future__ import annotations
 
 from functools import cache
+from typing import TYPE_CHECKING, Any
 
+from schemas.case import Case
 from schemas.kinds.registry import implementation
 from schemas.kinds.scenario import kind_of
 from schemas.sections.scenario import Scenario
 from twin.scenario.protocol import Rows, ScenarioFamily, ScenarioRun
 from twin.scenario.surroundings import Surroundings
+
+if TYPE_CHECKING:
+    from twin.scenario.case_motion import CaseMotion, CaseMotionMaker
+    from twin.vehicle.vehicle_file import Vehicle
+    from twin.world.scene import Scene
+    from twin.world.street.build import World
 
 
 def start_of(scenario: Scenario, ground: Surroundings) -> tuple[float, float, float]:
@@ -19,6 +27,36 @@ def start_of(scenario: Scenario, ground: Surroundings) -> tuple[float, float, fl
     """
     kind = kind_of(scenario)
     return _family(kind.implementation).start(kind.config_of(scenario), ground)
+
+
+def scene_of(case: Case) -> Scene:
+    """The scene of a case: that of its rig, or the one that the file of its scenario brings.
+
+    Raises:
+        ValueError: it cannot be used; one line.
+    """
+    from twin.world.scene import load_scene  # who judges what is written needs no world
+
+    scenario = case.variation.scenario
+    kind = kind_of(scenario)
+    if kind.scene_name and case.rig.scene != scenario.scene:
+        named: str = implementation(kind.scene_name)(kind.config_of(scenario))
+        return load_scene(named)
+    return load_scene(case.rig.scene)
+
+
+def motion_of(
+    case: Case, vehicle: Vehicle, world: World, slots: int, device: Any
+) -> CaseMotion | None:
+    """What moves the bodies of a rig's cases; None: they bring none.
+
+    Raises:
+        ValueError: the rig cannot have it; one line.
+    """
+    if not case.rig.bodies:
+        return None
+    maker: CaseMotionMaker = implementation(kind_of(case.variation.scenario).motion)
+    return maker(case, vehicle, world.kinds, slots, device)
 
 
 def begin(scenario: Scenario, ground: Surroundings, x_m: float, y_m: float) -> ScenarioRun:

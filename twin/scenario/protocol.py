@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -59,6 +59,14 @@ class ScenarioRun(Protocol):
     def judge(self, rows: Rows, moved: bool) -> Verdict:
         """The verdict of a case that ended without a collision; ``moved``: the ego has moved,
         perhaps between two rows only."""
+
+
+@runtime_checkable
+class TellsEvents(Protocol):
+    """A run that knows what happened before."""
+
+    def before_end(self, rows: Rows) -> list[str]:
+        """What happened before the end of a case, short sentences for a verdict's reasons."""
 
 
 class ScenarioFamily(Protocol):

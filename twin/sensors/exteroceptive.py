@@ -19,19 +19,20 @@ from twin.sensors.data import SensorData
 from twin.sensors.ray_kinds import ray_rigs
 from twin.sensors.ray_sensor import Moment, RayMount, Sight
 from twin.sensors.rig_memory import rig_memory
-from twin.vehicle.vehicle_file import Vehicle
+from twin.vehicle.vehicle_file import Vehicle, load_vehicle
 from twin.world.scene import Scene
 from twin.world.sky.sun import Daylight
 from twin.world.sky.weather import WeatherParameters
 from twin.world.street.build import World
 
 
-def frame_channels(case: Case, vehicle: Vehicle, slots: int) -> list[FrameChannel]:
-    """The arrays of a rig's ray sensors, large enough to be worth sharing.
+def frame_channels(case: Case, slots: int) -> list[FrameChannel]:
+    """The arrays of a rig that are large enough to be worth sharing: those of its ray sensors.
 
     Raises:
         ValueError: the vehicle has no such sensor; one line.
     """
+    vehicle = load_vehicle(case.rig.vehicle)
     return [channel for rig in ray_rigs() for channel in rig.channels(case, vehicle, slots)]
 
 

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from schemas.campaign import Campaign
+from schemas.case import Case
 from schemas.kinds.registry import implementation
+from schemas.kinds.scenario import scenario_kinds
 from schemas.plan import plan_of
 from schemas.validation import Mistake
 from twin.validate.scene_check import Variant, check_scenes, vehicle_mistakes
@@ -16,11 +20,16 @@ def check_campaign(campaign: Campaign) -> tuple[list[Mistake], list[str]]:
     distribution whose implementation cannot be imported.
     """
     plan = plan_of(campaign)
-    asked = (Variant(case.rig.scene, case.variation.objects) for case in plan.cases)
+    asked = (
+        Variant(case.rig.scene, case.variation.objects)
+        for case in plan.cases
+        if case.rig.scene == case.variation.scenario.scene
+    )
     scenes = check_scenes(asked)
     mistakes = [Mistake("scenario.scene", line) for line in scenes.mistakes]
     lines = vehicle_mistakes(case.rig.vehicle for case in plan.cases)
     mistakes += [Mistake("scenario.vehicle", line) for line in lines]
+    mistakes += _of_families(plan.cases)
     kinds = [kind for kind in plan.kinds_of_others() if kind.implementation]
     if not kinds:
         return mistakes, scenes.notes
@@ -33,3 +42,14 @@ def check_campaign(campaign: Campaign) -> tuple[list[Mistake], list[str]]:
         except ValueError as error:
             mistakes.append(Mistake(kind.key, str(error)))
     return mistakes, scenes.notes
+
+
+def _of_families(cases: Sequence[Case]) -> list[Mistake]:
+    """What the families of the cases find wrong with them."""
+    mistakes = []
+    for kind in scenario_kinds().declared:
+        own = [case for case in cases if case.variation.scenario.type == kind.name]
+        if own and kind.checks:
+            lines: list[str] = implementation(kind.checks)(own)
+            mistakes += [Mistake(f"scenario.{kind.files[0]}", line) for line in lines]
+    return mistakes

@@ -51,29 +51,44 @@ def scene(
 
 @app.command()
 def scenario(
-    file: Annotated[Path, typer.Argument(help="An OpenSCENARIO XML file (.xosc), 1.0 to 1.3.")],
+    file: Annotated[
+        Path,
+        typer.Argument(
+            help="An OpenSCENARIO XML file (.xosc), 1.0 to 1.3; a scenario file (.yaml); or the "
+            "name of a shipped scenario."
+        ),
+    ],
     distribution: Annotated[
-        Path | None, typer.Option(help="A parameter distribution file that varies it.")
+        Path | None, typer.Option(help="A parameter distribution file that varies a .xosc.")
+    ] = None,
+    picture: Annotated[
+        Path | None,
+        typer.Option(help="Play it, and draw lanes, ways and events from above: a .png or .svg."),
     ] = None,
     output: OutputOption = Output.human,
 ) -> None:
-    """Check an OpenSCENARIO XML file with the catalogs it uses, and say what it does.
+    """Check a scenario with the files it uses, and say what it does.
 
-    Prints entities, stories, events with their triggers, parameters and catalogs of the file, or of
-    the first permutation of a distribution; notes about what has no effect go to stderr. Exit code
-    2: a line with file and line number for everything that is wrong or that cannot be played.
+    Prints entities, events with what they wait for, and when the scenario ends; of an OpenSCENARIO
+    file also parameters and catalogs, for the first permutation of a distribution. Notes about what
+    has no effect go to stderr.
+
+    `twin validate scenario cut-in --picture cut-in.png` also plays it, with nobody at the ego's
+    wheel, and draws what happened.
+
+    Exit code 2: a line for everything that is wrong or cannot be played, with file and line number
+    or key.
     """
     from twin.road.opendrive.apart import notes_of_reading
-    from twin.scenario.storyboard.apart import outline_apart, permutations_apart
+    from twin.validate.scenario_check import check_scenario, draw_scenario
 
     mistakes: list[str] = []
     lines: list[str] = []
     notes: list[str] = []
     try:
-        permutations = permutations_apart(file, distribution)
-        if permutations:
-            lines, no_effect = outline_apart(file, permutations[0], len(permutations))
-            notes += no_effect
+        lines, notes = check_scenario(file, distribution)
+        if picture is not None:
+            draw_scenario(file, distribution, picture)
     except ValueError as error:
         mistakes = str(error).splitlines()
     notes += notes_of_reading()

@@ -91,6 +91,11 @@ def write_picture(folder: Path, roads: RoadMap) -> Path:
     return path
 
 
+def draw_roads(axes: Any, roads: RoadMap, box: tuple[float, float, float, float]) -> None:
+    """Draw lanes, marks, signals and objects within x and y of ``box`` into a figure's axes."""
+    _draw(axes, roads, box, marks=True, ids=False)
+
+
 def _extent(roads: RoadMap) -> tuple[float, float, float, float]:
     """Of all lanes, with a margin."""
     xs, ys = [], []
@@ -146,7 +151,12 @@ def _centre_of_interest(roads: RoadMap) -> tuple[float, float]:
 
 
 def _draw(
-    axes: Any, roads: RoadMap, box: tuple[float, float, float, float], *, marks: bool
+    axes: Any,
+    roads: RoadMap,
+    box: tuple[float, float, float, float],
+    *,
+    marks: bool,
+    ids: bool = True,
 ) -> None:
     axes.set_facecolor("#f4f1ea")
     axes.set_xlim(box[0], box[2])
@@ -170,7 +180,7 @@ def _draw(
                 _lane(axes, frame, number, lane, inside)
             if marks:
                 _marks(axes, frame, number, inside)
-        _direction(axes, frame, s, box)
+        _direction(axes, frame, s, box, ids)
     if marks:
         _furniture(axes, roads, box)
 
@@ -218,9 +228,13 @@ def _marks(axes: Any, frame: RoadFrame, number: int, s: np.ndarray) -> None:
 
 
 def _direction(
-    axes: Any, frame: RoadFrame, s: np.ndarray, box: tuple[float, float, float, float]
+    axes: Any,
+    frame: RoadFrame,
+    s: np.ndarray,
+    box: tuple[float, float, float, float],
+    ids: bool,
 ) -> None:
-    """The id in the middle of what is seen, and an arrow on every driven lane."""
+    """An arrow on every driven lane and, if ``ids``, the road's id where it is seen."""
     pose = frame.pose(s)
     inside = (pose.x_m > box[0]) & (pose.x_m < box[2]) & (pose.y_m > box[1]) & (pose.y_m < box[3])
     if not inside.any():
@@ -250,6 +264,8 @@ def _direction(
                 arrowprops={"arrowstyle": "-|>", "color": "#ffe9a8", "linewidth": 1.4},
                 zorder=6,
             )
+    if not ids:
+        return
     place = frame.pose(at)
     label = escape(frame.road.id, 12).replace("$", r"\$")
     axes.text(

@@ -206,6 +206,20 @@ class Fleet:
         if refresh:
             self.refresh()
 
+    def roll(self, slot: int, speed_mps: float, steering_rad: float) -> None:
+        """Give vehicle 0 of a slot, where it is, this speed forwards on rolling wheels, in the gear
+        for it; what it drifts sideways stays. Call :meth:`refresh` once after."""
+        row, model = self.state[slot, 0], self._host_models[0]
+        x, y, z, w = row[columns("orientation")]
+        forward = np.array([1 - 2 * (y * y + z * z), 2 * (x * y + z * w), 2 * (x * z - y * w)])
+        left = np.array([2 * (x * y - z * w), 1 - 2 * (x * x + z * z), 2 * (y * z + x * w)])
+        velocity = row[columns("velocity")]
+        aside = float(velocity[0] * left[0] + velocity[1] * left[1] + velocity[2] * left[2])
+        row[columns("velocity")] = speed_mps * forward + aside * left
+        row[columns("wheel_speed")] = speed_mps / float(model.radius)
+        row[COLUMN["steering_rad"]] = steering_rad
+        row[COLUMN["gear"]], row[COLUMN["rpm"]] = gear_at(model, speed_mps)
+
     def refresh(self) -> None:
         """Derived columns anew, after ``state`` was written on the host."""
         self._see()
@@ -367,12 +381,16 @@ def initial_state(
     row[columns("pressure")] = row[COLUMN["traction"]] = 1.0
     row[COLUMN["impact_step"]] = row[COLUMN["rest_step"]] = -1.0
     row[COLUMN["moved"]] = float(speed_mps != 0.0)
-    turning = abs(speed_mps) / radius * 30 / math.pi
+    row[COLUMN["gear"]], row[COLUMN["rpm"]] = gear_at(model, speed_mps)
+    return row
+
+
+def gear_at(model: VehicleModel, speed_mps: float) -> tuple[int, float]:
+    """Gear, -1: reverse, and engine speed [rpm] of a vehicle that rolls at a speed."""
+    turning = abs(speed_mps) / float(model.radius) * 30 / math.pi
     ratios = [float(ratio) for ratio in model.ratios][: model.gear_count]
     gear = 1 if speed_mps >= 0.0 else -1
     while 0 < gear < len(ratios) and turning * ratios[gear - 1] > float(model.shift_up[0]):
         gear += 1
     ratio = ratios[gear - 1] if gear > 0 else float(model.reverse_ratio)
-    row[COLUMN["gear"]] = gear
-    row[COLUMN["rpm"]] = max(float(model.idle_rpm), turning * ratio)
-    return row
+    return gear, max(float(model.idle_rpm), turning * ratio)

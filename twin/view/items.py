@@ -41,6 +41,9 @@ class SlotSeen:
     """See :attr:`SlotRun.label`."""
     target: bool = True
     """Something stands in the lane, to which the state's distance is measured."""
+    nearest: tuple[float | None, float | None] | None = None
+    """Distance [m] and time [s] to collision of a case that is about whatever is nearest; None: it
+    is about its target."""
     movers: np.ndarray | None = None
     """float64 [M, 7]: world x, y, z, yaw, half length, half width, height."""
     readings: dict[str, np.ndarray] = field(default_factory=dict)

@@ -274,6 +274,7 @@ class ViewPublisher(View):
             clouds={n: _thinned(sensed[n], slot) for n in due if n.startswith("lidar.")},
             label=run.label if run else "",
             target=run is not None and run.target is not None,
+            nearest=engine.closest(slot),
             movers=_movers(engine, slot) if recorded or "state" in due else None,
             readings=_readings(sensed, slot) if recorded or "state" in due else {},
         )
@@ -358,4 +359,6 @@ def _movers(engine: Engine, slot: int) -> np.ndarray:
         row[:3] = placement.position_m[slot, index]
         row[3] = placement.yaw_rad[slot, index]
         row[4:] = kind.half_length_m, kind.half_width_m, kind.mesh.points_m[:, 2].max()
+        if placement.half_m is not None:
+            row[4:6] = placement.half_m[slot, index]
     return rows

@@ -21,10 +21,11 @@ from schemas.wire.view import (
 from twin.actors.car_body import HEIGHT_M, LENGTH_M, WIDTH_M
 from twin.kpi.recorder import CLOSING_MIN_MPS
 from twin.kpi.table import KpiTable
+from twin.scenario import families
 from twin.vehicle.state import COLUMN
 from twin.vehicle.vehicle_file import load_vehicle
 from twin.view.items import Cloud, SlotSeen
-from twin.world.scene import load_scene
+from twin.world.road_scene import road_lane
 
 JPEG_QUALITY = 80
 """Quality of small pictures; for large ones see :mod:`twin.view.quality`."""
@@ -54,17 +55,19 @@ def points_of(cloud: Cloud) -> np.ndarray:
 def stage_of(lease: Lease, colliders: np.ndarray, cars: int, target: int | None) -> Stage:
     """The standing world of a lease's case: ``colliders`` [N, 5], of which the first ``cars`` are
     cars and ``target`` is what the scenario is about."""
-    scene = load_scene(lease.case.rig.scene)
+    scene = families.scene_of(lease.case)
     hulls = colliders.tolist()
     standing = [] if target is None else [hulls.pop(target)]
     size_m = [2 * standing[0][3], 2 * standing[0][4]] if standing else [LENGTH_M, WIDTH_M]
     vehicle = load_vehicle(lease.case.rig.vehicle)
-    road = scene.road
+    road, lane, beside = scene.road, scene.road.lane(), 1.0
+    if scene.opendrive:  # what lies beside the lane is no generated street
+        lane, beside = road_lane(scene.opendrive)[0], 0.0
     return Stage(
-        lane=road.lane().places(_LANE_STEP_M).tolist(),
+        lane=lane.places(_LANE_STEP_M).tolist(),
         lane_width_m=road.lane_width_m,
-        parking_width_m=road.parking_width_m,
-        sidewalk_width_m=road.sidewalk_width_m,
+        parking_width_m=beside * road.parking_width_m,
+        sidewalk_width_m=beside * road.sidewalk_width_m,
         obstacle_center_m=[*standing[0][:2], HEIGHT_M / 2] if standing else [],
         obstacle_yaw_rad=standing[0][2] if standing else 0.0,
         obstacle_size_m=[*size_m, HEIGHT_M],
@@ -111,7 +114,12 @@ def state_of(snapshot: SlotSeen, token: int, seq: int) -> StateSample:
     def value(name: str) -> float:
         return float(state[COLUMN[name]])
 
-    closing = value("closing_mps")
+    dtc_m = ttc_s = None
+    if snapshot.nearest is not None:
+        dtc_m, ttc_s = snapshot.nearest
+    elif snapshot.target:
+        dtc_m, closing = value("dtc_m"), value("closing_mps")
+        ttc_s = dtc_m / closing if closing > CLOSING_MIN_MPS else None
     return StateSample(
         v=SCHEMA_VERSION,
         seq=seq,
@@ -123,8 +131,8 @@ def state_of(snapshot: SlotSeen, token: int, seq: int) -> StateSample:
         yaw_rad=value("yaw_rad"),
         speed_mps=value("speed_mps"),
         accel_mps2=value("accel_mps2"),
-        dtc_m=value("dtc_m") if snapshot.target else None,
-        ttc_s=value("dtc_m") / closing if snapshot.target and closing > CLOSING_MIN_MPS else None,
+        dtc_m=dtc_m,
+        ttc_s=ttc_s,
         collisions=int(state[COLUMN["collisions"]]),
         controls=_controls(snapshot.command),
         boxes=None if snapshot.boxes is None else [_box(row) for row in snapshot.boxes],

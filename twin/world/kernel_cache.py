@@ -131,3 +131,16 @@ def _writable(folder: Path) -> bool:
             return True
     except OSError:
         return False
+
+
+def known_device(name: str) -> wp.Device:
+    """A device of Warp by its name.
+
+    Raises:
+        ValueError: there is no such device here; one line.
+    """
+    try:
+        return wp.get_device(name)
+    except Exception as error:
+        known = ", ".join(str(device) for device in wp.get_devices())
+        raise ValueError(f"device '{name}': not here; allowed: {known}") from error

@@ -8,7 +8,7 @@ from typing import Annotated, Literal, TypeVar
 from msgspec import Meta, field
 from msgspec.structs import replace
 
-from schemas.files.assets import is_path
+from schemas.files.assets import ROAD_SUFFIX, is_path
 from schemas.files.yaml_file import load_yaml
 from schemas.validation import convert_all
 from twin.road.lane import LanePath, straight
@@ -24,6 +24,7 @@ from twin.world.content import (
 from twin.world.spec import Length, Position, Range, Share, Spec
 
 _SCENES = Path(__file__).parent / "scenes"
+_ROADS = Path(__file__).parents[1] / "road/shipped"
 
 T = TypeVar("T")
 
@@ -149,12 +150,20 @@ class Scene(Spec, kw_only=True):
     """Own meshes."""
     terrain: Terrain | None = None
     """A heightfield."""
+    opendrive: str = ""
+    """OpenDRIVE file of roads, relative to the scene file; needs ``street: false``."""
 
     def __post_init__(self) -> None:
         road = self.road
         if road.path and not self.street:
             raise ValueError("road.path needs the generated street; leave street: false away")
-        if not self.street:
+        if self.opendrive and self.street:
+            raise ValueError("opendrive needs street: false, because its roads are the street")
+        if self.opendrive and self.obstacle is not None:
+            raise ValueError("opendrive: the obstacle stands on a generated street; leave it away")
+        if self.opendrive:
+            pass
+        elif not self.street:
             grounds = [mesh for mesh in self.meshes if mesh.semantic in DRIVABLE]
             level = self.terrain is not None and self.terrain.semantic in DRIVABLE
             if not level and not grounds:
@@ -182,8 +191,13 @@ class Scene(Spec, kw_only=True):
                 raise ValueError(f"buildings.{name}: smallest {low:g} above largest {high:g}")
 
 
+def shipped_roads() -> dict[str, Path]:
+    """OpenDRIVE files that come with the package, by name; each is a scene of its own."""
+    return {path.stem: path for path in sorted(_ROADS.glob(f"*{ROAD_SUFFIX}"))}
+
+
 def load_scene(name_or_path: str) -> Scene:
-    """Load a shipped scene by name, or a scene file by path.
+    """Load a shipped scene or road by name, or a scene or OpenDRIVE file by path.
 
     Files that the scene names are relative to the scene file; the result holds paths that can be
     opened.
@@ -191,13 +205,18 @@ def load_scene(name_or_path: str) -> Scene:
     Raises:
         ValueError: no such scene, or a mistake in its file; one line.
     """
+    roads = shipped_roads()
+    if name_or_path in roads or name_or_path.endswith(ROAD_SUFFIX):
+        road = roads.get(name_or_path, Path(name_or_path))
+        return Scene(scene=road.stem, street=False, bake=False, opendrive=str(road))
     scene = load_named(name_or_path, Scene, _SCENES, "scene")
     folder = named_path(name_or_path, _SCENES, "scene").parent
     meshes = [replace(mesh, file=str(folder / mesh.file)) for mesh in scene.meshes]
     terrain = scene.terrain
     if terrain is not None:
         terrain = replace(terrain, heightmap=str(folder / terrain.heightmap))
-    return replace(scene, meshes=meshes, terrain=terrain)
+    opendrive = str(folder / scene.opendrive) if scene.opendrive else ""
+    return replace(scene, meshes=meshes, terrain=terrain, opendrive=opendrive)
 
 
 def named_path(name_or_path: str, folder: Path, noun: str) -> Path:
@@ -210,7 +229,8 @@ def named_path(name_or_path: str, folder: Path, noun: str) -> Path:
         return Path(name_or_path)
     path = folder / f"{name_or_path}.yaml"
     if not path.is_file():
-        shipped = ", ".join(sorted(p.stem for p in folder.glob("*.yaml")))
+        stems = [file.stem for file in folder.glob("*.yaml")]
+        shipped = ", ".join(sorted([*stems, *(shipped_roads() if folder == _SCENES else ())]))
         raise ValueError(
             f"{noun} '{name_or_path}': not shipped; give one of {shipped}, or the path of a file"
         )

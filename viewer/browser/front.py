@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import IO, Any
 from urllib.parse import parse_qs, unquote, urlsplit
 
-from schemas.files.regular_file import open_below
+from schemas.files.regular_file import open_below, open_regular
 from twin.base.errors import TwinError, UsageError
 from twin.fabric.loopback import is_ours, is_own_name
 from viewer.browser.assets import Asset
@@ -78,6 +78,21 @@ _PAGES = {
 
 
 @dataclass(frozen=True, slots=True)
+class SingleRecording:
+    """A recording that belongs to no campaign."""
+
+    path: Path
+    name: str
+    at_s: float | None
+    """Moment at which it opens, paused [s]; None: it does as its layout says."""
+
+    def as_json(self) -> dict[str, Any]:
+        """What its page needs to know."""
+        row = {"case": self.name, "verdict": "", "complete": True, "moment_s": self.at_s}
+        return {"live": False, "single": True, "name": self.name, "cases": [row], "missing": []}
+
+
+@dataclass(frozen=True, slots=True)
 class ShownSite:
     """What is shown."""
 
@@ -90,6 +105,8 @@ class ShownSite:
     """Host and port of a live hub, in place of recordings."""
     desk: Desk | None = None
     """Way to running cases, for pages that know its token; None: there is none."""
+    single: SingleRecording | None = None
+    """The only recording, in place of a folder."""
 
     def about(self, case: str) -> bytes:
         """What the pages need to know, as JSON; ``case`` empty: of all cases.
@@ -97,6 +114,8 @@ class ShownSite:
         Raises:
             UsageError: there is no such case, or no recording.
         """
+        if self.single is not None:
+            return json.dumps(self.single.as_json()).encode()
         about: dict[str, Any] = {"live": self.folder is None, "cases": [], "missing": []}
         if self.folder is not None:
             about["name"] = self.folder.resolve().name
@@ -365,6 +384,10 @@ def _page(name: str, media_type: str) -> Asset:
 
 
 def _recording(site: ShownSite, case: str) -> IO[bytes]:
+    if site.single is not None:
+        if case != site.single.name:
+            raise UsageError("there is one recording here, and it has another name")
+        return open_regular(site.single.path)
     if site.folder is None:
         raise UsageError("live cases have no recording here")
     path = find_recording(site.folder, case).path

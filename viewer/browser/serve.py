@@ -17,7 +17,7 @@ from twin.base.errors import TwinError
 from twin.base.process import end, spawn
 from viewer.browser.assets import web_viewer
 from viewer.browser.desk import Desk
-from viewer.browser.front import BrowserFront, ShownSite
+from viewer.browser.front import BrowserFront, ShownSite, SingleRecording
 from viewer.live.command import LiveOptions
 from viewer.playback import native
 from viewer.playback.folder import RecordedMoment
@@ -41,6 +41,8 @@ class WebOptions:
     case: str = ""
     """Case that the printed address opens; empty: the table."""
     moment: RecordedMoment | None = None
+    file: Path | None = None
+    """A single recording called ``case``, in place of a folder."""
     live: tuple[str, ...] = ()
     """Options of `viewer live`, in place of a recording."""
     where: LiveOptions | None = None
@@ -62,7 +64,13 @@ def run_web(options: WebOptions) -> int:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
     if not options.live:
-        _serve(ShownSite(web_viewer(), options.folder, options.at), options, stop, None)
+        single = None
+        if options.file is not None:
+            moment = options.moment
+            at_s = None if moment is None else moment.sim_time_ns / 1e9
+            single = SingleRecording(options.file, options.case, at_s)
+        site = ShownSite(web_viewer(), options.folder, options.at, single=single)
+        _serve(site, options, stop, None)
         return 0
     assets = web_viewer()
     with _live(options.live) as child:

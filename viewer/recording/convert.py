@@ -81,8 +81,9 @@ class CaseConverter:
             _plotted(naming.ACCEL, samples, [s.accel_mps2 for s in samples]),
         ]
         measured = [(s, s.dtc_m) for s in samples if s.dtc_m is not None]
-        if measured:
+        if measured and self._start.stage.obstacle_center_m:  # else it is to what is nearest
             rows.append(rows_at(naming.GAP, [s for s, _ in measured], self._gaps(measured)))
+        if measured:
             rows.append(_plotted(naming.DTC, [s for s, _ in measured], [d for _, d in measured]))
         closing = [(s, s.ttc_s) for s in samples if s.ttc_s is not None]
         rows.append(_plotted(naming.TTC, [s for s, _ in closing], [t for _, t in closing]))

@@ -8,7 +8,7 @@ from typing import Any
 from msgspec import UNSET
 
 from conductor.report.reading.dossier import Dossier
-from schemas.axes import OBJECT_AXES, PARAMETER_AXES
+from schemas.axes import NUMBER_AXES, OBJECT_AXES, PARAMETER_AXES, number_of
 from schemas.campaign import WEATHERS, Campaign
 from schemas.case import Case
 from schemas.sections.objects import ObjectVariation
@@ -41,7 +41,7 @@ def further_axes(campaign: Campaign) -> list[str]:
     return [axis for axis in dict.fromkeys(named) if axis not in PLAIN]
 
 
-LEFT_OUT = ("as the stack has it", "as in the scene", "no such sensor")
+LEFT_OUT = ("as the stack has it", "as in the scene", "no such sensor", "as in the file")
 """Values of an axis that a case says nothing of."""
 
 
@@ -55,6 +55,9 @@ def axis_value(case: Case, axis: str) -> Any:
         name, _, field = axis.removeprefix(OBJECT_AXES).rpartition(".")
         value = getattr(variation.objects.get(name, ObjectVariation()), field)
         return LEFT_OUT[1] if value is None else value
+    if axis.startswith(tuple(NUMBER_AXES)):
+        number = number_of(variation.scenario, axis)
+        return LEFT_OUT[3] if number is None else number
     if axis == "time_of_day":
         return f"{variation.time_of_day_min // 60:02}:{variation.time_of_day_min % 60:02}"
     # A case holds what it needs of the section autonomy itself.

@@ -311,6 +311,8 @@ class Geometry:
         rows["root"] = np.where(kind > 0, self._roots[kind], 0)
         rows["first_face"] = self._first_face[kind]
         rows["instance"] = world.first_mover + np.arange(count)
+        if placement.class_index is not None:
+            rows["instance"] += count * placement.class_index
         rows["position"] = placement.position_m
         rows["cosine"], rows["sine"] = cosine, sine
         x, y, z = sphere[..., 0], sphere[..., 1], sphere[..., 2]
@@ -318,7 +320,7 @@ class Geometry:
         rows["centre"][..., 1] = placement.position_m[..., 1] + sine * x + cosine * y
         rows["centre"][..., 2] = placement.position_m[..., 2] + z
         rows["radius"] = sphere[..., 3]
-        rows["half"] = self._halves[kind]
+        rows["half"] = self._halves[kind] if placement.half_m is None else placement.half_m
         rows["velocity"] = placement.velocity_mps
         rows["yaw_rate"] = placement.yaw_rate_radps
         rows["brake"], rows["lamps"] = placement.brake, placement.lamps

@@ -215,18 +215,21 @@ def visibility_kernel(build: KernelOptions, second: bool, features: Features = N
             seen.face[thread] = NOTHING
             return
         flags = hit.object + 1
-        sun = lights[slot].sun_direction
-        facing = hit.normal
-        if wp.static(looks):
-            smooth = smooth_point(scene, slot, hit.face, hit.object, hit.u, hit.v, hit.normal)
-            facing = smooth.n
-        if lights[slot].shadows != 0 and wp.dot(facing, sun) > 0.0:
-            flags = flags | ASKED
+        if lights[slot].shadows != 0:
+            sun = lights[slot].sun_direction
+            facing = hit.normal
             start = eye + direction * hit.t + hit.normal * 0.02
-            if wp.static(looks):
-                start = start + smooth.lift
-            if not occluded(scene, slot, start, sun, SUN_RANGE_M):
-                flags = flags | LIT
+            if wp.static(looks):  # noqa: SIM102 (resolved before the kernel is compiled)
+                if scene.faces[hit.face].uv_per_m < 0.0:
+                    smooth = smooth_point(
+                        scene, slot, hit.face, hit.object, hit.u, hit.v, hit.normal
+                    )
+                    facing = smooth.n
+                    start = start + smooth.lift
+            if wp.dot(facing, sun) > 0.0:
+                flags = flags | ASKED
+                if not occluded(scene, slot, start, sun, SUN_RANGE_M):
+                    flags = flags | LIT
         seen.t[thread] = hit.t + near
         seen.face[thread] = hit.face
         seen.flags[thread] = flags
@@ -273,6 +276,9 @@ def sun_kernel(build: KernelOptions, second: bool, features: Features = NONE) ->
         slot = pixel.slot
         if lights[slot].active == 0:
             return
+        if wp.static(not second):  # noqa: SIM102 (resolved before the kernel is compiled)
+            if lights[slot].shadows == 0:  # nothing to ask, nothing to list
+                return
         face = seen.face[thread]
         if face < 0:
             return
@@ -295,19 +301,21 @@ def sun_kernel(build: KernelOptions, second: bool, features: Features = NONE) ->
                 needs = needs or (seen.t[thread] < SECOND_RANGE_M and look_mirrors(scene, face))
             if needs:
                 put_on_list(seen.listed, seen.listed_count, thread)
+        if lights[slot].shadows == 0:
+            return
         sun = lights[slot].sun_direction
         facing = normal
-        if wp.static(looks):
-            bary = seen.bary[thread]
-            u = wp.float32((bary >> 16) & 65535) * 1.5259022e-5
-            v = wp.float32(bary & 65535) * 1.5259022e-5
-            smooth = smooth_point(scene, slot, face, m, u, v, normal)
-            facing = smooth.n
-        if lights[slot].shadows != 0 and wp.dot(facing, sun) > 0.0:
-            flags = flags | ASKED
-            start = pose.eye + direction * seen.t[thread] + normal * 0.02
-            if wp.static(looks):
+        start = pose.eye + direction * seen.t[thread] + normal * 0.02
+        if wp.static(looks):  # noqa: SIM102 (resolved before the kernel is compiled)
+            if scene.faces[face].uv_per_m < 0.0:
+                bary = seen.bary[thread]
+                u = wp.float32((bary >> 16) & 65535) * 1.5259022e-5
+                v = wp.float32(bary & 65535) * 1.5259022e-5
+                smooth = smooth_point(scene, slot, face, m, u, v, normal)
+                facing = smooth.n
                 start = start + smooth.lift
+        if wp.dot(facing, sun) > 0.0:
+            flags = flags | ASKED
             if not occluded(scene, slot, start, sun, SUN_RANGE_M):
                 flags = flags | LIT
             seen.flags[thread] = flags

@@ -8,15 +8,18 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
+from schemas.files.assets import file_digest
 from schemas.messages import OBJECT_CLASSES
 from twin.actors.motion import Motion, ObjectKind, Still
-from twin.actors.objects import build_cast
+from twin.actors.objects import Cast, build_cast
+from twin.actors.palette import BodyRoom, build_palette
 from twin.road.lane import LanePath, straight
 from twin.world.kept import kept
 from twin.world.meshes.details import FaceLook, Mask
 from twin.world.meshes.imports import add_imports
 from twin.world.meshes.kept_files import kept_files
 from twin.world.meshes.mesh import Mesh, MeshBuilder
+from twin.world.road_scene import add_roads, road_lane
 from twin.world.scene import Scene
 from twin.world.street import sidewalks
 from twin.world.street.ambient import baked
@@ -29,7 +32,7 @@ from twin.world.things import Thing, named, numbered
 
 OBSTACLE = "obstacle"
 """Name of the broken-down car among the things of a world."""
-NO_LAMPS = (0.0, -1.0e6)
+_NO_LAMPS = (0.0, -1.0e6)
 """Lamps of a world without a street: so far away that they light nothing."""
 
 
@@ -52,6 +55,8 @@ class World:
     """World x, y of the street lamps of a road that bends, float64 [L, 2] [m]; None: the rows."""
     lane: LanePath = field(default_factory=lambda: straight(0.0, 1.0))
     """Centre line of the ego's lane."""
+    lane_known: bool = True
+    """The lane is known as far as it goes; False: it says where an ego starts, and no more."""
     kinds: tuple[ObjectKind, ...] = ()
     """Meshes of movable objects."""
     motion: Motion = field(default_factory=Still)
@@ -69,7 +74,8 @@ class World:
     """Class of each static instance, index into :data:`schemas.messages.OBJECT_CLASSES`; by default
     all are cars."""
     mover_classes: tuple[int, ...] = ()
-    """Class of each movable object."""
+    """Class of each movable object; of those that are another thing in every slot, M of each class
+    in turn (:attr:`twin.actors.motion.Placement.class_index`)."""
     has_obstacle: bool = True
     """The first collider is the broken-down car."""
     cars: int = 0
@@ -112,21 +118,27 @@ class World:
         return float(self.colliders[0, 0] - self.colliders[0, 3])
 
 
-def build_world(scene: Scene) -> World:
+def build_world(scene: Scene, bodies: int = 0) -> World:
     """Build the world of ``scene``; the same files give the same arrays. Do not write to them.
 
     A scene without files of its own is built once and kept on disk (:mod:`twin.world.kept`); of
     others, what their files hold is.
 
+    Args:
+        scene: the scene.
+        bodies: room for so many bodies that a scenario brings, see :mod:`twin.actors.palette`.
+
     Raises:
         ValueError: a file or an object of the scene that cannot be used; one line.
     """
     if scene.meshes or scene.terrain:
-        return _build(scene)
-    key = msgspec.json.encode(scene)
+        return _build(scene, bodies)
+    key = msgspec.json.encode(scene) + (b"%d" % bodies if bodies else b"")
+    if scene.opendrive:
+        key += _content(scene.opendrive)
     if key not in _built:
         _built.clear()  # one is enough, and they are large
-        world = kept("worlds", key, lambda: _build(scene))
+        world = kept("worlds", key, lambda: _build(scene, bodies))
         _built[key] = replace(world, key=key)
     return _built[key]
 
@@ -134,7 +146,18 @@ def build_world(scene: Scene) -> World:
 _built: dict[bytes, World] = {}
 
 
-def _build(scene: Scene) -> World:
+def _content(file: str) -> bytes:
+    """
+    Raises:
+        ValueError: it cannot be read; one line.
+    """
+    try:
+        return file_digest(Path(file)).encode()
+    except OSError as error:
+        raise ValueError(f"{file}: {error.strerror or error}") from None
+
+
+def _build(scene: Scene, bodies: int = 0) -> World:
     files = kept_files(scene)  # first: a file that cannot be used is refused at once
     mesh = MeshBuilder()
     layout = lay_out(scene)
@@ -142,16 +165,16 @@ def _build(scene: Scene) -> World:
     classes = ["car"] * len(colliders)
     things = [Thing(OBSTACLE, "car")] * len(colliders)
     others: list[Hull] = []
-    lamps_right = lamps_left = NO_LAMPS
+    lamps_right = lamps_left = _NO_LAMPS
     bent_lamps: np.ndarray | None = None
     if scene.street:
         stop = sidewalks.bus_stop(layout)
         add_ground(mesh, scene, layout)
         free = [(*stop, 1.0)] if stop else []
-        parked, bodies = add_parked(mesh, scene, layout, len(colliders), free)
+        parked, sorts = add_parked(mesh, scene, layout, len(colliders), free)
         colliders += parked
-        classes += bodies
-        things += [Thing(f"parked {body} {n}", body) for n, body in enumerate(bodies, start=1)]
+        classes += sorts
+        things += [Thing(f"parked {body} {n}", body) for n, body in enumerate(sorts, start=1)]
         houses = [*add_buildings(mesh, scene, layout), *add_bends(mesh, scene, layout)]
         trees = sidewalks.add_trees(mesh, scene, layout)
         others += [*houses, *trees]
@@ -160,7 +183,7 @@ def _build(scene: Scene) -> World:
             bent_lamps = np.concatenate(lamps)
         else:
             lamps_right, lamps_left = (
-                tuple(row[0].tolist()) if len(row) else NO_LAMPS for row in lamps
+                tuple(row[0].tolist()) if len(row) else _NO_LAMPS for row in lamps
             )
         signs, poles = sidewalks.add_signs(mesh, scene, layout, len(classes))
         classes += ["traffic_sign"] * signs
@@ -171,11 +194,12 @@ def _build(scene: Scene) -> World:
         things += numbered("street lamp", "pole", len(posts))
         things += numbered("sign", "traffic_sign", len(poles))
         things += numbered("street furniture", "pole", len(pieces))
+    lane, lane_known = _roads(mesh, scene) if scene.opendrive else (layout.lane, scene.street)
     imported = add_imports(mesh, scene, len(classes), files)
     classes += imported.classes
     solid = [item for item in scene.meshes if item.solid]
     things += [named(Path(m.file).stem, m.object_class or m.semantic) for m in solid]
-    cast = build_cast(scene.objects)
+    cast = _cast(scene, bodies)
     meshes = [mesh.build(), *(kind.mesh for kind in cast.kinds)]
     if scene.bake:
         meshes = baked(meshes)
@@ -187,7 +211,8 @@ def _build(scene: Scene) -> World:
         lamps_right=lamps_right,
         lamps_left=lamps_left,
         lamps=bent_lamps,
-        lane=layout.lane,
+        lane=lane,
+        lane_known=lane_known,
         kinds=tuple(replace(kind, mesh=own) for kind, own in kinds),
         motion=cast.motion,
         textures=imported.textures,
@@ -201,3 +226,25 @@ def _build(scene: Scene) -> World:
         things=(*things, *cast.things),
         notes=imported.notes,
     )
+
+
+def _roads(mesh: MeshBuilder, scene: Scene) -> tuple[LanePath, bool]:
+    """Add the roads of a file; the ego's lane on them, and whether all of it is known."""
+    add_roads(mesh, scene.opendrive)
+    return road_lane(scene.opendrive)
+
+
+def _cast(scene: Scene, bodies: int) -> Cast:
+    """
+    Raises:
+        ValueError: the scene's objects cannot be; one line.
+    """
+    if not bodies:
+        return build_cast(scene.objects)
+    if scene.objects:
+        raise ValueError(
+            f"scene {scene.scene}: its objects would move beside those of the scenario; remove them"
+        )
+    classes = np.repeat(np.arange(len(OBJECT_CLASSES)), bodies)
+    things = [Thing(f"body {number}", "car") for number in range(1, bodies + 1)]
+    return Cast(build_palette().kinds, BodyRoom(bodies), tuple(classes.tolist()), tuple(things))

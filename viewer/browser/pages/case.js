@@ -67,18 +67,21 @@ async function viewer(url) {
 
 function moment(row) {
   const asked = /#when=sim_time@\+?([0-9.]+)s/.exec(location.hash);
+  // Null of a recording that plays by itself.
   return asked ? Number(asked[1]) : row.moment_s;
 }
 
-async function showRecording(row) {
+async function showRecording(row, single) {
   document.title = row.case;
-  document.getElementById("back").hidden = false;
+  document.getElementById("back").hidden = single;
   const title = document.getElementById("title");
-  title.textContent = `${row.case}: ${(row.verdict || "no verdict").replaceAll("_", " ")}`;
+  const verdict = (row.verdict || "no verdict").replaceAll("_", " ");
+  title.textContent = single ? row.case : `${row.case}: ${verdict}`;
   title.className = row.verdict;
   const handle = await viewer(`${location.origin}/recording/${encodeURIComponent(row.case)}.rrd`);
   const stop = async () => {
     const seconds = moment(row);
+    if (seconds === null) return say("");
     say("Loading the recording ...");
     await pause(handle, seconds);
     say(`Paused at ${seconds} s${row.complete ? "" : "; the recording is incomplete"}`);
@@ -102,7 +105,7 @@ async function start() {
   if (!answer.ok) throw new Error(await answer.text());
   const about = await answer.json();
   if (about.live) await showLive();
-  else if (id) await showRecording(about.cases[0]);
+  else if (about.single || id) await showRecording(about.cases[0], Boolean(about.single));
   else location.replace("/");
 }
 

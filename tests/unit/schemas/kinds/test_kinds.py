@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from foreign_distributions import install
+from msgspec.structs import fields
 
 import schemas.kinds.batch_system
 import schemas.kinds.bridge
@@ -83,15 +84,16 @@ def test_names_are_unique_and_scenarios_have_the_scalars_that_they_show():
     assert len(names) == len(set(names))
     assert not kpi_kinds().broken
     assert not scenario_kinds().broken
-    columns = {kind.name: kind for kind in shipped("column")}
     for kind in scenario_kinds().declared:
         report = kind.report
+        columns = {column.name: column for column in (*shipped("column"), *kind.columns)}
         shown = {*report.table, report.lead.scalar, report.extreme.scalar}
         assert shown | {name for _, name in report.beside} <= set(scalars_by_name())
         assert all(scalars_by_name()[name].label for name in report.table)
         assert set(report.overview) <= set(report.curves)
         assert all(columns[name].curve for name in report.curves)
-        config = kind.config_of(Scenario(type=kind.name))
+        needed = {key.name: "x" for key in fields(kind.config) if key.required}
+        config = kind.config_of(Scenario(type=kind.name, **needed))
         for text in (report.rule, report.rule_in_results, *(t.some for t in report.counted)):
             text.format(**{name: getattr(config, name) for name in config.__struct_fields__})
 

@@ -7,7 +7,8 @@ from case_changes import changed
 
 from schemas.messages import Command
 from schemas.plan import expand, parse_campaign
-from twin.rig.engine import Engine, frame_channels
+from twin.rig.engine import Engine
+from twin.sensors.exteroceptive import frame_channels
 
 
 def case(**more):

@@ -17,7 +17,8 @@ from schemas.plan import expand, parse_campaign
 from schemas.sections.objects import ObjectVariation
 from twin.base.errors import RefusedError
 from twin.rig.command_delay import Delays
-from twin.rig.engine import Engine, check_files
+from twin.rig.engine import Engine
+from twin.scenario.case_files import check_files
 from twin.vehicle.state import COLUMN
 
 

@@ -6,7 +6,8 @@ from case_changes import changed
 from schemas.identity import case_digest, rig_key
 from schemas.messages import Command
 from schemas.plan import expand, parse_campaign
-from twin.rig.engine import Engine, frame_channels
+from twin.rig.engine import Engine
+from twin.sensors.exteroceptive import frame_channels
 
 
 def parsed(render, **more):

@@ -28,7 +28,8 @@ from schemas.messages import Command
 from schemas.plan import expand, parse_campaign
 from schemas.wire.topics import sensor_topic
 from devkit.checking.frames import CheckDrive, sense
-from twin.rig.engine import Engine, frame_channels
+from twin.rig.engine import Engine
+from twin.sensors.exteroceptive import frame_channels
 from twin.sensors.data import SensorData
 from twin.sensors.declared import DeclaredRay
 campaign, mistakes = parse_campaign(parse_yaml(sys.stdin.read(), "radar.yaml"))

@@ -125,7 +125,7 @@ def test_the_second_hull_of_a_truck_is_told_from_its_first(walker, monkeypatch):
         colliders=np.concatenate([world.colliders, hulls]),
         things=(*world.things[:count], *truck, *world.things[count:]),
     )
-    monkeypatch.setattr(engine_module, "build_world", lambda _scene: made)
+    monkeypatch.setattr(engine_module, "build_world", lambda _scene, _bodies: made)
     finished = ended(walker, ego_start_m=40.0, ego_speed_mps=8.0, duration_s=4.0)
     assert finished.reasons[0].endswith("with 'articulated' (truck, hull 2 of 2)")
     assert finished.scalars["hit_hull"] == 2

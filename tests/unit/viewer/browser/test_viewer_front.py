@@ -14,7 +14,7 @@ from waiting import PATIENCE_S
 
 from twin.base.errors import UsageError
 from viewer.browser.assets import Asset
-from viewer.browser.front import POLICY, READS, BrowserFront, ShownSite
+from viewer.browser.front import POLICY, READS, BrowserFront, ShownSite, SingleRecording
 
 WASM = Asset(b"\0asm" + bytes(1000), "application/wasm", "7.7")
 
@@ -231,3 +231,24 @@ def test_a_port_in_use_is_one_line():
         pytest.raises(UsageError, match="choose another, or 0 for a free one"),
     ):
         BrowserFront(server.server_address[1], ShownSite({}))
+
+
+def test_a_single_recording_is_served_and_nothing_beside_it(tmp_path):
+    path = tmp_path / "a b.rrd"
+    path.write_bytes(b"recorded")
+    (tmp_path / "other.rrd").write_bytes(b"other")
+    with front(single=SingleRecording(path, "a b", 1.5)) as ask:
+        assert b"canvas" in ask("/")[1]
+        about = json.loads(ask("/about.json")[1])
+        row = {"case": "a b", "verdict": "", "complete": True, "moment_s": 1.5}
+        assert about == {
+            "live": False,
+            "single": True,
+            "name": "a b",
+            "cases": [row],
+            "missing": [],
+        }
+        answer, data = ask("/recording/a%20b.rrd")
+        assert (answer.status, data) == (200, b"recorded")
+        for name in ("other", "..%2Fa%20b", ""):
+            assert ask(f"/recording/{name}.rrd")[0].status == 404

@@ -132,26 +132,30 @@ def _acquire(element: ScenarioElement, context: Compilation) -> AcquirePositionA
 
 
 def _ways_to(context: Compilation, goal: FixedPosition) -> tuple[int, ...]:
-    """Routes to a place from the beginning and the end of every road."""
+    """Routes to a place from the beginning of every road along it, and from its end against it."""
     assert context.roads is not None
     routes = []
     for number, frame in enumerate(context.roads.frames.values()):
         road = frame.road
-        for start_s_m, section in ((0.0, road.sections[0]), (road.length_m, road.sections[-1])):
-            best: tuple[float, list[RouteLeg]] | None = None
+        for sign, s_m, section in (
+            (1.0, 0.0, road.sections[0]),
+            (-1.0, road.length_m, road.sections[-1]),
+        ):
+            ways = []
             for lane in section.lanes:
-                start = FixedPosition(0, 0, 0, 0, road=number, s_m=start_s_m, lane=lane.id)
+                start = FixedPosition(0, 0, 0, 0, road=number, s_m=s_m, lane=lane.id)
                 way = shortest_way(context, start, goal)
-                if not way or (way[0].to_s_m - way[0].from_s_m) * (0.5 - bool(start_s_m)) < 0:
-                    continue
-                length = sum(abs(leg.to_s_m - leg.from_s_m) for leg in way)
-                if best is None or length < best[0]:
-                    best = length, way
-            if best is None:
-                routes.append(-1)
-            else:
-                routes.append(context.route(RoadRoute("", False, _joined(best[1]))))
+                if way and sign * (way[0].to_s_m - way[0].from_s_m) > 0.0:
+                    ways.append(way)
+            best = min(ways, key=_length, default=None)
+            routes.append(
+                -1 if best is None else context.route(RoadRoute("", False, _joined(best)))
+            )
     return tuple(routes)
+
+
+def _length(way: list[RouteLeg]) -> float:
+    return sum(abs(leg.to_s_m - leg.from_s_m) for leg in way)
 
 
 ROUTES: dict[str, Handler] = {

@@ -38,6 +38,7 @@ _VALUE = real_column(records.SpeedAction, "value")
 _FACTOR = whole_column(records.SpeedAction, "factor")
 _CONTINUOUS = whole_column(records.SpeedAction, "continuous")
 _PROFILE_ENTITY = whole_column(records.SpeedProfileAction, "entity")
+_PROFILE_FOLLOW = whole_column(records.SpeedProfileAction, "follow")
 _PROFILE_COUNT = whole_column(records.SpeedProfileAction, "entries.tail")
 _PROFILE_UP = real_column(records.SpeedProfileAction, "limits.acceleration_max_mps2")
 _PROFILE_DOWN = real_column(records.SpeedProfileAction, "limits.deceleration_max_mps2")
@@ -210,9 +211,11 @@ def step_profile(
 ) -> wp.float64:
     """The speed at the end of a step: straight lines from entry to entry.
 
-    An entry without a time is reached at the largest acceleration of the action. Limits of the
-    change of acceleration are not kept.
+    An entry without a time is reached at the largest acceleration of the action, and one that would
+    need more is reached later if the action keeps to its limits (following mode ``follow``). Limits
+    of the change of acceleration are not kept.
     """
+    follows = tables.wholes[wholes + _PROFILE_FOLLOW]
     at = play.instance_reals[slot, k, AT] + step_s
     play.instance_reals[slot, k, AT] = at
     base = play.instance_reals[slot, k, TARGET]
@@ -222,11 +225,13 @@ def step_profile(
         first = reals + _PROFILE_FIRST + 2 * entry
         target = tables.reals[first] + base
         duration = wp.float64(tables.reals[first + 1])
+        limit = tables.reals[reals + _PROFILE_DOWN]
+        if target > speed:
+            limit = tables.reals[reals + _PROFILE_UP]
         if duration < ZERO:
-            limit = tables.reals[reals + _PROFILE_DOWN]
-            if target > speed:
-                limit = tables.reals[reals + _PROFILE_UP]
             duration = wp.abs(target - speed) / wp.max(limit, CLOSE)
+        elif follows != 0:
+            duration = wp.max(duration, wp.abs(target - speed) / wp.max(limit, CLOSE))
         if at < begin + duration - CLOSE:
             return speed + (target - speed) * (at - begin) / duration
         begin += duration

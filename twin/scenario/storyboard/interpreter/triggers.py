@@ -1,8 +1,7 @@
 """Warp functions: when triggers fire.
 
 ASAM OpenSCENARIO XML 1.3, section 7.6.2: a condition is its expression, or a change of it since the
-last step, as it was a delay ago. It counts only while its trigger can fire. The storyboard runs
-twice at the time 0, as esmini's does; what a condition was worth then holds for the time.
+last step, as it was a delay ago. It counts only while its trigger can fire.
 """
 
 from __future__ import annotations
@@ -130,8 +129,7 @@ def held_value(
     """What a condition is worth at this step, its value after edges being ``value``."""
     changes = play.conditions[slot, c, ConditionState.CHANGES]
     held = play.conditions[slot, c, ConditionState.HELD]
-    since = play.conditions[slot, c, ConditionState.SINCE]
-    if changes == 0 or (value != held and since < step):
+    if changes == 0 or value != held:
         if ring >= 0:
             oldest = play.histories[slot, ring, changes % _HISTORY_MAX]
             needed = wp.float64(step) * step_s - delay_s + CLOSE
@@ -141,7 +139,6 @@ def held_value(
             play.histories[slot, ring, changes % _HISTORY_MAX] = step
         play.conditions[slot, c, ConditionState.CHANGES] = changes + 1
         play.conditions[slot, c, ConditionState.HELD] = value
-        play.conditions[slot, c, ConditionState.SINCE] = step
     if ring >= 0:
         return delayed(play, slot, c, ring, step, step_s, delay_s)
     return play.conditions[slot, c, ConditionState.HELD] == 1

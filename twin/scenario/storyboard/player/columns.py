@@ -183,15 +183,14 @@ class ConditionState(IntEnum):
     LAST = 0
     """Its expression at the last step; -1: not evaluated yet."""
     HELD = 1
-    """Its value since :attr:`SINCE`, after edges and before delays."""
-    SINCE = 2
-    CHANGES = 3
+    """Its value after edges and before delays."""
+    CHANGES = 2
     """Of its value so far."""
-    SEEN = 4
+    SEEN = 3
     """Bits of states and transitions of its element since it was last evaluated."""
-    LATEST = 5
+    LATEST = 4
     """State of its element at that time."""
-    TRUTH = 6
+    TRUTH = 5
     """Whether its expression on entities holds in this step."""
 
 

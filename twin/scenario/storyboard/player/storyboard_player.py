@@ -263,10 +263,13 @@ class StoryboardPlayer:
         self._launch(copy_kernel, (self.slots, self.entities), [self.bodies, self._before])
 
     def _launch(self, kernel: wp.Kernel, dim: int | tuple[int, int], inputs: list[object]) -> None:
-        wp.launch(kernel, dim=dim, inputs=inputs, device=self.device)
+        wp.launch(kernel, dim=dim, inputs=inputs, device=self.device, block_dim=_BLOCK)
 
 
 _ALL = -1
+_BLOCK = 8
+"""Threads of a block: they go different ways and wait for memory, so a GPU's processors should have
+few each."""
 _CLEARED = ("entities", "elements", "conditions", "instances", "variables")
 _OVERFLOWS = {
     int(Overflow.TRANSITIONS): (

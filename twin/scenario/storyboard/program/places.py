@@ -64,8 +64,8 @@ class RelativePosition(ProgramRecord, frozen=True):
     relative_orientation: bool = True
     """Angles are relative to the entity or, on roads and lanes, to the road; else to the world."""
     by_road: bool = False
-    """On roads and lanes: ds and dt count along the road's axes, lanes by their ids, and angles from
-    the road's direction; else all of it as the entity is headed."""
+    """On roads and lanes: ds and dt count along the road's axes, lanes by their ids, and angles
+    from the road's direction; else all of it as the entity is headed."""
 
 
 Position = FixedPosition | RelativePosition

@@ -1,6 +1,7 @@
 """Values of the axes that a matrix may name, as reports show them."""
 
 import pytest
+from msgspec.structs import fields
 from unit.conductor.report.synthetic_campaign import campaign_data, make_campaign, page_of
 
 from conductor.report import write_summary
@@ -22,15 +23,33 @@ def data(**changes):
     return campaign_data(matrix={"model": ["yolov3"], **VARIED}, sensors={"imu": {}}, **changes)
 
 
-@pytest.mark.parametrize("family", [kind.name for kind in scenario_kinds().declared])
+@pytest.mark.parametrize("family", scenario_kinds().declared, ids=lambda kind: kind.name)
 def test_every_axis_that_is_allowed_has_a_value(family):
-    given = {"campaign": "c", "scenario": {"type": family}, "matrix": {"weather": ["clear"]}}
+    needed = {key.name: "x" for key in fields(family.config) if key.required}
+    scenario = {"type": family.name, **needed}
+    given = {"campaign": "c", "scenario": scenario, "matrix": {"weather": ["clear"]}}
     campaign, mistakes = parse_campaign(given)
     assert campaign is not None, mistakes
     (case,) = expand(campaign)
     axes = axes_allowed()
     assert len(axes) > 40
     assert all(hash(axis_value(case, axis)) is not None for axis in axes)
+
+
+def test_numbers_of_a_scenario_file_have_the_values_of_their_case():
+    axis = "storyboard.actors.van.ahead_m"
+    campaign, mistakes = parse_campaign(
+        {
+            "campaign": "c",
+            "scenario": {"type": "storyboard", "storyboard": "x"},
+            "matrix": {axis: [20, 30]},
+            "cases": [{"weather": "clear"}],
+        }
+    )
+    assert campaign is not None, mistakes
+    values = [axis_value(case, axis) for case in expand(campaign)]
+    assert values == [20.0, 30.0, "as in the file"]
+    assert axis_label(axis) == "Actors van ahead [m]"
 
 
 def test_parameters_objects_and_sensors_have_the_values_of_their_case():

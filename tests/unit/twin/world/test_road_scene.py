@@ -1,0 +1,146 @@
+"""Scenes of OpenDRIVE roads: what is in them, where their ego starts, and what is refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import warp as wp
+
+from schemas.files.assets import asset_digest, is_path
+from schemas.messages import SEMANTIC_CLASSES, Command
+from schemas.plan import expand, parse_campaign
+from tests.road_files import LINE, WIDTH, geometry, lane, road, section, xodr
+from twin.rig.engine import Engine
+from twin.rig.slot import Finished
+from twin.validate.scene_check import Variant, check_scenes
+from twin.vehicle.ground import drivable
+from twin.world.scene import load_scene
+from twin.world.street.build import build_world
+
+MARK = '<roadMark sOffset="0" type="solid" color="yellow" width="0.15"/>'
+WALK = lane(-2, '<width sOffset="0" a="2.0" b="0" c="0" d="0"/>', "sidewalk")
+STRAIGHT = xodr(road(120.0, lanes=section(right=lane(-1, WIDTH + MARK) + WALK)))
+
+
+def write(folder: Path, data: bytes, name: str = "own.xodr") -> str:
+    path = folder / name
+    path.write_bytes(data)
+    return str(path)
+
+
+def lowest(path: str) -> float:
+    return float(build_world(load_scene(path)).mesh.points_m[:, 2].min())
+
+
+def test_lanes_marks_and_ground_have_their_classes(tmp_path):
+    world = build_world(load_scene(write(tmp_path, STRAIGHT)))
+    classes = {SEMANTIC_CLASSES[k] for k in np.unique(world.mesh.semantic).tolist()}
+    assert classes == {"road", "sidewalk", "marking", "terrain"}
+    paint = world.mesh.semantic == SEMANTIC_CLASSES.index("marking")
+    assert (world.mesh.color[paint][:, 2] < 0.1).all(), "yellow"
+    assert not len(world.colliders)
+    assert not world.has_obstacle
+
+
+def test_the_ground_under_wheels_is_the_road(tmp_path):
+    hill = '<elevationProfile><elevation s="0" a="1" b="0.05" c="0" d="0"/></elevationProfile>'
+    world = build_world(load_scene(write(tmp_path, xodr(road(more=hill)))))
+    ground = drivable(world, wp.get_device("cpu"))
+    assert ground.kernel.flat == 0
+    tarmac = world.mesh.semantic == SEMANTIC_CLASSES.index("road")
+    points = world.mesh.points_m[np.unique(world.mesh.faces[tarmac])]
+    assert np.allclose(points[:, 2], 1.0 + 0.05 * points[:, 0], atol=1e-4)
+
+
+def test_an_ego_starts_in_the_rightmost_lane_and_keeps_it(tmp_path):
+    lanes = section(left="", right=lane(-1) + lane(-2) + lane(-3, kind="shoulder"))
+    name = write(tmp_path, xodr(road(200.0, geometry(LINE, 200.0, at=(5.0, 2.0, 0.0)), lanes)))
+    campaign, mistakes = parse_campaign(
+        {
+            "campaign": "road",
+            "camera": {"width": 32, "height": 18, "hz": 10},
+            "scenario": {"type": "lane_keeping", "scene": name, "distance_m": 20.0}
+            | {"ego_speed_mps": 10.0},
+            "matrix": {"weather": ["clear"]},
+        }
+    )
+    assert campaign is not None, mistakes
+    engine = Engine(expand(campaign)[0], 1)
+    engine.reset(0, expand(campaign)[0])
+    engine.sense()
+    assert engine.state[0, :3] == pytest.approx((5.0, 2.0 - 1.5 * 3.5, 0.0))
+    finished: list[Finished] = []
+    for tick in range(100):
+        if finished:
+            break
+        engine.sense()
+        finished = engine.step([Command(0, 1, tick, 0.3, 0.0, 0.0)])
+    assert finished[0].verdict == "pass", finished[0].reasons
+    engine.close()
+
+
+def test_of_a_curved_lane_only_the_start_is_known(tmp_path):
+    bend = geometry('<arc curvature="0.01"/>', 100.0)
+    world = build_world(load_scene(write(tmp_path, xodr(road(100.0, bend)))))
+    assert not world.lane_known
+    assert world.lane.at(0.0).y_m == pytest.approx(-1.75)
+
+
+def test_left_hand_traffic_starts_on_the_other_side(tmp_path):
+    name = write(tmp_path, xodr(road(100.0, attributes='rule="LHT"')))
+    assert build_world(load_scene(name)).lane.at(0.0).y_m == pytest.approx(1.75)
+
+
+def test_a_scene_file_has_roads_and_counts_their_content(tmp_path):
+    write(tmp_path, STRAIGHT)
+    path = tmp_path / "with-road.yaml"
+    path.write_text("schema: 1\nscene: with-road\nstreet: false\nopendrive: own.xodr\n")
+    assert lowest(str(path)) < 0.0
+    before = asset_digest(path)
+    write(tmp_path, xodr(road(90.0)))
+    assert asset_digest(path) != before
+
+
+def test_another_content_under_the_same_name_is_another_world(tmp_path):
+    name = write(tmp_path, STRAIGHT)
+    assert is_path("own.xodr")
+    digest = asset_digest(Path(name))
+    first = build_world(load_scene(name)).mesh.points_m[:, 0].max()
+    write(tmp_path, xodr(road(300.0)))
+    assert asset_digest(Path(name)) != digest
+    assert build_world(load_scene(name)).mesh.points_m[:, 0].max() > first + 100.0
+
+
+@pytest.mark.parametrize(
+    ("data", "words"),
+    [
+        (b"<OpenDRIVE>", "own.xodr"),
+        (xodr(road(lanes=section(left="", right=lane(-1, kind="sidewalk")))), "no driving lane"),
+        (xodr(road(plan=geometry(LINE, 100.0, at=(2e4, 0.0, 0.0)))), "from the origin"),
+    ],
+)
+def test_a_road_that_cannot_be_a_scene_is_one_line(tmp_path, data, words):
+    name = write(tmp_path, data)
+    findings = check_scenes([Variant(name, {})])
+    assert len(findings.mistakes) == 1
+    assert words in findings.mistakes[0]
+    assert "\n" not in findings.mistakes[0]
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        ("opendrive: own.xodr\n", "street: false"),
+        ("street: false\nopendrive: own.xodr\nobstacle: {x_m: 3}\n", "obstacle"),
+        ("street: false\nopendrive: gone.xodr\n", "gone.xodr"),
+    ],
+)
+def test_scene_files_with_roads_that_contradict_themselves(tmp_path, more, words):
+    write(tmp_path, STRAIGHT)
+    path = tmp_path / "scene.yaml"
+    path.write_text(f"schema: 1\nscene: odd\n{more}")
+    findings = check_scenes([Variant(str(path), {})])
+    assert len(findings.mistakes) == 1
+    assert words in findings.mistakes[0]

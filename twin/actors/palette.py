@@ -1,0 +1,253 @@
+"""Looks of bodies that a scenario brings: one set of meshes serves all cases of a rig.
+
+Which bodies a case has is known only when it begins, and the meshes of a rig are fixed before. So a
+body gets the mesh of its sort whose size is nearest to its own; what it collides with, and its box
+in tables, is its own size. Bodies of one case that look alike differ in colour by their number.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from schemas.messages import OBJECT_CLASSES
+from twin.actors import car_body, heavy_body
+from twin.actors.cyclist import LENGTH_M, WAY_M, WIDTH_M, add_cyclist
+from twin.actors.motion import ObjectKind, Placement
+from twin.actors.person import PHASES, add_person, random_looks
+from twin.world.meshes import materials
+from twin.world.meshes.mesh import Color, MeshBuilder
+from twin.world.street.parking import PAINTS
+
+CLASS_OF = {
+    "car": "car",
+    "van": "car",
+    "truck": "truck",
+    "trailer": "truck",
+    "bus": "bus",
+    "motorcycle": "bicycle",
+    "bicycle": "bicycle",
+    "pedestrian": "pedestrian",
+    "child": "pedestrian",
+    "animal": "pedestrian",
+    "obstacle": "car",
+}
+"""Sort of a body -> its class for the box sensor, which knows no more than these."""
+
+_BUS: Color = (0.50, 0.36, 0.06)
+_GREY: Color = (0.30, 0.30, 0.30)
+_FUR: Color = (0.16, 0.10, 0.06)
+_DARK: Color = (0.03, 0.03, 0.035)
+_CHILD_M = 1.2
+_RIDER_M = 1.72
+_ANIMALS = ((0.8, 0.3, 0.6), (1.7, 0.5, 1.4))
+_OBSTACLES = ((0.3, 0.3, 0.15), (0.6, 0.6, 0.6), (1.2, 0.8, 0.8), (2.0, 1.5, 1.2), (4.0, 1.8, 1.4))
+_TRAILERS = ((3.0, 1.7, 1.6), (7.2, 2.4, 3.2), (13.0, 2.5, 3.8))
+
+
+@dataclass(frozen=True, slots=True)
+class PaletteLook:
+    """One look of a sort of bodies."""
+
+    sort: str
+    size_m: tuple[float, float, float]
+    """Length, width and height of its mesh."""
+    kind: int
+    """Kind of it at rest, and before its phases."""
+    phases: int
+    """Kinds behind the first that show it moving; 0: one for all."""
+    way_m: float
+    """Way in which all phases pass once."""
+
+
+@dataclass(frozen=True, slots=True)
+class Palette:
+    """All looks, and the kinds that their indices mean."""
+
+    kinds: tuple[ObjectKind, ...]
+    looks: tuple[PaletteLook, ...]
+
+    def look(self, sort: str, size_m: Sequence[float], number: int) -> PaletteLook:
+        """The look of body ``number`` of a case: of its sort the one of the nearest size, of
+        equally near ones as the number says.
+
+        Args:
+            sort: key of :data:`CLASS_OF`.
+            size_m: length, width, height.
+            number: counts the bodies of a case.
+        """
+        alike = [look for look in self.looks if look.sort == sort]
+        off = [
+            sum((a - b) * (a - b) for a, b in zip(look.size_m, size_m, strict=True))
+            for look in alike
+        ]
+        nearest = [look for look, way in zip(alike, off, strict=True) if way == min(off)]
+        return nearest[number % len(nearest)]
+
+
+class BodyRoom:
+    """Room for bodies that something else moves: nobody is there until it says so."""
+
+    actors = ()
+
+    def __init__(self, count: int) -> None:
+        self.count = count
+        """Most bodies of a slot."""
+
+    @property
+    def standing(self) -> np.ndarray:
+        """See :class:`twin.actors.motion.Motion`."""
+        return np.zeros(self.count, np.int32)
+
+    def at(self, time_s: np.ndarray, varied: object = None) -> Placement:  # noqa: ARG002 - empty
+        """See :class:`twin.actors.motion.Motion`."""
+        return nobody(len(time_s), self.count)
+
+
+def nobody(slots: int, count: int) -> Placement:
+    """A placement in which no body is there."""
+    flat, wide = np.zeros((slots, count)), np.zeros((slots, count, 3))
+    return Placement(
+        kind=np.full((slots, count), -1, np.int32),
+        position_m=wide,
+        yaw_rad=flat,
+        velocity_mps=wide.copy(),
+        yaw_rate_radps=flat.copy(),
+        brake=flat.astype(np.float32),
+        lamps=flat.astype(np.float32),
+        half_m=np.zeros((slots, count, 2)),
+        class_index=np.zeros((slots, count), np.int32),
+    )
+
+
+def build_palette() -> Palette:
+    """The looks that every rig with bodies has; the same each time."""
+    palette = _Builder()
+    for name, shape in car_body.SHAPES.items():
+        size = (shape.length_m, shape.width_m, shape.height_m)
+        for paint in PAINTS[:4]:
+            palette.vehicle(
+                "van" if name == "van" else "car",
+                size,
+                lambda mesh, paint=paint, shape=shape: car_body.add_car(
+                    mesh, paint, False, 16, shape, lit=True
+                ),
+            )
+    for paint in PAINTS[:3]:
+        palette.vehicle(
+            "truck",
+            heavy_body.TRUCK_M,
+            lambda mesh, paint=paint: heavy_body.add_truck(mesh, paint, lit=True),
+        )
+    for paint in (_BUS, PAINTS[1]):
+        palette.vehicle(
+            "bus",
+            heavy_body.BUS_M,
+            lambda mesh, paint=paint: heavy_body.add_bus(mesh, paint, lit=True),
+        )
+    for size in _TRAILERS:
+        palette.vehicle("trailer", size, lambda mesh, size=size: _add_trailer(mesh, size))
+    for seed in range(3):
+        palette.people("pedestrian", seed)
+        palette.people("child", seed + 10)
+    for seed in range(2):
+        palette.riders("bicycle", seed, PAINTS[seed], PHASES)
+    palette.riders("motorcycle", 5, _DARK, 0)
+    for size in _ANIMALS:
+        palette.vehicle("animal", size, lambda mesh, size=size: _add_animal(mesh, size))
+    for size in _OBSTACLES:
+        palette.vehicle("obstacle", size, lambda mesh, size=size: _add_block(mesh, size))
+    return Palette(tuple(palette.kinds), tuple(palette.looks))
+
+
+class _Builder:
+    """Kinds and looks so far."""
+
+    def __init__(self) -> None:
+        self.kinds: list[ObjectKind] = []
+        self.looks: list[PaletteLook] = []
+
+    def vehicle(
+        self, sort: str, size: tuple[float, float, float], add: Callable[[MeshBuilder], None]
+    ) -> None:
+        """One kind, whose rear end ``add`` puts at x = 0."""
+        length, width, _ = size
+        mesh = MeshBuilder()
+        with mesh.place(-length / 2, 0.0):
+            add(mesh)
+        self.looks.append(PaletteLook(sort, size, len(self.kinds), 0, 1.0))
+        self.kinds.append(ObjectKind(sort, mesh.build(), length / 2, width / 2))
+
+    def people(self, sort: str, seed: int) -> None:
+        """Somebody who stands, and the phases of a stride."""
+        looks = random_looks(seed)
+        if sort == "child":
+            looks = replace(looks, height_m=_CHILD_M + 0.05 * (seed % 3), bag=False)
+        size = (0.5 * looks.height_m / 1.75, 0.5 * looks.height_m / 1.75, looks.height_m)
+        self.looks.append(PaletteLook(sort, size, len(self.kinds), PHASES, looks.stride_m))
+        for k in range(-1, PHASES):
+            mesh = MeshBuilder()
+            add_person(mesh, looks, None if k < 0 else k / PHASES)
+            self._phase(sort, k, mesh, size)
+
+    def riders(self, sort: str, seed: int, frame: Color, phases: int) -> None:
+        """A cyclist at rest, and the phases of the pedals."""
+        size = (LENGTH_M, WIDTH_M, _RIDER_M)
+        self.looks.append(PaletteLook(sort, size, len(self.kinds), phases, WAY_M))
+        for k in range(-1, phases):
+            mesh = MeshBuilder()
+            add_cyclist(mesh, random_looks(seed), frame, None if k < 0 else k / phases)
+            self._phase(sort, k, mesh, size)
+
+    def _phase(
+        self, sort: str, k: int, mesh: MeshBuilder, size: tuple[float, float, float]
+    ) -> None:
+        name = sort if k < 0 else f"{sort} phase {k}"
+        self.kinds.append(ObjectKind(name, mesh.build(), size[0] / 2, size[1] / 2))
+
+
+def _add_trailer(mesh: MeshBuilder, size: tuple[float, float, float]) -> None:
+    length, width, height = size
+    half, floor = width / 2, 0.3 * height
+    with mesh.label("truck"):
+        mesh.box((0.0, -half, floor), (length, half, height), materials.PLAIN, _GREY)
+        mesh.box((0.1, -0.4, 0.2), (length - 0.1, 0.4, floor), materials.PLAIN, _DARK)
+        for sign in (-1.0, 1.0):
+            car_body.add_wheel(mesh, 0.3 * length, sign * (half - 0.02), 0.4, 16)
+            low, high = sorted((sign * (half - 0.34), sign * (half - 0.06)))
+            mesh.box(
+                (-0.03, low, floor), (0.02, high, floor + 0.14), materials.TAIL_LAMP, (0.42, 0, 0)
+            )
+    car_body.add_shade(mesh, (0.0, length), half)
+
+
+def _add_animal(mesh: MeshBuilder, size: tuple[float, float, float]) -> None:
+    """Four legs, a body and a head that looks ahead."""
+    length, width, height = size
+    half, belly, back = width / 2, 0.45 * height, 0.8 * height
+    with mesh.label("unlabelled"):
+        mesh.box((0.05 * length, -half, belly), (0.8 * length, half, back), materials.PLAIN, _FUR)
+        mesh.box(
+            (0.75 * length, -0.6 * half, back - 0.1 * height),
+            (length, 0.6 * half, height),
+            materials.PLAIN,
+            _FUR,
+        )
+        for x in (0.12 * length, 0.72 * length):
+            for y in (-0.7 * half, 0.7 * half):
+                mesh.tube((x, y, belly), (x, y, 0.0), (0.06, 0.04), 6, materials.PLAIN, _FUR)
+    car_body.add_shade(mesh, (0.0, length), half)
+
+
+def _add_block(mesh: MeshBuilder, size: tuple[float, float, float]) -> None:
+    length, width, height = size
+    with mesh.label("unlabelled"):
+        mesh.box((0.0, -width / 2, 0.0), (length, width / 2, height), materials.PLAIN, _GREY)
+    car_body.add_shade(mesh, (0.0, length), width / 2)
+
+
+def class_index(sort: str) -> int:
+    """Index of a sort's class in :data:`schemas.messages.OBJECT_CLASSES`."""
+    return OBJECT_CLASSES.index(CLASS_OF[sort])

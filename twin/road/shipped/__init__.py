@@ -1,0 +1,1 @@
+"""Roads that ship with the project: a motorway, a rural road, a street, a junction."""

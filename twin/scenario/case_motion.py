@@ -1,0 +1,114 @@
+"""What moves the bodies that cases of a family bring, in all slots of a rig."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from schemas.case import Case
+from twin.actors.motion import Placement
+from twin.scenario.driver import LedPose, RobotLimits
+from twin.vehicle.vehicle_file import Vehicle
+from twin.world.things import Thing
+
+
+class StartPose(NamedTuple):
+    """Where the ego begins, and how fast."""
+
+    x_m: float
+    """World [m]."""
+    y_m: float
+    z_m: float
+    yaw_rad: float
+    speed_mps: float
+
+
+class CaseMotion(Protocol):
+    """Bodies of all slots, from step to step; slots know nothing of one another."""
+
+    count: int
+    """Most bodies of a slot M."""
+    actors: Sequence[Any]
+    """Empty: no scene says where they are, and nobody but the scenario moves them."""
+    steps: int
+    """Physics steps of a step."""
+
+    @property
+    def standing(self) -> np.ndarray:
+        """int32 [M]; see :class:`twin.actors.motion.Motion`."""
+
+    def begin(self, slot: int, case: Case) -> StartPose:
+        """A case begins in a slot.
+
+        Raises:
+            ValueError: its files cannot be used; one line.
+        """
+
+    def alone(self, slot: int, time_s: float) -> StartPose:
+        """Let a slot that has just begun go on to a time, its ego as the scenario says; where the
+        ego is then."""
+
+    def clear(self, slot: int) -> None:
+        """Nobody is in a slot any more."""
+
+    def hold(self, slot: int, *, held: bool) -> None:
+        """A slot stands still, or goes on as it was."""
+
+    def step(self, state: np.ndarray, active: np.ndarray) -> None:
+        """One step of all active slots.
+
+        Args:
+            state: vehicle states at its beginning [S, T].
+            active: bool [S].
+        """
+
+    def robot(self, slot: int) -> RobotLimits | None:
+        """When the robot that drives the ego of a slot lets go; None: the stack drives it."""
+
+    def led_pose(self, slot: int) -> LedPose:
+        """Where the robot of a slot has its ego now."""
+
+    def intervene(self, slot: int, kind: int) -> None:
+        """The stack of a slot has intervened, see :mod:`twin.scenario.driver`: its robot is gone
+        until the next case begins."""
+
+    def at(self, time_s: np.ndarray, varied: Any = None) -> Placement:
+        """Where all bodies are now, whatever the times; see
+        :class:`twin.actors.motion.Motion`."""
+
+    def columns(self, slot: int) -> Mapping[str, float]:
+        """KPI columns of a slot that it gives, now."""
+
+    def ended(self, slot: int) -> bool:
+        """Whether the case in a slot is over."""
+
+    def fault(self, slot: int) -> str:
+        """Why the case in a slot cannot be told to its end; empty: it can."""
+
+    def things(self, slot: int) -> Sequence[Thing]:
+        """What the bodies of a slot are [M]."""
+
+    def events(self, slot: int) -> tuple[str, ...]:
+        """Names of what may happen in the case of a slot."""
+
+
+class CaseMotionMaker(Protocol):
+    """A class of such motions."""
+
+    def __call__(
+        self, case: Case, vehicle: Vehicle, kinds: Sequence[Any], slots: int, device: Any
+    ) -> CaseMotion:
+        """For the rig of a case.
+
+        Args:
+            case: any case of the rig.
+            vehicle: the ego.
+            kinds: looks of bodies of the world, :func:`twin.actors.palette.build_palette`.
+            slots: S.
+            device: of Warp.
+
+        Raises:
+            ValueError: the rig cannot have it; one line.
+        """

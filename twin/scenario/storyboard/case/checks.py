@@ -1,0 +1,86 @@
+"""What is wrong with cases of storyboards, before one of them is leased."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from schemas.case import Case
+from schemas.files.assets import file_digest
+from schemas.files.yaml_file import YamlError
+from schemas.kinds.scenarios.storyboard import KIND
+from twin.scenario.storyboard.case.files import LoadedStoryboard, load_storyboard
+from twin.world.road_scene import road_mistake
+from twin.world.scene import load_scene
+from twin.world.things import NAME_MAX
+
+STEP_NS = 10_000_000
+"""Step of storyboards."""
+
+
+def case_mistakes(cases: Sequence[Case]) -> list[str]:
+    """One line for each thing that is wrong, each once."""
+    return list(dict.fromkeys(line for case in cases for line in _mistakes(case)))
+
+
+def _mistakes(case: Case) -> Iterator[str]:
+    scenario = case.variation.scenario
+    config = KIND.config_of(scenario)
+    name = config.storyboard
+    if case.rig.cosim:
+        yield f"{name}: type {KIND.name} and autonomy.cosim cannot be had together"
+    if scenario.ego_speed_mps:
+        yield f"{name}: it says how fast the ego is at the start; leave ego_speed_mps away"
+    if (1_000_000_000 // case.rig.control_hz) % STEP_NS:
+        yield (
+            f"control_hz: given {case.rig.control_hz}; type {KIND.name} needs control periods of "
+            "whole steps of 10 ms, so at most 100 Hz"
+        )
+    try:
+        loaded = load_storyboard(name, config.numbers)
+    except (ValueError, YamlError) as error:
+        yield from (line if name in line else f"{name}: {line}" for line in str(error).splitlines())
+        return
+    yield from program_mistakes(name, loaded)
+    yield from _place_mistakes(case, name, loaded)
+
+
+def program_mistakes(name: str, loaded: LoadedStoryboard) -> Iterator[str]:
+    """What of a scenario a case cannot have."""
+    program = loaded.program
+    if len(loaded.bodies) > KIND.bodies:
+        yield f"{name}: {len(loaded.bodies)} actors beside the ego, at most {KIND.bodies}"
+    long = [entity.name for entity in program.entities if len(entity.name) > NAME_MAX]
+    yield from (f"{name}: name '{other[:30]}...' is too long" for other in long)
+
+
+def _place_mistakes(case: Case, name: str, loaded: LoadedStoryboard) -> Iterator[str]:
+    """Whether the rig's scene is where the storyboard takes place."""
+    if case.rig.scene == name:
+        if not loaded.road:
+            yield f"{name}: it has no road; name a scene in scenario.scene"
+        elif mistake := road_mistake(loaded.road):
+            yield mistake
+        return
+    try:
+        scene = load_scene(case.rig.scene)
+    except (ValueError, YamlError):
+        return  # said where scenes are looked at
+    if mistake := other_road(scene.opendrive, loaded.road):
+        yield f"{name}: {mistake}"
+    elif scene.objects:
+        yield f"{name}: the scene {case.rig.scene} has objects of its own, which it cannot have"
+
+
+def other_road(scene: str, storyboard: str) -> str:
+    """Why roads of a storyboard, a file, are not those of a scene; empty: they are."""
+    if not storyboard:
+        return ""
+    if not scene:
+        return "it takes place on a road, and the scene is none"
+    try:
+        if file_digest(Path(scene)) == file_digest(Path(storyboard)):
+            return ""
+    except OSError as error:
+        return f"{error.filename}: {error.strerror}"
+    return f"it takes place on {storyboard}, not on the scene's {scene}"

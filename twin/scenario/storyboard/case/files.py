@@ -1,0 +1,112 @@
+"""Scenario files of cases: from a name and numbers to a program."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from schemas.files.assets import SCENARIO_SUFFIX, asset_digest, asset_files, is_path
+from schemas.kinds.scenarios.storyboard import StoryboardConfig
+from twin.scenario.storyboard.native.document import scenario_path
+from twin.scenario.storyboard.program.program import Program
+
+CACHED_MAX = 256
+"""Most programs that a process keeps."""
+
+
+@dataclass(frozen=True, slots=True)
+class LoadedStoryboard:
+    """A scenario file as a program."""
+
+    program: Program
+    ego: int
+    """Entity that is the ego."""
+    road: str
+    """OpenDRIVE file on which it takes place; empty: on open ground."""
+
+    @property
+    def bodies(self) -> tuple[int, ...]:
+        """Entities other than the ego, in order."""
+        return tuple(k for k in range(len(self.program.entities)) if k != self.ego)
+
+
+_loaded: dict[tuple[Any, ...], LoadedStoryboard] = {}
+
+
+def load_storyboard(name: str, numbers: dict[str, float]) -> LoadedStoryboard:
+    """The program of a shipped scenario or a scenario file; the same object each time.
+
+    Args:
+        name: shipped name, or path of a YAML or OpenSCENARIO XML file.
+        numbers: numbers of the file that are others than it says.
+
+    Raises:
+        ValueError: it cannot be used; a line for each mistake.
+    """
+    path = file_of(name)
+    key = (name, asset_digest(path), tuple(sorted(numbers.items())))
+    if key not in _loaded:
+        program = _program(path, numbers)
+        while len(_loaded) >= CACHED_MAX:
+            del _loaded[next(iter(_loaded))]
+        _loaded[key] = LoadedStoryboard(program, _ego(path, program), _road(path, program))
+    return _loaded[key]
+
+
+def scene_name(config: StoryboardConfig) -> str:
+    """The OpenDRIVE file on which a scenario takes place.
+
+    Raises:
+        ValueError: it has none, or cannot be used.
+    """
+    road = load_storyboard(config.storyboard, config.numbers).road
+    if not road:
+        raise ValueError(f"{config.storyboard}: it has no road; name a scene in scenario.scene")
+    return road
+
+
+def file_of(name: str) -> Path:
+    """The scenario file of a shipped name, or of a path.
+
+    Raises:
+        ValueError: there is no such file.
+    """
+    path = Path(name) if is_path(name) else scenario_path(name)
+    if not path.is_file():
+        raise ValueError(f"{name}: no such file")
+    return path
+
+
+def _program(path: Path, numbers: dict[str, float]) -> Program:
+    # Both take libraries or tables that are slow to load, and a campaign needs one of them.
+    if path.suffix == SCENARIO_SUFFIX:
+        from twin.scenario.storyboard.apart import program_apart
+
+        return program_apart(path, numbers)
+    from twin.scenario.storyboard.native.compiler import compile_native
+    from twin.scenario.storyboard.native.document import load_native, with_values
+
+    return compile_native(with_values(load_native(path), numbers))
+
+
+def _ego(path: Path, program: Program) -> int:
+    egos = [index for index, entity in enumerate(program.entities) if entity.ego]
+    if len(egos) != 1:
+        names = ", ".join(program.entities[index].name for index in egos) or "none"
+        raise ValueError(f"{path}: a case needs one ego, the scenario has {names}")
+    return egos[0]
+
+
+def _road(path: Path, program: Program) -> str:
+    if program.network is None:
+        return ""
+    road = Path(program.network.file)
+    # A file that the case's identity does not know could change unnoticed.
+    if is_path(str(path)) and "shipped" not in road.parts:
+        known = {file.resolve() for file in asset_files(path)}
+        if road.resolve() not in known:
+            raise ValueError(
+                f"{path}: write the name of its road in one piece, {road} was put together"
+            )
+    return str(road)

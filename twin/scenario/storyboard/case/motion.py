@@ -1,0 +1,358 @@
+"""The bodies of storyboards in all slots of a rig, moved by one player."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from schemas.case import Case
+from schemas.kinds.scenarios.storyboard import KIND
+from twin.actors.motion import ObjectKind, Placement
+from twin.actors.palette import nobody
+from twin.road.opendrive.grid import cosine, settled, sine
+from twin.road.tables.road_tables import RoadTables, road_tables
+from twin.scenario.case_files import check_scenario_files
+from twin.scenario.case_motion import StartPose
+from twin.scenario.driver import LedPose, RobotLimits
+from twin.scenario.storyboard.case.bodies import CaseBodies, bodies_of
+from twin.scenario.storyboard.case.checks import STEP_NS, other_road, program_mistakes
+from twin.scenario.storyboard.case.files import (
+    LoadedStoryboard,
+    load_storyboard,
+    scene_name,
+)
+from twin.scenario.storyboard.case.rig_player import RigPlayer
+from twin.scenario.storyboard.player.columns import Real, Whole
+from twin.scenario.storyboard.program.entities import BodyBox
+from twin.scenario.storyboard.program.program import ElementKind, Program
+from twin.vehicle.columns import COLUMN, PHYSICS_STEP_NS
+from twin.vehicle.vehicle_file import Vehicle
+from twin.world.road_scene import road_map
+from twin.world.scene import load_scene
+from twin.world.things import Thing
+
+_BRAKING_MPS2 = 0.3
+"""Brake lamps light up when a body slows down more than this [m/s^2]."""
+_STILL_MPS = 0.02
+"""Slower than this a body stands [m/s]."""
+_RATE_MAX = 20.0
+"""Faster a body does not turn [rad/s]."""
+_PROGRAMS_MAX = 256
+_GRAPHICS = 1
+"""Bit of what can be seen."""
+_POSE = [
+    COLUMN[name] for name in ("x_m", "y_m", "z_m", "yaw_rad", "pitch_rad", "roll_rad", "speed_mps")
+]
+
+_LED = (Real.X, Real.Y, Real.Z, Real.HEADING, Real.PITCH, Real.ROLL, Real.SPEED)
+
+
+class StoryboardMotion:
+    """Bodies of all slots, see :class:`twin.scenario.case_motion.CaseMotion`."""
+
+    actors: Sequence[Any] = ()
+    steps = STEP_NS // PHYSICS_STEP_NS
+
+    def __init__(
+        self, case: Case, vehicle: Vehicle, kinds: Sequence[ObjectKind], slots: int, device: Any
+    ) -> None:
+        """See :class:`twin.scenario.case_motion.CaseMotionMaker`."""
+        self.count = case.rig.bodies
+        self._kinds = len(kinds)
+        self._vehicle = vehicle
+        period_ns = 1_000_000_000 // case.rig.control_hz
+        if period_ns % STEP_NS:
+            raise ValueError(f"control_hz {case.rig.control_hz}: no whole steps of 10 ms")
+        loaded = _load(case)
+        self._scene = scene_file(case)
+        roads = _tables(self._scene)
+        self._step_s = STEP_NS / 1e9
+        self._programs: dict[int, tuple[LoadedStoryboard, Program]] = {}
+        self._player = RigPlayer(self._program(loaded), roads, slots, self._step_s, str(device))
+        self._player.prepare(loaded.ego)
+        self._cases: list[_SlotCase | None] = [None] * slots
+        self._way_m = np.zeros((slots, self.count))
+        self._yaw_rate = np.zeros((slots, self.count))
+        self._placement = nobody(slots, self.count)
+        self._running = np.zeros(slots, np.bool_)
+        self._full = np.zeros(slots, np.bool_)
+        self._stale = False
+
+    @property
+    def standing(self) -> np.ndarray:
+        """See :class:`twin.actors.motion.Motion`; nobody stands where a scene says."""
+        return np.zeros(self.count, np.int32)
+
+    def begin(self, slot: int, case: Case) -> StartPose:
+        """A case begins: bodies and ego are where they are at time 0 of its storyboard."""
+        check_scenario_files(case)
+        loaded = _load(case)
+        config = KIND.config_of(case.variation.scenario)
+        name = config.storyboard
+        wrong = [*program_mistakes(name, loaded)]
+        wrong += [f"{name}: {line}" for line in [other_road(self._scene, loaded.road)] if line]
+        if wrong:
+            raise ValueError(wrong[0])
+        self._player.begin(slot, self._program(loaded), loaded.ego)
+        self._cases[slot] = run = _SlotCase(loaded, bodies_of(loaded, self.count))
+        self._way_m[slot] = self._yaw_rate[slot] = 0.0
+        self._stale = True
+        self._watch([slot])
+        if config.driver == "robot":
+            run.limits = RobotLimits(config.robot_brake, math.radians(config.robot_steering_deg))
+            run.led_pose = self._led(slot, run)
+        return self._ego(slot)
+
+    def alone(self, slot: int, time_s: float) -> StartPose:
+        """Let a slot that has just begun go on by itself, ego and all; where the ego is then."""
+        active = np.zeros(len(self._cases), np.bool_)
+        active[slot] = True
+        for _ in range(round(time_s / self._step_s)):
+            self._go_on(active)
+        return self._ego(slot)
+
+    def _ego(self, slot: int) -> StartPose:
+        row = self._player.bodies.reals.numpy()[slot, self._run(slot).loaded.ego]
+        return StartPose(
+            float(row[Real.X]),
+            float(row[Real.Y]),
+            float(row[Real.Z]),
+            float(row[Real.HEADING]),
+            float(row[Real.SPEED]),
+        )
+
+    def clear(self, slot: int) -> None:
+        """Nobody is in a slot any more."""
+        self._player.end(slot)
+        self._cases[slot] = None
+        self._running[slot] = False
+        self._stale = True
+
+    def hold(self, slot: int, *, held: bool) -> None:
+        """A slot stands still, or goes on as it was."""
+        self._player.hold(slot, held=held)
+
+    def step(self, state: np.ndarray, active: np.ndarray) -> None:
+        """One step: the storyboards see the egos at its beginning."""
+        led = np.array([run is not None and run.limits is not None for run in self._cases])
+        self._player.impose_egos(np.ascontiguousarray(state[:, _POSE]), led)
+        self._go_on(active)
+        for slot in np.flatnonzero(active & led).tolist():
+            run = self._run(slot)
+            run.led_pose = self._led(slot, run)
+
+    def _led(self, slot: int, run: _SlotCase) -> LedPose:
+        """Where the robot has the ego: where the storyboard has it, and straight on at the same
+        speed for what is left of a control period when that has ended."""
+        row = self._player.bodies.reals.numpy()[slot, run.loaded.ego].tolist()
+        if self._running[slot]:
+            return LedPose(*(row[column] for column in _LED))
+        last, step_s = run.led_pose, self._step_s
+        return last._replace(
+            x_m=last.x_m + row[Real.VX] * step_s,
+            y_m=last.y_m + row[Real.VY] * step_s,
+            z_m=last.z_m + row[Real.VZ] * step_s,
+        )
+
+    def robot(self, slot: int) -> RobotLimits | None:
+        """When the robot that drives the ego of a slot lets go; None: the stack drives it."""
+        run = self._cases[slot]
+        return None if run is None else run.limits
+
+    def led_pose(self, slot: int) -> LedPose:
+        """Where the robot of a slot has its ego now."""
+        return self._run(slot).led_pose
+
+    def intervene(self, slot: int, kind: int) -> None:
+        """The robot of a slot is gone: from the next step on the ego is where the vehicle is."""
+        run = self._run(slot)
+        run.limits, run.intervention = None, kind
+
+    def _go_on(self, active: np.ndarray) -> None:
+        before = self._player.bodies.reals.numpy()[:, :, Real.HEADING].copy()
+        self._player.step()
+        reals = self._player.bodies.reals.numpy()
+        for slot in np.flatnonzero(active).tolist():
+            run = self._cases[slot]
+            if run is None:
+                continue
+            rows, entity = run.bodies.count, run.bodies.entity[: run.bodies.count]
+            turned = reals[slot, entity, Real.HEADING] - before[slot, entity]
+            turned -= 2.0 * np.pi * np.rint(turned / (2.0 * np.pi))
+            rate = turned / self._step_s
+            # Who is put somewhere else does not turn on the way.
+            self._yaw_rate[slot, :rows] = np.where(np.abs(rate) < _RATE_MAX, rate, 0.0)
+            self._way_m[slot, :rows] += np.abs(reals[slot, entity, Real.SPEED]) * self._step_s
+        self._stale = True
+        self._watch(np.flatnonzero(active).tolist())
+
+    def at(self, time_s: np.ndarray, varied: Any = None) -> Placement:  # noqa: ARG002 - now
+        """Where all bodies are now."""
+        if self._stale:
+            self._placement = self._placed()
+            self._stale = False
+        return self._placement
+
+    def columns(self, slot: int) -> Mapping[str, float]:
+        """Whether the storyboard runs, and its events so far."""
+        run = self._run(slot)
+        values = {
+            "storyboard_running": float(self._running[slot]),
+            "events_started": float(run.events_started),
+        }
+        if run.event_last:
+            values |= {"event_last": float(run.event_last), "event_last_s": run.event_last_s}
+        if run.limits is not None or run.intervention:
+            values["robot_drives"] = float(run.limits is not None)
+        if run.intervention:
+            values["intervention_kind"] = float(run.intervention)
+        return values
+
+    def ended(self, slot: int) -> bool:
+        """Whether the storyboard of a slot has ended."""
+        return not self._running[slot]
+
+    def fault(self, slot: int) -> str:
+        """The limit of the player that a slot has met, in words."""
+        limits = self._player.overflows(slot) if self._full[slot] else ()
+        return f"limit of the storyboard met: {limits[0]}" if limits else ""
+
+    def things(self, slot: int) -> Sequence[Thing]:
+        """What the bodies of a slot are [M]."""
+        return self._run(slot).bodies.things
+
+    def events(self, slot: int) -> tuple[str, ...]:
+        """Names of the events of a slot's storyboard, in the order of its file."""
+        return self._run(slot).names
+
+    def _run(self, slot: int) -> _SlotCase:
+        run = self._cases[slot]
+        assert run is not None, f"slot {slot} has no case"
+        return run
+
+    def _program(self, loaded: LoadedStoryboard) -> Program:
+        """The program with the rig's vehicle as its ego; the same object each time."""
+        if id(loaded) not in self._programs:
+            if len(self._programs) >= _PROGRAMS_MAX:
+                self._programs.clear()
+            program = _with_vehicle(loaded, self._vehicle)
+            self._programs[id(loaded)] = (loaded, program)
+        return self._programs[id(loaded)][1]
+
+    def _watch(self, slots: Sequence[int]) -> None:
+        """What has begun in slots since it was looked at last."""
+        now = self._player.now()
+        self._running[slots] = now.running[slots]
+        self._full[slots] = now.full[slots]
+        for slot in slots:
+            run = self._cases[slot]
+            if run is None or now.transitions[slot] == run.seen:
+                continue
+            for step, element in self._player.begun(slot, run.seen):
+                number = run.numbers.get(element)
+                if number is not None:
+                    run.events_started += 1
+                    run.event_last, run.event_last_s = number, step * self._step_s
+            run.seen = int(now.transitions[slot])
+
+    def _placed(self) -> Placement:
+        """All bodies as the player has them."""
+        placement = nobody(len(self._cases), self.count)
+        assert placement.half_m is not None
+        assert placement.class_index is not None
+        reals, wholes = self._player.bodies.reals.numpy(), self._player.bodies.wholes.numpy()
+        for slot, run in enumerate(self._cases):
+            if run is None:
+                continue
+            bodies, m = run.bodies, run.bodies.count
+            real = reals[slot, bodies.entity[:m]]
+            seen = wholes[slot, bodies.entity[:m], Whole.VISIBLE] & _GRAPHICS != 0
+            heading, speed = real[:, Real.HEADING], real[:, Real.SPEED]
+            ahead, aside = bodies.centre_m[:m].T
+            c, s = cosine(heading), sine(heading)
+            off = np.stack([ahead * c - aside * s, ahead * s + aside * c], axis=-1)
+            phases = bodies.phases[:m]
+            phase = np.floor(self._way_m[slot, :m] / bodies.way_m[:m] * phases).astype(np.int64)
+            moving = (np.abs(speed) > _STILL_MPS) & (phases > 0)
+            kind = bodies.kind[:m] + np.where(moving, 1 + phase % np.maximum(phases, 1), 0)
+            rate = self._yaw_rate[slot, :m]
+            placement.kind[slot, :m] = np.where(seen, kind, -1)
+            placement.position_m[slot, :m, :2] = settled(real[:, [Real.X, Real.Y]] + off)
+            placement.position_m[slot, :m, 2] = real[:, Real.Z]
+            placement.yaw_rad[slot, :m] = heading
+            placement.velocity_mps[slot, :m, 0] = real[:, Real.VX] - rate * off[:, 1]
+            placement.velocity_mps[slot, :m, 1] = real[:, Real.VY] + rate * off[:, 0]
+            placement.yaw_rate_radps[slot, :m] = rate
+            slows = real[:, Real.ACCELERATION] < -_BRAKING_MPS2
+            placement.brake[slot, :m] = bodies.lit[:m] & slows
+            placement.lamps[slot, :m] = bodies.lit[:m]
+            placement.half_m[slot, :m] = bodies.half_m[:m]
+            placement.class_index[slot, :m] = bodies.class_index[:m]
+        return placement
+
+
+class _SlotCase:
+    """What a slot remembers of its case."""
+
+    __slots__ = (
+        *("loaded", "bodies", "names", "numbers", "seen"),
+        *("events_started", "event_last", "event_last_s"),
+        *("limits", "led_pose", "intervention"),
+    )
+
+    def __init__(self, loaded: LoadedStoryboard, bodies: CaseBodies) -> None:
+        elements = loaded.program.elements
+        events = [k for k, element in enumerate(elements) if element.kind == ElementKind.EVENT]
+        self.loaded = loaded
+        self.bodies = bodies
+        self.names = tuple(elements[k].name for k in events)
+        self.numbers = {element: number for number, element in enumerate(events, start=1)}
+        """Number of each event by its element."""
+        self.seen = 0
+        """Transitions that have been looked at."""
+        self.events_started = 0
+        self.event_last = 0
+        """0: none has begun."""
+        self.event_last_s = 0.0
+        self.limits: RobotLimits | None = None
+        """Of the robot that drives the ego; None: the stack does."""
+        self.led_pose = LedPose(*[0.0] * len(LedPose._fields))
+        self.intervention = 0
+        """How the stack intervened; 0: it has not."""
+
+
+def scene_file(case: Case) -> str:
+    """OpenDRIVE file of the scene of a case; empty: its scene has none."""
+    config = KIND.config_of(case.variation.scenario)
+    if case.rig.scene == config.storyboard:
+        return scene_name(config)
+    scene: str = load_scene(case.rig.scene).opendrive
+    return scene
+
+
+def _load(case: Case) -> LoadedStoryboard:
+    config = KIND.config_of(case.variation.scenario)
+    return load_storyboard(config.storyboard, config.numbers)
+
+
+def _tables(road: str) -> RoadTables | None:
+    return road_tables(road_map(road).network) if road else None
+
+
+def _with_vehicle(loaded: LoadedStoryboard, vehicle: Vehicle) -> Program:
+    """The program with the vehicle's bounding box in place of the ego's."""
+    box = BodyBox(
+        vehicle.centre_offset_m,
+        0.0,
+        vehicle.height_m / 2,
+        vehicle.length_m,
+        vehicle.width_m,
+        vehicle.height_m,
+    )
+    entities = list(loaded.program.entities)
+    entities[loaded.ego] = msgspec.structs.replace(entities[loaded.ego], box=box)
+    return msgspec.structs.replace(loaded.program, entities=tuple(entities))

@@ -1,0 +1,242 @@
+"""Where everybody starts: places of a scenario file, resolved on its roads."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+from schemas.validation import suggest
+from twin.scenario.storyboard.native.bodies import BODIES, ActorBody, body_of
+from twin.scenario.storyboard.native.ground import NativeMistakes, ScenarioGround, SpotError
+from twin.scenario.storyboard.native.sections import ActorStart, EgoStart, NativeScenario
+from twin.scenario.storyboard.native.watches import ScenarioSpot
+from twin.scenario.storyboard.program.places import FixedPosition
+
+
+@dataclass(frozen=True, slots=True)
+class StartPlace:
+    """Where an actor starts."""
+
+    name: str
+    body: ActorBody
+    road: int
+    lane: int
+    """OpenDRIVE id; 0: on none."""
+    s_m: float
+    """Of the middle of its box."""
+    offset_m: float
+    """Of the middle of its box, to the left of the lane's middle along s."""
+    sign: int
+    """1: it goes along s, -1: against it."""
+    middle: FixedPosition
+    origin: FixedPosition
+    """Of its origin, which may lie on the rear axle."""
+
+    @property
+    def half_m(self) -> float:
+        """Half of what it takes up along its direction of travel."""
+        turn = self.origin.heading_rad - self.travel_rad
+        return 0.5 * (
+            abs(math.cos(turn)) * self.body.length_m + abs(math.sin(turn)) * self.body.width_m
+        )
+
+    @property
+    def travel_rad(self) -> float:
+        """Heading of its direction of travel; that of its body may be turned."""
+        return self.middle.heading_rad
+
+
+def places_of(
+    scenario: NativeScenario, ground: ScenarioGround, mistakes: NativeMistakes
+) -> dict[str, StartPlace]:
+    """Places of the ego and of all actors by name; what cannot be placed is noted and left out."""
+    places: dict[str, StartPlace] = {}
+    ego = mistakes.attempt("ego", lambda: _ego_place(scenario.ego, ground))
+    if ego is not None:
+        places["ego"] = ego
+    waiting = dict(scenario.actors)
+    while waiting:
+        ready = [
+            name
+            for name, start in waiting.items()
+            if start.s_m is not None or start.of not in waiting
+        ]
+        if not ready:
+            for name, start in waiting.items():
+                words = f"'{start.of}' is itself placed by others, in a circle: give one of them"
+                mistakes.add(f"actors.{name}.of", f"{words} s_m")
+            break
+        for name in ready:
+            place = _attempt(name, waiting.pop(name), scenario, ground, places, mistakes)
+            if place is not None:
+                places[name] = place
+    _check_room(places, scenario, mistakes)
+    return {name: places[name] for name in ("ego", *scenario.actors) if name in places}
+
+
+def _attempt(
+    name: str,
+    start: ActorStart,
+    scenario: NativeScenario,
+    ground: ScenarioGround,
+    places: dict[str, StartPlace],
+    mistakes: NativeMistakes,
+) -> StartPlace | None:
+    path = f"actors.{name}"
+    if start.s_m is None and start.of != "ego" and start.of not in scenario.actors:
+        names = suggest(start.of, ["ego", *scenario.actors])
+        mistakes.add(f"{path}.of", f"no actor '{start.of}'; {names}")
+        return None
+    if start.s_m is None and start.of not in places:
+        return None  # what that one lacks is told
+    body = BODIES[start.kind]
+    if start.speed_mps > body.speed_max_mps:
+        mistakes.add(
+            f"{path}.speed_mps",
+            f"given {start.speed_mps:g}, kind {start.kind} goes at most {body.speed_max_mps:g} m/s",
+        )
+    return mistakes.attempt(path, lambda: _actor_place(name, start, ground, places))
+
+
+def _ego_place(start: EgoStart, ground: ScenarioGround) -> StartPlace:
+    road, sign = ground.road_number(start.road), -1 if start.oncoming else 1
+    lane = ground.lane(road, start.s_m, sign, start.lane)
+    return _place("ego", BODIES["car"], ground, road, lane, start.s_m, start.offset_m * sign, sign)
+
+
+def _actor_place(
+    name: str, start: ActorStart, ground: ScenarioGround, places: dict[str, StartPlace]
+) -> StartPlace:
+    body = body_of(start)
+    reference = places.get(start.of)
+    if start.road or reference is None or start.s_m is not None:
+        road = ground.road_number(start.road)
+    else:
+        road = reference.road
+    turn = math.radians(start.heading_deg or 0.0)
+    if start.s_m is not None:
+        s, key = start.s_m, "s_m"
+    else:
+        assert reference is not None
+        if road != reference.road:
+            label = ground.label(reference.road)
+            raise SpotError("road", f"'{start.of}' is on road {label}: leave road out, or give s_m")
+        key = "ahead_m" if start.ahead_m is not None else "behind_m"
+        half = 0.5 * (abs(math.cos(turn)) * body.length_m + abs(math.sin(turn)) * body.width_m)
+        gap = (start.ahead_m or 0.0) - (start.behind_m or 0.0)
+        way = 1.0 if start.ahead_m is not None else -1.0
+        s = reference.s_m + reference.sign * (gap + way * (half + reference.half_m))
+    ground.section(road, s, key)
+    lane, offset, sign = _across(start, ground, road, s)
+    return _place(name, body, ground, road, lane, s, offset + start.offset_m * sign, sign, turn)
+
+
+def _across(
+    start: ActorStart, ground: ScenarioGround, road: int, s_m: float
+) -> tuple[int, float, int]:
+    """Lane, offset to the left of its middle along s, and direction of travel."""
+    sign = -1 if start.oncoming else 1
+    if start.lane is not None:
+        return ground.lane(road, s_m, sign, start.lane), 0.0, sign
+    for kind in ("footway", "parked", "shoulder"):
+        side = getattr(start, kind)
+        if side is not None:
+            # What is parked faces as the traffic on its side does.
+            left = (side == "left") == (ground.frame(road).road.rule == "RHT")
+            faces = -sign if left and kind != "footway" else sign
+            return ground.beside(road, s_m, kind, side), 0.0, faces
+    assert start.lateral_m is not None
+    lane, offset = ground.lateral(road, s_m, start.lateral_m)
+    return lane, offset, sign
+
+
+def _place(
+    name: str,
+    body: ActorBody,
+    ground: ScenarioGround,
+    road: int,
+    lane: int,
+    s_m: float,
+    offset_m: float,
+    sign: int,
+    turn_rad: float = 0.0,
+) -> StartPlace:
+    middle = ground.fixed(road, lane, s_m, offset_m, sign)
+    place = StartPlace(name, body, road, lane, s_m, offset_m, sign, middle, middle)
+    return turned_place(place, ground, turn_rad)
+
+
+def turned_place(place: StartPlace, ground: ScenarioGround, turn_rad: float) -> StartPlace:
+    """The same place for a body that is turned to the left of its direction of travel.
+
+    Raises:
+        SpotError: its origin lies beyond the road.
+    """
+    back = place.body.centre_x_m
+    # Along the road for a body that heads along it, so that it stays in the middle of its lane.
+    s = place.s_m - place.sign * back * math.cos(turn_rad)
+    offset = place.offset_m - place.sign * back * math.sin(turn_rad)
+    ground.section(place.road, s)
+    origin = ground.fixed(place.road, place.lane, s, offset, place.sign, turn_rad)
+    return replace(place, origin=origin)
+
+
+def spot_position(
+    spot: ScenarioSpot, ground: ScenarioGround, start: StartPlace
+) -> tuple[FixedPosition, int]:
+    """The place that a spot says, and the direction of travel there; ``start`` gives the road.
+
+    Raises:
+        SpotError: there is no such place.
+    """
+    road = ground.road_number(spot.road) if spot.road else start.road
+    sign = -1 if spot.oncoming else 1
+    ground.section(road, spot.s_m)
+    if spot.lateral_m is not None:
+        lane, offset = ground.lateral(road, spot.s_m, spot.lateral_m)
+    else:
+        lane, offset = ground.lane(road, spot.s_m, sign, spot.lane or 1), 0.0
+    return ground.fixed(road, lane, spot.s_m, offset, sign), sign
+
+
+def _check_room(
+    places: dict[str, StartPlace], scenario: NativeScenario, mistakes: NativeMistakes
+) -> None:
+    """Two bodies in one place."""
+    names = list(places)
+    for index, name in enumerate(names):
+        for other in names[:index]:
+            if overlap(places[name], places[other]):
+                mistakes.add(
+                    f"actors.{name}" if name in scenario.actors else name,
+                    f"starts in the same place as '{other}': move one of them",
+                )
+
+
+def overlap(one: StartPlace, other: StartPlace) -> bool:
+    """Whether the boxes of two actors overlap, seen from above (separating axes)."""
+    if abs(one.origin.z_m - other.origin.z_m) > 3.0:
+        return False  # a bridge
+    dx = _middle(other)[0] - _middle(one)[0]
+    dy = _middle(other)[1] - _middle(one)[1]
+    for angle in (one.origin.heading_rad, other.origin.heading_rad):
+        for axis in (angle, angle + 0.5 * math.pi):
+            apart = abs(dx * math.cos(axis) + dy * math.sin(axis))
+            if apart >= _reach(one, axis) + _reach(other, axis):
+                return False
+    return True
+
+
+def _middle(place: StartPlace) -> tuple[float, float]:
+    origin, ahead = place.origin, place.body.centre_x_m
+    return (
+        origin.x_m + ahead * math.cos(origin.heading_rad),
+        origin.y_m + ahead * math.sin(origin.heading_rad),
+    )
+
+
+def _reach(place: StartPlace, axis: float) -> float:
+    turn = place.origin.heading_rad - axis
+    return 0.5 * (
+        abs(math.cos(turn)) * place.body.length_m + abs(math.sin(turn)) * place.body.width_m
+    )

@@ -1,0 +1,1 @@
+"""Played scenarios in the viewer (`viewer play`)."""
