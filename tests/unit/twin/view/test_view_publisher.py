@@ -74,6 +74,7 @@ class Sim:
         self.world = world()
         self.colliders, self.cars = self.world.colliders, self.world.cars
         self.target = lambda slot: self.world.obstacle
+        self.closest = lambda slot: None
         self.placement = Still().at(np.zeros(2))
         self.camera_sites, self.lidar_sites = [], []
         self.recorder = KpiRecorder(2)
