@@ -9,7 +9,6 @@ from dataclasses import fields, is_dataclass
 from typing import Any
 
 from schemas.escape import escape
-from twin.road.opendrive.furniture import RoadObject, RoadSignal
 from twin.road.opendrive.reading.node import NUMBER_MAX
 from twin.road.opendrive.reading.read_cubics import lowest
 from twin.road.opendrive.reading.read_lanes import WIDTH_NEGATIVE_M
@@ -90,10 +89,9 @@ def _road(network: RoadNetwork, road: RoadRecord) -> Iterator[str]:
     yield from _reference_line(road)
     yield from _tilt(road)
     yield from _sections(road)
-    placed: tuple[RoadObject | RoadSignal, ...] = (*road.objects, *road.signals)
-    for item in placed:
-        if not 0.0 <= item.s_m <= road.length_m + COVER_M:
-            yield "an object or signal does not stand along it"
+    stations = [*(item.s_m for item in road.objects), *(item.s_m for item in road.signals)]
+    if not all(0.0 <= s <= road.length_m + COVER_M for s in stations):
+        yield "an object or signal does not stand along it"
     for link in (road.predecessor, road.successor):
         if link is not None:
             yield from _link(network, link)

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 from schemas.validation import suggest
 from twin.road.shipped.library import road_path, roads_of
+from twin.scenario.storyboard.check_program import program_mistakes
 from twin.scenario.storyboard.native.actions import (
     ARRIVE,
     AT_ONCE,
@@ -114,7 +115,7 @@ def compile_native(document: NativeDocument) -> Program:
     stop = _stop(scenario.end, ground, places, mistakes, bool(scenario.events))
     raise_mistakes(document.file, mistakes.mistakes)
     kinds = {name: start.kind for name, start in scenario.actors.items()}
-    return Program(
+    program = Program(
         name=scenario.scenario,
         entities=tuple(
             entity_of(
@@ -133,6 +134,9 @@ def compile_native(document: NativeDocument) -> Program:
         models=tuple(compiler.models),
         network=ground.network,
     )
+    if wrong := program_mistakes(program):
+        raise ValueError("\n".join(f"{document.file}: {line}" for line in wrong))
+    return program
 
 
 def _ground(document: NativeDocument, mistakes: NativeMistakes) -> ScenarioGround | None:

@@ -15,6 +15,7 @@ pytest.importorskip("lxml", reason="lxml is not installed")
 from lying_parsers import EGO, ROADS
 from msgspec.structs import replace
 
+from twin.scenario.storyboard import check_program
 from twin.scenario.storyboard.check_program import (
     MISTAKES_MAX,
     NAME_CHARS_MAX,
@@ -23,6 +24,8 @@ from twin.scenario.storyboard.check_program import (
     program_mistakes,
 )
 from twin.scenario.storyboard.compile.compiler import RoadCache, compile_scenario
+from twin.scenario.storyboard.native.compiler import compile_native
+from twin.scenario.storyboard.native.document import load_native, shipped_scenarios
 from twin.scenario.storyboard.openscenario.scenario import read_scenario
 from twin.scenario.storyboard.player.columns import CONDITIONS_MAX, ELEMENTS_MAX, ENTITIES_MAX
 from twin.scenario.storyboard.player.tables import pack_programs
@@ -71,6 +74,7 @@ from twin.scenario.storyboard.program.program import (
 )
 
 DATA = Path(__file__).parents[6] / "shared" / "data" / "openscenario"
+SHIPPED_NAMES = tuple(shipped_scenarios())
 DYNAMICS = TransitionDynamics(DynamicsShape.LINEAR, DynamicsDimension.TIME, 2.0)
 SPEED = SpeedAction(DYNAMICS, -1, 10.0)
 LATER = Condition(
@@ -337,3 +341,16 @@ def test_programs_of_others_have_no_mistakes() -> None:
             assert msgspec.msgpack.decode(data, type=Program) == program
             checked += 1
     assert checked > 30
+
+
+def test_shipped_scenarios_have_no_mistakes() -> None:
+    assert [program_mistakes(compile_native(load_native(name))) for name in SHIPPED_NAMES] == [
+        [] for _ in SHIPPED_NAMES
+    ]
+    assert len(SHIPPED_NAMES) >= 8
+
+
+def test_a_native_scenario_is_looked_through(monkeypatch) -> None:
+    monkeypatch.setattr(check_program, "ENTITIES_MAX", 1)
+    with pytest.raises(ValueError, match=r"cut-in\.yaml: 2 entities; 0 to 1 are played$"):
+        compile_native(load_native("cut-in"))
