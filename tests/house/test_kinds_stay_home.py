@@ -49,7 +49,8 @@ HOMONYMS = {
     "gnss": ("schemas/messages.py",),
     "storyboard": (
         *("twin/scenario/storyboard/native/compiler.py", "twin/play/report.py"),
-        "twin/bench/storyboard_traffic.py",
+        *("twin/bench/storyboard_traffic.py", "schemas/files/played_scenario.py"),
+        "viewer/playing/story.py",
     ),
     "autodrive": (
         *("schemas/sections/environment.py", "twin/world/sky/almanac.py"),
