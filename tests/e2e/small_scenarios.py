@@ -239,7 +239,7 @@ def _actions() -> Iterator[tuple[str, str, str]]:
     turning = "".join(f"<Vertex>{world(x, y, h)}</Vertex>" for x, y, h in ((15, -6, 0), (70, 2, 1)))
     yield "trajectory with orientations", A, follow(f"<Polyline>{turning}</Polyline>")
     timed = "".join(
-        f'<Vertex time="{time}">{world(x, -6)}</Vertex>' for time, x in ((0, 15), (4, 75))
+        f'<Vertex time="{time}">{world(x, -6)}</Vertex>' for time, x in ((0, 15), (6, 75))
     )
     yield "trajectory with times", A, follow(f"<Polyline>{timed}</Polyline>", TIMING)
     spiral = (

@@ -49,8 +49,8 @@ HOMONYMS = {
     "gnss": ("schemas/messages.py",),
     "storyboard": (
         *("twin/scenario/storyboard/native/compiler.py", "twin/play/report.py"),
-        *("twin/bench/storyboard_traffic.py", "schemas/files/played_scenario.py"),
-        "viewer/playing/story.py",
+        *("twin/bench/storyboard_traffic.py", "viewer/playing/story.py"),
+        "schemas/files/played_scenario.py",
     ),
     "autodrive": (
         *("schemas/sections/environment.py", "twin/world/sky/almanac.py"),

@@ -71,6 +71,24 @@ def test_event_without_trigger_starts_at_once():
     assert done.speed_mps[1, 0] == pytest.approx(10.1)
 
 
+def test_what_ends_when_a_slot_begins_triggers_at_the_first_step():
+    """The storyboard runs without time at the beginning, then at time 0 again, with time."""
+    ended = ElementStateCondition(ACTION, ElementState.END_TRANSITION)
+    done = run(
+        [
+            EventPlan(None, [speed_at_once(12.0)]),
+            EventPlan(trigger(when(ended)), [speed_at_once(14.0)]),
+            EventPlan(
+                trigger(when(ElementStateCondition(ACTION + 2, ElementState.END_TRANSITION))),
+                [speed_at_once(16.0)],
+            ),
+        ]
+    )
+    assert done.speed_mps[:3, 0].tolist() == [12.0, 14.0, 16.0]
+    assert steps_of(done.events, "g0.e1", "start") == [0]
+    assert steps_of(done.events, "g0.e2", "start") == [1]
+
+
 def test_event_without_actions_is_over_at_once():
     done = run([EventPlan(from_time(1.0), [])])
     assert steps_of(done.events, "g0.e0", "end") == [100]

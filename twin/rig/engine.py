@@ -349,13 +349,10 @@ class Engine:
         self._extinction_per_m[slot] = weather.extinction_per_m
 
     def place_ego(self, slot: int, place: PlaceEgo) -> None:
-        """Put the ego elsewhere; the scenario begins anew from there.
-
-        Raises:
-            ValueError: a robot drives it; one line.
-        """
-        if self._motion is not None and self._motion.robot(slot) is not None:
-            raise ValueError("the robot has the ego of this case until the stack intervenes")
+        """Put the ego elsewhere; the scenario begins anew from there. Raises :class:`ValueError`
+        where a robot drives it."""
+        if self._robots is not None:
+            self._robots.refuse(slot)
         friction = float(self._vehicles.friction[slot])
         self._vehicles.place(
             slot, place.x_m, place.speed_mps, friction, y_m=place.y_m, yaw_rad=place.yaw_rad
@@ -433,9 +430,10 @@ class Engine:
             self._survey()
         self._nearest = self._vehicles.nearest()
         self._schedule(good)
+        slots = [slot for slot, _, _ in good]
         if self._robots is not None:
-            self._robots.watch(slot for slot, _, _ in good)
-        self._record([slot for slot, _, _ in good], [command for _, _, command in good])
+            self._robots.watch(slots)
+        self._record(slots, [command for _, _, command in good])
         self._record(list(mistakes), [None] * len(mistakes))
         finished = [self._fail(slot, reason) for slot, reason in mistakes.items()]
         for slot, _, command in good:

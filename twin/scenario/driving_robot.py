@@ -52,6 +52,15 @@ class DrivingRobots:
         self._fleet.roll(slot, led.speed_mps, 0.0)
         self._turns[slot] = False
 
+    def refuse(self, slot: int) -> None:
+        """Let nobody else put the ego of a slot elsewhere.
+
+        Raises:
+            ValueError: a robot drives it; one line.
+        """
+        if self._motion.robot(slot) is not None:
+            raise ValueError("the robot has the ego of this case until the stack intervenes")
+
     def watch(self, slots: Iterable[int]) -> None:
         """Look at the commands that come into force in this period; a robot lets go where they are
         an intervention: from here on the vehicle's own model drives, from this pose and speed.

@@ -70,8 +70,8 @@ def compile_with_notes(
     root = effective.root
     if effective.kind != "ScenarioFile":
         raise ValueError(f"{root.file}:1: a {effective.kind} is no scenario to play")
-    context = Compilation(HANDLERS)
     parts = {child.type_name: child for child in root.children}
+    context = Compilation(HANDLERS, int(parts["FileHeader"].values["revMinor"]))
     _refuse(root, context)
     network = _roads(parts["RoadNetwork"], context, {} if cache is None else cache)
     _variables(effective, context)

@@ -40,6 +40,8 @@ class Compilation:
 
     handlers: Mapping[str, Handler]
     """Of every element type that is compiled."""
+    minor: int
+    """Minor version of the scenario file."""
     mistakes: ScenarioMistakes = field(default_factory=ScenarioMistakes)
     notes: dict[str, None] = field(default_factory=dict)
     """What has knowingly no effect, a line each, in order."""

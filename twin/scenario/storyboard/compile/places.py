@@ -2,7 +2,7 @@
 
 A position on a lane heads the way the lane is driven, one on a road along its reference line, one
 on a route by road coordinates along the route. A relative orientation is added to that, an absolute
-one (the default) stands alone.
+one stands alone.
 """
 
 from __future__ import annotations
@@ -29,6 +29,9 @@ from twin.scenario.storyboard.program.places import (
     RelativePosition,
     Trajectory,
 )
+
+RELATIVE_SINCE = 3
+"""Minor version from which an orientation without a type is relative."""
 
 
 def _world(element: ScenarioElement, context: Compilation) -> FixedPosition:
@@ -102,13 +105,21 @@ def lane_number(element: ScenarioElement, key: str = "laneId") -> int:
         ) from None
 
 
-def oriented(element: ScenarioElement, position: FixedPosition) -> FixedPosition:
+def _is_relative(orientation: ScenarioElement, context: Compilation) -> bool:
+    """What its angles count from; without a word the place since version 1.3, before the world."""
+    default = "relative" if context.minor >= RELATIVE_SINCE else "absolute"
+    return orientation.values.get("type", default) == "relative"
+
+
+def oriented(
+    context: Compilation, element: ScenarioElement, position: FixedPosition
+) -> FixedPosition:
     """The position with the orientation that its element gives."""
     orientation = element.first("Orientation")
     if orientation is None:
         return position
     h, p, r = (number_of(orientation, key, 0.0) for key in "hpr")
-    if orientation.values.get("type") == "relative":
+    if _is_relative(orientation, context):
         h, p, r = position.heading_rad + h, position.pitch_rad + p, position.roll_rad + r
     return replace(position, heading_rad=h, pitch_rad=p, roll_rad=r)
 
@@ -118,7 +129,7 @@ def _road(element: ScenarioElement, context: Compilation) -> FixedPosition:
     place = road_position(
         context, element, str(values["roadId"]), float(values["s"]), float(values["t"])
     )
-    return oriented(element, place)
+    return oriented(context, element, place)
 
 
 def _lane(element: ScenarioElement, context: Compilation) -> FixedPosition:
@@ -131,7 +142,7 @@ def _lane(element: ScenarioElement, context: Compilation) -> FixedPosition:
         float(values["s"]),
         number_of(element, "offset", 0.0),
     )
-    return oriented(element, place)
+    return oriented(context, element, place)
 
 
 def _route(element: ScenarioElement, context: Compilation) -> FixedPosition:
@@ -150,7 +161,7 @@ def _route(element: ScenarioElement, context: Compilation) -> FixedPosition:
     else:
         place = road_position(context, where, leg, s_m, float(where.values["t"]))
         place = place if forward else turned_round(place)
-    return oriented(element, place)
+    return oriented(context, element, place)
 
 
 def turned_round(place: FixedPosition) -> FixedPosition:
@@ -172,7 +183,7 @@ def _trajectory(element: ScenarioElement, context: Compilation) -> FixedPosition
     place = FixedPosition(
         x - t_m * float(sine(heading)), y + t_m * float(cosine(heading)), z, heading
     )
-    return oriented(element, on_road(context, place))
+    return oriented(context, element, on_road(context, place))
 
 
 def on_road(context: Compilation, place: FixedPosition) -> FixedPosition:
@@ -200,7 +211,7 @@ def _relative(
     h, p, r = (
         (number_of(orientation, key, 0.0) for key in "hpr") if orientation else (0.0, 0.0, 0.0)
     )
-    relative = orientation is None or orientation.values.get("type") == "relative"
+    relative = orientation is None or _is_relative(orientation, context)
     a, b, c = (number_of(element, key, 0.0) for key in keys)
     by_road = frame in (RelativeFrame.ROAD, RelativeFrame.LANE)
     return RelativePosition(

@@ -239,29 +239,32 @@ def test_the_robot_does_not_come_back(straight):
     assert values(finished, "speed_mps")[-1] < 14.8, "it rolls without throttle"
 
 
-@pytest.mark.parametrize(("share", "kind"), [(0.1999, None), (0.2, 1), (0.2001, 1), (0.0, None)])
-def test_a_brake_from_the_threshold_on_counts(straight, share, kind):
+def test_a_brake_from_the_threshold_on_counts(straight):
     case = case_of(straight, robot_brake=0.2)
-    finished = drive_one(case, acting(0.5, brake=share))
-    assert finished.scalars["intervention_kind"] == kind
-    by_hand = drive_one(case, acting(0.5, handbrake=share))
-    assert by_hand.scalars["intervention_kind"] == kind
+    shares = {0.1999: None, 0.2: 1, 0.2001: 1, 0.0: None}
+    stacks = [acting(0.5, **{pedal: k}) for k in shares for pedal in ("brake", "handbrake")]
+    done = drive([case] * len(stacks), stacks, 4)
+    kinds = [done[k][0].scalars["intervention_kind"] for k in range(len(stacks))]
+    assert kinds == [kind for kind in shares.values() for _ in range(2)]
 
 
-@pytest.mark.parametrize(
-    ("deg", "kind"), [(1.99, None), (2.01, 2), (-1.99, None), (-2.01, 2), (30.0, 2)]
-)
-def test_steering_from_the_threshold_on_counts_to_both_sides(straight, deg, kind):
+def test_steering_from_the_threshold_on_counts_to_both_sides(straight):
     case = case_of(straight, robot_steering_deg=2.0)
-    finished = drive_one(case, acting(0.5, steering_rad=float(np.radians(deg))))
-    assert finished.scalars["intervention_kind"] == kind
-    if kind:
-        assert finished.reasons[-1].startswith("the stack intervened by steering after 0.50 s")
-        gone_m = values(finished, "y_m")[-1] - values(finished, "y_m")[0]
-        assert gone_m * deg > 0.0
-        assert abs(gone_m) > 0.5
+    angles_deg = {1.99: None, 2.01: 2, -1.99: None, -2.01: 2, 30.0: 2}
+    stacks = [acting(0.5, steering_rad=float(np.radians(deg))) for deg in angles_deg]
+    done = drive([case] * len(stacks), stacks, 5)
+    for k, (deg, kind) in enumerate(angles_deg.items()):
+        finished = done[k][0]
+        assert finished.scalars["intervention_kind"] == kind
+        if kind:
+            words = "the stack intervened by steering after 0.50 s"
+            assert finished.reasons[-1].startswith(words)
+            gone_m = values(finished, "y_m")[-1] - values(finished, "y_m")[0]
+            assert gone_m * deg > 0.0
+            assert abs(gone_m) > 0.5
 
 
+@pytest.mark.slow
 def test_steering_is_compared_with_the_path_of_the_robot(tmp_path):
     """On a bend a stack that steers along it does not intervene, nor one that does not steer."""
     path = tmp_path / "bend.yaml"
@@ -289,6 +292,7 @@ def test_a_command_counts_where_it_comes_into_force(straight):
     assert speed[first + 1] == pytest.approx(15.0, abs=0.1), "the throttle of before is taken back"
 
 
+@pytest.mark.slow
 def test_neighbours_holding_and_restarts_change_no_byte(changes, straight):
     road = {"scene": "motorway"}
     cases = [

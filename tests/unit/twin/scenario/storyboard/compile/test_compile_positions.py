@@ -72,6 +72,17 @@ def test_place_and_heading(tmp_path: Path, text: str, x: float, y: float, headin
     _close(_fixed(tmp_path, text), x, y, heading)
 
 
+@pytest.mark.parametrize(("version", "heading"), [("3", math.pi + 0.1), ("2", 0.1)])
+def test_orientations_without_a_type(tmp_path: Path, version: str, heading: float) -> None:
+    lane = '<LanePosition roadId="a" laneId="1" s="9"><Orientation h="0.1"/></LanePosition>'
+    text = scenario_text(init=f"<PrivateAction>{TELEPORT.format(lane)}</PrivateAction>")
+    program = compiled(tmp_path, text.replace('revMinor="3"', f'revMinor="{version}"')).program
+    action = program.init[0].action
+    assert isinstance(action, TeleportAction)
+    assert isinstance(action.position, FixedPosition)
+    _close(action.position, 9, 1.75, heading)
+
+
 def test_on_an_arc(tmp_path: Path) -> None:
     place = _fixed(tmp_path, '<LanePosition roadId="b" laneId="-2" s="100"/>')
     radius = 100 + 5.25
