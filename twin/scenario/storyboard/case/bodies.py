@@ -1,8 +1,7 @@
-"""Bodies of one case: how they look, how large they are, and what they are called."""
+"""Bodies of cases: how they look, how large they are, and what they are called."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -33,66 +32,58 @@ _LIT = ("car", "van", "truck", "trailer", "bus", "motorcycle", "bicycle")
 """Sorts with lamps."""
 
 
-@dataclass(frozen=True, slots=True)
-class CaseBodies:
-    """The bodies of a case, arrays of as many rows as the rig has room for [M]."""
+class SlotBodies:
+    """The bodies of all slots: arrays [S, M], of which the first rows of a slot are there."""
 
-    count: int
-    """How many there are; they come first."""
-    entity: np.ndarray
-    """Their entities, int64."""
-    kind: np.ndarray
-    """Kind of each at rest, int32."""
-    phases: np.ndarray
-    """Kinds behind it that show it moving, int64."""
-    way_m: np.ndarray
-    """Way in which these pass once."""
-    half_m: np.ndarray
-    """Half length and half width [M, 2]."""
-    centre_m: np.ndarray
-    """From the entity's origin to the middle of its box, forwards and to the left [M, 2]."""
-    class_index: np.ndarray
-    """int32, into :data:`schemas.messages.OBJECT_CLASSES`."""
-    lit: np.ndarray
-    """bool, it has lamps."""
-    things: tuple[Thing, ...]
+    def __init__(self, slots: int, room: int) -> None:
+        shape = slots, room
+        self.room = room
+        self.there = np.zeros(shape, np.bool_)
+        """Whether the case has such a body."""
+        self.entity = np.zeros(shape, np.int64)
+        """Its entity."""
+        self.kind = np.zeros(shape, np.int32)
+        """Its kind at rest."""
+        self.phases = np.zeros(shape, np.int64)
+        """Kinds behind it that show it moving."""
+        self.way_m = np.ones(shape)
+        """Way in which these pass once."""
+        self.half_m = np.zeros((*shape, 2))
+        """Half length and half width."""
+        self.centre_m = np.zeros((*shape, 2))
+        """From the entity's origin to the middle of its box, forwards and to the left."""
+        self.class_index = np.zeros(shape, np.int32)
+        """Index into :data:`schemas.messages.OBJECT_CLASSES`."""
+        self.lit = np.zeros(shape, np.bool_)
+        """Whether it has lamps."""
+
+    def clear(self, slot: int) -> None:
+        """Nobody is in a slot."""
+        for rows in (self.there, self.entity, self.kind, self.phases, self.half_m):
+            rows[slot] = 0
+        self.centre_m[slot], self.class_index[slot], self.lit[slot] = 0.0, 0, False
+        self.way_m[slot] = 1.0
+
+    def begin(self, slot: int, loaded: LoadedStoryboard) -> tuple[Thing, ...]:
+        """The bodies of a slot are those of a scenario, in the order of its entities; what they
+        are called [M]."""
+        self.clear(slot)
+        things = []
+        for row, index in enumerate(loaded.bodies):
+            entity = loaded.program.entities[index]
+            box, sort = entity.box, _SORTS[EntityCategory(entity.category)]
+            look = _palette().look(sort, (box.length_m, box.width_m, box.height_m), row)
+            at = slot, row
+            self.there[at], self.entity[at], self.kind[at] = True, index, look.kind
+            self.phases[at], self.way_m[at] = look.phases, look.way_m
+            self.half_m[at] = box.length_m / 2, box.width_m / 2
+            self.centre_m[at] = box.centre_x_m, box.centre_y_m
+            self.class_index[at], self.lit[at] = class_index(sort), sort in _LIT
+            things.append(named(entity.name, CLASS_OF[sort] if sort != "obstacle" else sort))
+        empty = (Thing(f"body {row + 1}", "none") for row in range(len(things), self.room))
+        return (*things, *empty)
 
 
 @cache
 def _palette():  # type: ignore[no-untyped-def]
     return build_palette()
-
-
-def bodies_of(loaded: LoadedStoryboard, room: int) -> CaseBodies:
-    """The bodies of a scenario, in the order of its entities."""
-    whole = np.zeros(room, np.int32)
-    bodies = CaseBodies(
-        count=len(loaded.bodies),
-        entity=np.zeros(room, np.int64),
-        kind=whole.copy(),
-        phases=np.zeros(room, np.int64),
-        way_m=np.ones(room),
-        half_m=np.zeros((room, 2)),
-        centre_m=np.zeros((room, 2)),
-        class_index=whole.copy(),
-        lit=np.zeros(room, np.bool_),
-        things=(),
-    )
-    things = []
-    for row, index in enumerate(loaded.bodies):
-        entity = loaded.program.entities[index]
-        box, sort = entity.box, _SORTS[EntityCategory(entity.category)]
-        look = _palette().look(sort, (box.length_m, box.width_m, box.height_m), row)
-        bodies.entity[row], bodies.kind[row], bodies.phases[row] = index, look.kind, look.phases
-        bodies.way_m[row] = look.way_m
-        bodies.half_m[row] = box.length_m / 2, box.width_m / 2
-        bodies.centre_m[row] = box.centre_x_m, box.centre_y_m
-        bodies.class_index[row], bodies.lit[row] = class_index(sort), sort in _LIT
-        things.append(named(entity.name, CLASS_OF[sort] if sort != "obstacle" else sort))
-    empty = (Thing(f"body {row + 1}", "none") for row in range(len(things), room))
-    return _with_things(bodies, (*things, *empty))
-
-
-def _with_things(bodies: CaseBodies, things: tuple[Thing, ...]) -> CaseBodies:
-    names = [name for name in CaseBodies.__match_args__ if name != "things"]
-    return CaseBodies(**{name: getattr(bodies, name) for name in names}, things=things)

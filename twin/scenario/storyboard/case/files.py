@@ -45,7 +45,8 @@ def load_storyboard(name: str, numbers: dict[str, float]) -> LoadedStoryboard:
         ValueError: it cannot be used; a line for each mistake.
     """
     path = file_of(name)
-    key = (name, asset_digest(path), tuple(sorted(numbers.items())))
+    content = asset_digest(path) if is_path(name) else ""  # what ships does not change
+    key = (name, content, tuple(sorted(numbers.items())))
     if key not in _loaded:
         program = _program(path, numbers)
         while len(_loaded) >= CACHED_MAX:

@@ -18,7 +18,7 @@ from twin.road.tables.road_tables import RoadTables, road_tables
 from twin.scenario.case_files import check_scenario_files
 from twin.scenario.case_motion import StartPose
 from twin.scenario.driver import LedPose, RobotLimits
-from twin.scenario.storyboard.case.bodies import CaseBodies, bodies_of
+from twin.scenario.storyboard.case.bodies import SlotBodies
 from twin.scenario.storyboard.case.checks import STEP_NS, other_road, program_mistakes
 from twin.scenario.storyboard.case.files import (
     LoadedStoryboard,
@@ -82,6 +82,8 @@ class StoryboardMotion:
         self._player = RigPlayer(self._program(loaded), roads, slots, self._step_s, "cpu")
         self._player.prepare(loaded.ego)
         self._cases: list[_SlotCase | None] = [None] * slots
+        self._bodies = SlotBodies(slots, self.count)
+        self._all = np.arange(slots)[:, None]
         self._way_m = np.zeros((slots, self.count))
         self._yaw_rate = np.zeros((slots, self.count))
         self._placement = nobody(slots, self.count)
@@ -105,7 +107,7 @@ class StoryboardMotion:
         if wrong:
             raise ValueError(wrong[0])
         self._player.begin(slot, self._program(loaded), loaded.ego)
-        self._cases[slot] = run = _SlotCase(loaded, bodies_of(loaded, self.count))
+        self._cases[slot] = run = _SlotCase(loaded, self._bodies.begin(slot, loaded))
         self._way_m[slot] = self._yaw_rate[slot] = 0.0
         self._stale = True
         self._watch([slot])
@@ -135,6 +137,7 @@ class StoryboardMotion:
     def clear(self, slot: int) -> None:
         """Nobody is in a slot any more."""
         self._player.end(slot)
+        self._bodies.clear(slot)
         self._cases[slot] = None
         self._running[slot] = False
         self._stale = True
@@ -180,20 +183,19 @@ class StoryboardMotion:
         run.limits, run.intervention = None, kind
 
     def _go_on(self, active: np.ndarray) -> None:
-        before = self._player.bodies.reals.numpy()[:, :, Real.HEADING].copy()
+        entity = self._bodies.entity
+        before = self._player.bodies.reals.numpy()[self._all, entity, Real.HEADING]
         self._player.step()
         reals = self._player.bodies.reals.numpy()
-        for slot in np.flatnonzero(active).tolist():
-            run = self._cases[slot]
-            if run is None:
-                continue
-            rows, entity = run.bodies.count, run.bodies.entity[: run.bodies.count]
-            turned = reals[slot, entity, Real.HEADING] - before[slot, entity]
-            turned -= 2.0 * np.pi * np.rint(turned / (2.0 * np.pi))
-            rate = turned / self._step_s
-            # Who is put somewhere else does not turn on the way.
-            self._yaw_rate[slot, :rows] = np.where(np.abs(rate) < _RATE_MAX, rate, 0.0)
-            self._way_m[slot, :rows] += np.abs(reals[slot, entity, Real.SPEED]) * self._step_s
+        turned = reals[self._all, entity, Real.HEADING] - before
+        turned -= 2.0 * np.pi * np.rint(turned / (2.0 * np.pi))
+        rate = turned / self._step_s
+        # Who is put somewhere else does not turn on the way.
+        rate = np.where(np.abs(rate) < _RATE_MAX, rate, 0.0)
+        ahead = np.abs(reals[self._all, entity, Real.SPEED]) * self._step_s
+        goes_on = active[:, None] & self._bodies.there
+        self._yaw_rate = np.where(goes_on, rate, self._yaw_rate)
+        self._way_m = np.where(goes_on, self._way_m + ahead, self._way_m)
         self._stale = True
         self._watch(np.flatnonzero(active).tolist())
 
@@ -230,7 +232,7 @@ class StoryboardMotion:
 
     def things(self, slot: int) -> Sequence[Thing]:
         """What the bodies of a slot are [M]."""
-        return self._run(slot).bodies.things
+        return self._run(slot).things
 
     def events(self, slot: int) -> tuple[str, ...]:
         """Names of the events of a slot's storyboard, in the order of its file."""
@@ -268,54 +270,53 @@ class StoryboardMotion:
 
     def _placed(self) -> Placement:
         """All bodies as the player has them."""
-        placement = nobody(len(self._cases), self.count)
-        assert placement.half_m is not None
-        assert placement.class_index is not None
-        reals, wholes = self._player.bodies.reals.numpy(), self._player.bodies.wholes.numpy()
-        for slot, run in enumerate(self._cases):
-            if run is None:
-                continue
-            bodies, m = run.bodies, run.bodies.count
-            real = reals[slot, bodies.entity[:m]]
-            seen = wholes[slot, bodies.entity[:m], Whole.VISIBLE] & _GRAPHICS != 0
-            heading, speed = real[:, Real.HEADING], real[:, Real.SPEED]
-            ahead, aside = bodies.centre_m[:m].T
-            c, s = cosine(heading), sine(heading)
-            off = np.stack([ahead * c - aside * s, ahead * s + aside * c], axis=-1)
-            phases = bodies.phases[:m]
-            phase = np.floor(self._way_m[slot, :m] / bodies.way_m[:m] * phases).astype(np.int64)
-            moving = (np.abs(speed) > _STILL_MPS) & (phases > 0)
-            kind = bodies.kind[:m] + np.where(moving, 1 + phase % np.maximum(phases, 1), 0)
-            rate = self._yaw_rate[slot, :m]
-            placement.kind[slot, :m] = np.where(seen, kind, -1)
-            placement.position_m[slot, :m, :2] = settled(real[:, [Real.X, Real.Y]] + off)
-            placement.position_m[slot, :m, 2] = real[:, Real.Z]
-            placement.yaw_rad[slot, :m] = heading
-            placement.velocity_mps[slot, :m, 0] = real[:, Real.VX] - rate * off[:, 1]
-            placement.velocity_mps[slot, :m, 1] = real[:, Real.VY] + rate * off[:, 0]
-            placement.yaw_rate_radps[slot, :m] = rate
-            slows = real[:, Real.ACCELERATION] < -_BRAKING_MPS2
-            placement.brake[slot, :m] = bodies.lit[:m] & slows
-            placement.lamps[slot, :m] = bodies.lit[:m]
-            placement.half_m[slot, :m] = bodies.half_m[:m]
-            placement.class_index[slot, :m] = bodies.class_index[:m]
-        return placement
+        bodies, there = self._bodies, self._bodies.there
+        real = self._player.bodies.reals.numpy()[self._all, bodies.entity]
+        wholes = self._player.bodies.wholes.numpy()[self._all, bodies.entity, Whole.VISIBLE]
+        seen = there & (wholes & _GRAPHICS != 0)
+        heading, rate = real[..., Real.HEADING], self._yaw_rate
+        ahead, aside = bodies.centre_m[..., 0], bodies.centre_m[..., 1]
+        c, s = cosine(heading), sine(heading)
+        off_x, off_y = ahead * c - aside * s, ahead * s + aside * c
+        phase = np.floor(self._way_m / bodies.way_m * bodies.phases).astype(np.int64)
+        moving = (np.abs(real[..., Real.SPEED]) > _STILL_MPS) & (bodies.phases > 0)
+        kind = bodies.kind + np.where(moving, 1 + phase % np.maximum(bodies.phases, 1), 0)
+        place = (settled(real[..., Real.X] + off_x), settled(real[..., Real.Y] + off_y))
+        velocity = (real[..., Real.VX] - rate * off_y, real[..., Real.VY] + rate * off_x)
+        still = np.zeros(there.shape)
+        slows = real[..., Real.ACCELERATION] < -_BRAKING_MPS2
+        return Placement(
+            kind=np.where(seen, kind, -1).astype(np.int32),
+            position_m=_vectors(there, *place, real[..., Real.Z]),
+            yaw_rad=np.where(there, heading, 0.0),
+            velocity_mps=_vectors(there, *velocity, still),
+            yaw_rate_radps=np.where(there, rate, 0.0),
+            brake=(bodies.lit & slows).astype(np.float32),
+            lamps=bodies.lit.astype(np.float32),
+            half_m=bodies.half_m.copy(),
+            class_index=bodies.class_index.copy(),
+        )
+
+
+def _vectors(there: np.ndarray, *parts: np.ndarray) -> np.ndarray:
+    """Vectors [S, M, 3]; 0 where nobody is."""
+    return np.stack([np.where(there, part, 0.0) for part in parts], axis=-1)
 
 
 class _SlotCase:
     """What a slot remembers of its case."""
 
     __slots__ = (
-        *("loaded", "bodies", "names", "numbers", "seen"),
+        *("loaded", "things", "names", "numbers", "seen"),
         *("events_started", "event_last", "event_last_s"),
         *("limits", "led_pose", "intervention"),
     )
 
-    def __init__(self, loaded: LoadedStoryboard, bodies: CaseBodies) -> None:
+    def __init__(self, loaded: LoadedStoryboard, things: tuple[Thing, ...]) -> None:
         elements = loaded.program.elements
         events = [k for k, element in enumerate(elements) if element.kind == ElementKind.EVENT]
         self.loaded = loaded
-        self.bodies = bodies
+        self.things = things
         self.names = tuple(elements[k].name for k in events)
         self.numbers = {element: number for number, element in enumerate(events, start=1)}
         """Number of each event by its element."""

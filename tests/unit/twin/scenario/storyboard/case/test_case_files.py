@@ -14,7 +14,7 @@ from schemas.identity import case_digest, rig_key
 from schemas.plan import expand, parse_campaign
 from tests.road_files import lane, road, section, xodr
 from twin.actors.palette import CLASS_OF, build_palette
-from twin.scenario.storyboard.case.bodies import bodies_of
+from twin.scenario.storyboard.case.bodies import SlotBodies
 from twin.scenario.storyboard.case.checks import case_mistakes
 from twin.scenario.storyboard.case.files import load_storyboard
 from twin.scenario.storyboard.program.entities import EntityCategory
@@ -195,13 +195,15 @@ def test_every_category_of_bodies_has_a_look(tmp_path):
         entities = list(loaded.program.entities)
         entities[index] = msgspec.structs.replace(entities[index], category=category)
         program = msgspec.structs.replace(loaded.program, entities=tuple(entities))
-        bodies = bodies_of(type(loaded)(program, loaded.ego, loaded.road), 32)
-        sort = palette.kinds[int(bodies.kind[0])].name
+        bodies = SlotBodies(2, 32)
+        things = bodies.begin(1, type(loaded)(program, loaded.ego, loaded.road))
+        sort = palette.kinds[int(bodies.kind[1, 0])].name
         assert sort in CLASS_OF, category
-        assert bodies.half_m[0].tolist() == [4.5 / 2, 1.8 / 2], (
+        assert bodies.half_m[1, 0].tolist() == [4.5 / 2, 1.8 / 2], (
             "its own size, whatever it looks like"
         )
-        assert bodies.things[0].name == "a1"
+        assert things[0].name == "a1"
+        assert bodies.there.sum() == 1
 
 
 def test_a_look_is_the_nearest_in_size_and_others_differ_in_colour():
