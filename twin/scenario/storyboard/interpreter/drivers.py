@@ -81,7 +81,7 @@ _OPEN_LANE_M = wp.constant(wp.float64(3.5))
 
 
 @wp.struct
-class LaneView:
+class SeenLane:
     """A lane as its driver, or the driver beside it, sees it."""
 
     lane: wp.int32
@@ -208,9 +208,9 @@ def neighbours_of(
     base: wp.int32,
     count: wp.int32,
     e: wp.int32,
-    own: LaneView,
-    left: LaneView,
-    right: LaneView,
+    own: SeenLane,
+    left: SeenLane,
+    right: SeenLane,
     half_width: wp.float64,
 ) -> ThreeLanes:
     """The neighbours of a body in three lanes."""
@@ -329,9 +329,9 @@ def view_of(
     t: wp.float64,
     lane: wp.int32,
     way: wp.int32,
-) -> LaneView:
+) -> SeenLane:
     """A lane as seen from a place by a driver who goes along s, or against it (``way`` -1)."""
-    view = LaneView()
+    view = SeenLane()
     view.lane = lane
     view.middle = FAR
     if lane != 0:
@@ -373,7 +373,7 @@ def drivers_kernel(
     speed = wp.max(now.reals[slot, e, Real.SPEED], ZERO)
     way = direction_of(now.reals[slot, e, Real.TURN])
     half_width = HALF * _OPEN_LANE_M
-    own, left, right = LaneView(), LaneView(), LaneView()
+    own, left, right = SeenLane(), SeenLane(), SeenLane()
     own.lane = lane
     if road >= 0 and lane != 0:
         half_width = HALF * wp.max(lane_width(roads, road, lane, s), ONE)
@@ -393,7 +393,7 @@ def drivers_kernel(
     if now.wholes[slot, e, Whole.CHANGING] == 0 and tables.models[model, _POLITENESS] >= ZERO:
         length = tables.entity_reals[base + e, EntityColumn.LENGTH]
         best = wp.float64(0.0)
-        chosen = LaneView()
+        chosen = SeenLane()
         if left.lane != 0:
             gain = lane_gain(tables, before, slot, model, speed, length, near.own, near.left)
             if gain > best:
