@@ -69,6 +69,7 @@ def test_poses_are_within_the_promised_error(name):
     assert heading < HEADING_RAD
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not FILES.is_dir(), reason=f"{FILES} is missing")
 def test_poses_on_roads_of_others():
     paths = sorted(FILES.rglob("*.xodr"))
@@ -128,6 +129,7 @@ def test_lanes_are_those_of_the_frame(name):
     assert compare_lanes(NETWORKS[name]()) > 400
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not FILES.is_dir(), reason=f"{FILES} is missing")
 def test_lanes_on_roads_of_others():
     for path in sorted(FILES.rglob("*.xodr")):

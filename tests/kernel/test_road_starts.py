@@ -113,6 +113,7 @@ def start(walks: Walks, position: ScenarioElement, place: RoadStart) -> np.ndarr
     return np.array([*pose[:3], heading])
 
 
+@pytest.mark.slow
 def test_starts_are_those_of_the_traces():
     walks: dict[Path, Walks] = {}
     off, turned, folders = [], [], []

@@ -95,6 +95,7 @@ def test_any_number_of_slots(slots):
         min_size=2,
         max_size=5,
     )
+@pytest.mark.slow
 )
 def test_starts_and_restarts_at_any_step(plan):
     """Each slot is started at its own step, and once more; from there on it is as if alone."""

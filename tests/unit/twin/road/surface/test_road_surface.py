@@ -208,6 +208,7 @@ def test_a_network_without_any_width_is_refused() -> None:
         road_surface(RoadMap(network))
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not FILES.is_dir(), reason=f"{FILES} is missing")
 def test_roads_of_others() -> None:
     for path in sorted(FILES.rglob("*.xodr")):
