@@ -88,6 +88,7 @@ def test_any_number_of_slots(slots):
         assert bytes_of(player, slot, program) == alone(program)
 
 
+@pytest.mark.slow
 @settings(max_examples=12, deadline=None, suppress_health_check=list(HealthCheck))
 @given(
     plan=st.lists(
@@ -95,7 +96,6 @@ def test_any_number_of_slots(slots):
         min_size=2,
         max_size=5,
     )
-@pytest.mark.slow
 )
 def test_starts_and_restarts_at_any_step(plan):
     """Each slot is started at its own step, and once more; from there on it is as if alone."""
