@@ -142,7 +142,7 @@ class RigPlayer(StoryboardPlayer):
         tables = pack_programs(programs)
         self.programs, self.tables = tuple(programs), tables
         self._programs = program_arrays(tables, self.device)
-        self._drivers = len(tables.models) > 0
+        self._look_at_programs()
         self._graph = None  # the one that was recorded has the arrays of before
         sizes = {name: max(size, tables.most[name]) for name, size in self._sizes.items()}
         if sizes != self._sizes:

@@ -127,10 +127,14 @@ class StoryboardPlayer:
         """States on the device, updated in place: columns ``Real`` and ``Whole``."""
         self._before = body_arrays(slots, self.entities, self.device)
         self._graph: Any = None
+        self._look_at_programs()
+
+    def _look_at_programs(self) -> None:
+        """What a step has to do because of the programs; whenever they have changed."""
         self._init_lasts = any(lasts(init.action) for p in self.programs for init in p.init)
         self._drivers = any(program.models for program in self.programs)
         if self._drivers and self.device.is_cuda:
-            raise UsageError(f"device '{device}': {NO_DRIVERS}")
+            raise UsageError(f"device '{self.device}': {NO_DRIVERS}")
 
     def start(self, slot: int, program_index: int) -> None:
         """Put a slot at time 0 of a program, after Init and a run of its storyboard."""
