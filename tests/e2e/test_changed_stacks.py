@@ -67,7 +67,8 @@ def refused(marked, path, out, *words):
     before = (out / "outcomes.json").read_bytes()
     code, stdout, stderr = run(marked, path, out)
     assert (code, stdout) == (2, ""), stderr
-    (line,) = stderr.strip().splitlines()
+    line = stderr.strip()
+    assert "\n" not in line
     assert "--out" in line
     assert all(word in line for word in words), line
     assert (out / "outcomes.json").read_bytes() == before

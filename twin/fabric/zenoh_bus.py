@@ -115,6 +115,12 @@ def join(target: Target, connect_timeout_s: float, mode: Mode = "client") -> Bus
     )
 
 
+def router_count(bus: Bus) -> int:
+    """Number of Zenoh routers to which a session of :func:`open_bus` is linked."""
+    assert isinstance(bus, _ZenohBus)
+    return len(bus._session.info.routers_zid())
+
+
 def log_refusals() -> None:
     """Have Zenoh write a line to file descriptor 1 for every handshake that fails from now on."""
     zenoh.init_log_from_env_or("off,zenoh_link_tls=warn")

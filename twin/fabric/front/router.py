@@ -17,6 +17,7 @@ import subprocess
 import sys
 import tempfile
 import threading
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -32,7 +33,7 @@ from twin.fabric.keys.authority import inner_key
 from twin.fabric.keys.key_file import MemberKey
 from twin.fabric.keys.roles import MEMBERS
 from twin.fabric.rig_folder import PrivateFolder
-from twin.fabric.zenoh_bus import open_bus
+from twin.fabric.zenoh_bus import open_bus, router_count
 
 BACKLOG = 1024
 """Connections that wait for the front to accept them."""
@@ -82,6 +83,7 @@ class Fronted:
         """
         self._heard = heard
         self._key = key
+        self._relayed = bool(connect)
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._run, name="front", daemon=True)
         self._process: subprocess.Popen[bytes] | None = None
@@ -108,11 +110,23 @@ class Fronted:
             if self._thread.is_alive() and self._process is not None:  # somebody has stopped it
                 self._process.kill()
             self._thread.join()
-        for bus in reversed(self._buses):
-            bus.close()
+        self._leave()
         self._listener.close()
         while self._sockets:
             os.close(self._sockets.popitem()[1])
+
+    def _leave(self) -> None:
+        """End the sessions one after the other.
+
+        Zenoh 1.10 panics in a router from which several others part at once
+        (eclipse-zenoh/zenoh#2624): one conductor in six wrote a stack trace as it ended.
+        """
+        while self._buses:
+            self._buses.pop().close()
+            if not self._relayed and self._buses:
+                joined, until = len(self._buses) - 1, time.monotonic() + CLOSE_S
+                while router_count(self._buses[0]) > joined and time.monotonic() < until:
+                    time.sleep(0.001)
 
     def _open(self, namespace: str, connect: str, *, connect_required: bool) -> Bus:
         try:
