@@ -72,7 +72,7 @@ def border_at(
     base = offset_at(roads, road, s)
     border = base
     step = wp.where(lane > 0, 1, -1)
-    # No range(abs(lane)): ptxas 13.4 read that bound from a register that the first round has not set.
+    # No range(abs(lane)): ptxas 13.4 reads that bound from a register that is not set yet.
     beside = wp.int32(step)
     end = lane + step
     while beside != end:
