@@ -77,8 +77,8 @@ class StoryboardMotion:
         roads = _tables(self._scene)
         self._step_s = STEP_NS / 1e9
         self._programs: dict[int, tuple[LoadedStoryboard, Program]] = {}
-        # On the CPU whatever the rig's device: driver models do not repeat on a GPU (record 0028),
-        # and what they say is needed on the host after every step.
+        # On the CPU whatever the rig's device: what the player says is needed on the host after
+        # every step, and nothing says yet that a GPU is faster then (record 0028).
         self._player = RigPlayer(self._program(loaded), roads, slots, self._step_s, "cpu")
         self._player.prepare(loaded.ego)
         self._cases: list[_SlotCase | None] = [None] * slots

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from twin.base.errors import UsageError
 from twin.road.tables.road_tables import RoadTables, flat_tables
 from twin.road.walk.road_arrays import road_arrays
 from twin.scenario.storyboard.interpreter.advance import INIT_PHASE, STORY_PHASE, advance_kernel
@@ -107,8 +106,7 @@ class StoryboardPlayer:
             device: cpu or cuda:N.
 
         Raises:
-            UsageError: a program is larger than a limit, or has driver models and is to be played
-                on a GPU.
+            UsageError: a program is larger than a limit.
         """
         self.programs = tuple(programs)
         self.slots = slots
@@ -133,8 +131,6 @@ class StoryboardPlayer:
         """What a step has to do because of the programs; whenever they have changed."""
         self._init_lasts = any(lasts(init.action) for p in self.programs for init in p.init)
         self._drivers = any(program.models for program in self.programs)
-        if self._drivers and self.device.is_cuda:
-            raise UsageError(f"device '{self.device}': {NO_DRIVERS}")
 
     def start(self, slot: int, program_index: int) -> None:
         """Put a slot at time 0 of a program, after Init and a run of its storyboard."""
@@ -275,7 +271,6 @@ class StoryboardPlayer:
 
 
 _ALL = -1
-NO_DRIVERS = "results of driver models do not repeat on a GPU; play this one with --device cpu"
 _BLOCK = 8
 """Threads of a block: they go different ways and wait for memory, so a GPU's processors should have
 few each."""
