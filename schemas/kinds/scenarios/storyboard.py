@@ -7,6 +7,8 @@ from typing import Annotated, Literal
 from msgspec import Meta, Struct
 
 from schemas.kinds.scenario import ExtremeTable, LeadMeasure, ScenarioKind, ScenarioReport
+from schemas.kinds.verdict import TRIAL_VERDICTS
+from schemas.sections.trial import Trial
 
 
 class StoryboardConfig(Struct, frozen=True, forbid_unknown_fields=True):
@@ -29,6 +31,9 @@ class StoryboardConfig(Struct, frozen=True, forbid_unknown_fields=True):
     numbers: dict[str, float] = {}
     """Numbers of the scenario file that are others than it says, by their names there:
     ``actors.van.ahead_m``, or a parameter of OpenSCENARIO; storyboard only."""
+    trial: Trial | None = None
+    """What a run must fulfil; not given: reach the storyboard's end without a collision. Rows of a
+    rulebook give their own; storyboard only."""
 
 
 _CURVES = ("events_started", "dtc_m", "aeb", "collisions", "throttle", "brake", "speed_mps")
@@ -74,6 +79,7 @@ KIND = ScenarioKind(
     implementation="twin.scenario.storyboard.case.family:StoryboardFamily",
     report=_REPORT,
     stops_for_target=False,
+    verdicts=TRIAL_VERDICTS,
     kpis=(
         *("storyboard_running", "events_started", "event_last", "event_last_s"),
         *("storyboard_end_s", "robot_drives", "intervention_kind", "intervention_time_s"),
@@ -83,6 +89,7 @@ KIND = ScenarioKind(
     brings_scene="storyboard",
     scene_name="twin.scenario.storyboard.case.files:scene_name",
     numbers="numbers",
+    trial="trial",
     motion="twin.scenario.storyboard.case.motion:StoryboardMotion",
     bodies=32,
     ends_at_rest=False,
