@@ -40,6 +40,7 @@ from twin.sensors.vehicle_truth import VehicleTruth
 from twin.vehicle.carry import Carrier
 from twin.vehicle.fleet import Fleet
 from twin.vehicle.ground import drivable
+from twin.vehicle.masses import load_of
 from twin.vehicle.model import PHYSICS_STEP_NS
 from twin.vehicle.nearest import NEAREST
 from twin.vehicle.state import COLUMN
@@ -221,6 +222,7 @@ class Engine:
         ground = self._ground(slot, case)
         start, ground = self._start(slot, case, ground)
         x_m, y_m, z_m, yaw_rad, speed_mps = start
+        self._vehicles.load(slot, load_of(case.variation.scenario))
         self._vehicles.place(
             slot, x_m, speed_mps, 1.0, y_m=y_m, z_m=z_m, yaw_rad=yaw_rad, refresh=False
         )
