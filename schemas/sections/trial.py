@@ -53,8 +53,9 @@ class Trial(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     lateral_m: float = 0.0
     """Planned offset of the target's middle to the left of the ego's when they would meet [m]."""
     lateral_tolerance_m: Annotated[float, Meta(gt=0)] | None = None
-    """Most by which that offset may be another when the test begins; not given: not looked at
-    [m]."""
+    """Most by which that offset may be another when the stack acts, or just before a contact, as
+    both move then; for targets that move steadily from the begin of the test on. Not given: not
+    looked at [m]."""
     yaw_rate_tolerance_degps: Annotated[float, Meta(gt=0)] | None = None
     """Most by which the ego may turn, to either side, from `straight_s` before the test on until
     the stack acts; not given: not looked at [deg/s]."""
