@@ -519,13 +519,15 @@ class Engine:
     def _record(self, slots: list[int], commands: Sequence[Command | None]) -> None:
         if not slots:
             return
-        given = [self._columns(slot) for slot in slots]
+        given = [
+            self._columns(slot, command) for slot, command in zip(slots, commands, strict=True)
+        ]
         self._recorder.add(
             slots, self.tick, self.sim_time_ns, self.state, commands, given, self._nearest
         )
 
-    def _columns(self, slot: int) -> Mapping[str, float]:
-        """KPI columns that the scenario of a slot gives."""
+    def _columns(self, slot: int, command: Command | None) -> Mapping[str, float]:
+        """KPI columns that only some families have."""
         columns = self._run(slot).scenario.columns()
         if self._motion is None:
             return columns
@@ -533,7 +535,8 @@ class Engine:
             "light_lx": float(self._illuminance_lx[slot]),
             "road_friction": float(self._vehicles.friction[slot]),
         }
-        return {**columns, **around, **self._motion.columns(slot)}
+        warning = {} if command is None else {"warning": float(command.warning)}
+        return {**columns, **around, **self._motion.columns(slot), **warning}
 
     def _survey(self) -> None:
         """Begin to measure what every ego is nearest to at the current ticks, see

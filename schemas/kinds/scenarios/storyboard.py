@@ -48,7 +48,7 @@ _REPORT = ScenarioReport(
     table=(
         *("dtc_min_m", "impact_speed_mps", "aeb_time_s", "aeb_ttc_s", "events_started"),
         *("intervention_time_s", "intervention_kind", "intervention_speed_mps"),
-        *("intervention_dtc_m", "intervention_ttc_s"),
+        *("intervention_dtc_m", "intervention_ttc_s", "warning_time_s", "warning_ttc_s"),
         *("trial_speed_mps", "impact_relative_mps", "speed_reduction_mps"),
         *("event_last_s", "decel_peak_mps2", "speed_max_mps", "sim_time_s"),
     ),
@@ -85,6 +85,7 @@ KIND = ScenarioKind(
         *("storyboard_running", "events_started", "event_last", "event_last_s"),
         *("storyboard_end_s", "robot_drives", "intervention_kind", "intervention_time_s"),
         *("intervention_speed_mps", "intervention_dtc_m", "intervention_ttc_s"),
+        *("warning", "warning_time_s", "warning_ttc_s", "warning_before_braking_s"),
         *("light_lx", "road_friction", "target_x_m", "target_y_m", "target_yaw_rad"),
         *("target_vx_mps", "target_vy_mps", "trial_begin_s", "trial_speed_mps"),
         *("trial_closing_mps", "trial_lateral_m", "trial_acted_s", "impact_relative_mps"),

@@ -105,7 +105,8 @@ class TrialRun:
             values["trial_acted_s"] = float(course.time_s[seen.acted])
         if seen.relative_mps is not None and contact is not None:
             values["impact_relative_mps"] = seen.relative_mps
-            values["speed_reduction_mps"] = values["trial_speed_mps"] - contact.speed_mps
+            slower_mps = float(course.speed_mps[seen.checked]) - contact.speed_mps
+            values["speed_reduction_mps"] = slower_mps
         return values
 
     def verdict(self, rows: Rows, contact: Contact | None) -> Verdict:
@@ -175,7 +176,8 @@ class TrialRun:
 
     def _acts(self, rows: Rows) -> np.ndarray:
         """Rows in which the stack acts [rows]; the robot's driving is none of it."""
-        acts = rows.valid("intervention_kind") | _switched(rows, "aeb") | _switched(rows, "warning")
+        acts = _switched(rows, "aeb") | _switched(rows, "warning")
+        acts |= rows.valid("intervention_kind")
         if not rows.valid("robot_drives")[0]:
             acts |= rows.valid("brake") & (rows.column("brake") >= self._braking)
         return acts
@@ -340,10 +342,9 @@ class TrialRun:
 def _switched(rows: Rows, name: str) -> np.ndarray:
     """Rows in which a switch is on; a column that older files do not have is off."""
     try:
-        on: np.ndarray = rows.valid(name) & (rows.column(name) != 0)
+        return np.asarray(rows.valid(name) & (rows.column(name) != 0))
     except KeyError:
         return np.zeros(rows.rows, np.bool_)
-    return on
 
 
 def _lateral_m(course: _Course, row: int) -> float | None:

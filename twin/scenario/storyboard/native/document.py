@@ -30,7 +30,12 @@ class NativeDocument:
 
 def shipped_scenarios() -> tuple[str, ...]:
     """Names of the shipped scenarios."""
-    return tuple(sorted(path.stem for path in SHIPPED.glob(f"*{SUFFIX}")))
+    return tuple(sorted(_shipped_files()))
+
+
+def _shipped_files() -> dict[str, Path]:
+    """Files of the shipped scenarios by name; those of a rulebook have a folder of their own."""
+    return {path.stem: path for path in SHIPPED.rglob(f"*{SUFFIX}")}
 
 
 def is_native(name_or_path: str) -> bool:
@@ -44,8 +49,8 @@ def scenario_path(name_or_path: str) -> Path:
     Raises:
         ValueError: no scenario of this name is shipped.
     """
-    if name_or_path in shipped_scenarios():
-        return SHIPPED / f"{name_or_path}{SUFFIX}"
+    if name_or_path in (shipped := _shipped_files()):
+        return shipped[name_or_path]
     path = Path(name_or_path)
     if path.suffix in (SUFFIX, ".yml"):
         return path

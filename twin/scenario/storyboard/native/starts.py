@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
+import msgspec
+
 from schemas.validation import suggest
 from twin.scenario.storyboard.native.bodies import BODIES, ActorBody, body_of
 from twin.scenario.storyboard.native.ground import NativeMistakes, ScenarioGround, SpotError
@@ -95,6 +97,17 @@ def _attempt(
             f"{path}.speed_mps",
             f"given {start.speed_mps:g}, kind {start.kind} goes at most {body.speed_max_mps:g} m/s",
         )
+    if start.ahead_s is not None:
+        other = scenario.actors.get(start.of, scenario.ego)
+        along = math.cos(math.radians(start.heading_deg or 0.0))
+        if start.oncoming is not other.oncoming:
+            along = -along
+        closing_mps = other.speed_mps - along * start.speed_mps
+        if closing_mps <= 0.0:
+            words = f"'{start.of}' does not come nearer, as both move: give ahead_m"
+            mistakes.add(f"{path}.ahead_s", words)
+            return None
+        start = msgspec.structs.replace(start, ahead_s=None, ahead_m=start.ahead_s * closing_mps)
     return mistakes.attempt(path, lambda: _actor_place(name, start, ground, places))
 
 
