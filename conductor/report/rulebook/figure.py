@@ -1,4 +1,4 @@
-"""The figure of residual speeds: how fast the ego still was at an impact, over its planned speed."""
+"""The figure of residual speeds: how fast the ego still was at an impact, over its speed before."""
 
 from __future__ import annotations
 
@@ -60,9 +60,7 @@ def residual_figure(result: RulebookResult) -> dict[str, Any] | None:
     if not figure.data:
         return None
     figure.update_xaxes(title={"text": "Speed of the ego when the test begins [km/h]"})
-    figure.update_yaxes(
-        title={"text": "Relative speed at the impact [km/h]"}, rangemode="tozero"
-    )
+    figure.update_yaxes(title={"text": "Relative speed at the impact [km/h]"}, rangemode="tozero")
     figure.update_layout(
         template=go.layout.Template(),
         height=420,

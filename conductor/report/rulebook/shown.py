@@ -10,6 +10,7 @@ from conductor.report.reading.axes import axis_label
 from conductor.report.reading.dossier import Dossier
 from conductor.report.rulebook.tables import GroupTable, group_tables
 from schemas.files.rulebook_result import RulebookResult, RulebookRowResult, RulebookRun
+from schemas.rulebook_rows import prefix_of
 
 _SECOND_HAND = {
     "B": "text or files of a third party",
@@ -37,7 +38,12 @@ def rulebook_shown(dossier: Dossier, result: RulebookResult | None) -> RulebookS
     if result is None or rulebook is UNSET:
         return None
     runs = [(row, run) for row in result.rows for p in row.points for run in p.runs]
-    varied = dict.fromkeys(axis_label(name) for row in rulebook.rows for name in row.varied)
+    prefix = prefix_of(dossier.campaign.scenario)
+    varied = dict.fromkeys(
+        axis_label(prefix + name if name in row.values else name)
+        for row in rulebook.rows
+        for name in row.varied
+    )
     return RulebookShown(
         result=result,
         tables=group_tables(rulebook, result),

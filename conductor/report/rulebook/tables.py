@@ -1,4 +1,4 @@
-"""The protocol's own tables of a rulebook: runs by two of its numbers, or one row below the other."""
+"""The protocol's own tables: runs by two of a rulebook's numbers, or one row below the other."""
 
 from __future__ import annotations
 
@@ -101,9 +101,7 @@ def group_tables(rulebook: Rulebook, result: RulebookResult) -> list[GroupTable]
     return [_table(rulebook, result, group) for group in result.groups]
 
 
-def _table(
-    rulebook: Rulebook, result: RulebookResult, group: RulebookGroupResult
-) -> GroupTable:
+def _table(rulebook: Rulebook, result: RulebookResult, group: RulebookGroupResult) -> GroupTable:
     rows = [row for row in result.rows if row.group == group.group]
     declared = rulebook.groups.get(group.group)
     if declared is None or declared.table is None:
@@ -184,7 +182,9 @@ def _label(rows: Sequence[RulebookRowResult], axis: str) -> str:
 
 def _ordered(values: set[Any]) -> list[Any]:
     """Numbers ascending, words after them."""
-    return sorted(values, key=lambda v: (isinstance(v, str), v if not isinstance(v, str) else 0, str(v)))
+    return sorted(
+        values, key=lambda v: (isinstance(v, str), v if not isinstance(v, str) else 0, str(v))
+    )
 
 
 def _said(value: Any) -> str:
