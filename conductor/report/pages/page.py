@@ -43,7 +43,7 @@ from conductor.report.reading.provenance import file_digests
 from conductor.report.reading.recorded import Failure
 from conductor.report.reading.systems import system_names
 from conductor.report.rulebook.figure import residual_figure
-from conductor.report.rulebook.shown import rulebook_shown
+from conductor.report.rulebook.shown import RULE, rulebook_shown
 from schemas.kinds.kpi import scalars_by_name
 
 _SCRIPTS = ("shared.js", "maps.js", "curves.js", "figures.js", "cases.js", "print.js")
@@ -76,6 +76,7 @@ def render(content: Content, failures: list[Failure]) -> str:
         perception=perception_costs(dossier),
         names=names,
         book=book,
+        RULE=RULE,
         systems=verdict_table(dossier),
         report=dossier.scenario.report,
         digits={kind.name: kind.digits for kind in scalars_by_name().values()},

@@ -74,7 +74,8 @@ def _axes_of(row: RulebookRow, prefix: str, matrix: Sequence[str]) -> list[str]:
 
 
 def _trial(case_row: CaseRow) -> Trial | None:
-    return trial_of(case_row.case.variation.scenario)
+    trial: Trial | None = trial_of(case_row.case.variation.scenario)
+    return trial
 
 
 def _row(

@@ -12,6 +12,12 @@ from conductor.report.rulebook.tables import GroupTable, group_tables
 from schemas.files.rulebook_result import RulebookResult, RulebookRowResult, RulebookRun
 from schemas.rulebook_rows import prefix_of
 
+RULE = (
+    "Passed means: the run fulfils the criterion of its row (verdict pass or avoided). A run that "
+    "missed a precondition is inconclusive: it counts neither as passed nor as failed, and leaves "
+    "its row open."
+)
+"""What passing means."""
 _SECOND_HAND = {
     "B": "text or files of a third party",
     "C": "somebody's reading of the source",
@@ -28,6 +34,8 @@ class RulebookShown:
     """Which figures are second-hand."""
     varied: str
     """In what repetitions differ beside noise; empty: in nothing."""
+    told: list[str]
+    """Statuses of its runs, each once."""
     lost: list[tuple[RulebookRowResult, RulebookRun]]
     """Runs that ended and did not pass."""
 
@@ -49,6 +57,7 @@ def rulebook_shown(dossier: Dossier, result: RulebookResult | None) -> RulebookS
         tables=group_tables(rulebook, result),
         second_hand=second_hand(result),
         varied=", ".join(varied) if any(row.repetitions > 1 for row in rulebook.rows) else "",
+        told=sorted({run.status for _, run in runs}),
         lost=[(row, run) for row, run in runs if run.passed is not True],
     )
 

@@ -11,10 +11,11 @@ import pytest
 from unit.conductor.report.synthetic_campaign import make_campaign
 
 from conductor.records.outcomes import CaseOutcome
-from conductor.report import make_report, report_json
+from conductor.report import make_report, report_json, write_result_page
 from conductor.report.reading.dossier import open_dossier
 from conductor.report.rulebook.results import rulebook_result, standing_of
 from conductor.report.rulebook.shown import rulebook_shown
+from conductor.report.rulebook.side_by_side import paired_tables
 from schemas.case import Case
 from schemas.files.rulebook_result import RulebookCount, RulebookResult
 from schemas.kinds.scenario import trial_of
@@ -211,6 +212,9 @@ def test_the_page_and_the_file_hold_it(tmp_path: Path) -> None:
     assert "fail &lt;b&gt;by hand" in page
     assert "<b>by hand" not in re.sub(r"<script>.*?</script>", "", page, flags=re.S)
     assert report_json(tmp_path)["rulebook"]["standing"] == "passed"
+    text = write_result_page(tmp_path, tmp_path / "result.md").read_text()
+    assert "## Rules of the yard: passed" in text
+    assert "| Standing car | ✓ 2/2 | ✓ 2/2 | ✗ 30 · 1/2 |" in text
 
 
 def test_a_campaign_without_a_rulebook_has_neither(tmp_path: Path) -> None:
@@ -218,3 +222,17 @@ def test_a_campaign_without_a_rulebook_has_neither(tmp_path: Path) -> None:
     make_report(tmp_path, plots=False)
     assert not (tmp_path / "rulebook.json").exists()
     assert "type approval" not in (tmp_path / "report.html").read_text()
+
+
+def test_two_stacks_stand_side_by_side(tmp_path: Path) -> None:
+    result_of(tmp_path / "before", {"_60-r1": "fail"})
+    result_of(tmp_path / "after", {"plate": "false_reaction"})
+    before, after = (open_dossier(tmp_path / side) for side in ("before", "after"))
+    car, plate = paired_tables(before, after)
+    assert car.columns == ["Test", "40", "50", "60"]
+    assert car.lines == [["Standing car", "✓ 2/2", "✓ 2/2", "✗ 30 · 1/2 → ✓ 2/2"]]
+    assert car.about.startswith("passed before, passed after.")
+    assert plate.lines == [["Plate", "✓ → ↯"]]
+    assert plate.about.startswith("passed before, failed after.")
+    make_campaign(tmp_path / "other")
+    assert paired_tables(before, open_dossier(tmp_path / "other")) == []
