@@ -29,7 +29,8 @@ from schemas.rulebook_rows import (
     constants_of_row,
     grid_of_rows,
     prefix_of,
-    scenario_of_row,
+    trial_of_point,
+    with_file,
 )
 from schemas.sections.autonomy import Autonomy
 from schemas.sections.camera import Camera
@@ -187,7 +188,6 @@ def _scenario(
         return scenario_of(scenario, point, where, memo)
     if not kind_of(scenario).trial:
         return None, []  # said where the rulebook is looked at
-    written = scenario_of_row(scenario, row, point)
     changed = dict(point)
     before = dict[str, float]()
     for name, added in drawn.items():
@@ -198,12 +198,11 @@ def _scenario(
         if isinstance(value, int | float):
             before[axis] = value
             changed[axis] = round(value + added, DRAWN_DIGITS)
-    if before:
-        key = kind_of(scenario).trial
-        trial = msgspec.structs.replace(getattr(written, key), written=before)
-        written = msgspec.structs.replace(written, **{key: trial})
-        memo = {}
-    return scenario_of(written, changed, where, memo)
+    made, mistakes = scenario_of(with_file(scenario, row), changed, where, memo)
+    if made is None:
+        return None, mistakes
+    trial = msgspec.structs.replace(trial_of_point(scenario, row, point), written=before)
+    return msgspec.structs.replace(made, **{kind_of(scenario).trial: trial}), mistakes
 
 
 def _drawn(seed: int, row: RulebookRow, name: str, repeat: int) -> dict[str, float]:
