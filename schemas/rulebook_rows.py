@@ -167,6 +167,7 @@ def _row_mistakes(
     if row.zipped and len({length for length in lengths.values() if length != 1}) > 1:
         shown = ", ".join(f"{name} {length}" for name, length in lengths.items())
         yield Mistake(f"{where}.values", f"zipped lists are equally long, given {shown}")
+        return  # it has no points
     no_conditions = {
         ROW_AXIS: "the row has its name",
         REPEAT_AXIS: "give repetitions",
