@@ -155,7 +155,10 @@ def examine(data: Any) -> tuple[Plan | None, list[Mistake]]:
         return None, mistakes
     mistakes = campaign_mistakes(campaign)
     points: list[Point] = []
-    if campaign.autonomy.perception and 0 < count_of(campaign) <= CASES_MAX:
+    # Rows with mistakes of their own have no points.
+    rows = ("rulebook", "scenario", "matrix", "cases")
+    readable = campaign.rulebook is UNSET or not any(m.path.startswith(rows) for m in mistakes)
+    if readable and campaign.autonomy.perception and 0 < count_of(campaign) <= CASES_MAX:
         points, point_mistakes = points_of(campaign)
         known = [mistake.path for mistake in mistakes]
         mistakes += [

@@ -29,7 +29,8 @@ from schemas.rulebook_rows import (
     constants_of_row,
     grid_of_rows,
     prefix_of,
-    scenario_of_row,
+    trial_of_point,
+    with_file,
 )
 from schemas.sections.autonomy import Autonomy
 from schemas.sections.camera import Camera
@@ -187,7 +188,6 @@ def _scenario(
         return scenario_of(scenario, point, where, memo)
     if not kind_of(scenario).trial:
         return None, []  # said where the rulebook is looked at
-    written = scenario_of_row(scenario, row, point)
     changed = dict(point)
     before = dict[str, float]()
     for name, added in drawn.items():
@@ -198,22 +198,26 @@ def _scenario(
         if isinstance(value, int | float):
             before[axis] = value
             changed[axis] = round(value + added, DRAWN_DIGITS)
-    if before:
-        key = kind_of(scenario).trial
-        trial = msgspec.structs.replace(getattr(written, key), written=before)
-        written = msgspec.structs.replace(written, **{key: trial})
-        memo = {}
-    return scenario_of(written, changed, where, memo)
+    made, mistakes = scenario_of(with_file(scenario, row), changed, where, memo)
+    if made is None:
+        return None, mistakes
+    trial = msgspec.structs.replace(trial_of_point(scenario, row, point), written=before)
+    return msgspec.structs.replace(made, **{kind_of(scenario).trial: trial}), mistakes
 
 
-def _drawn(seed: int, row: RulebookRow, name: str, repeat: int) -> dict[str, float]:
+def _drawn(
+    seed: int, row: RulebookRow, point: dict[str, Any], shared: tuple[str, str, str]
+) -> dict[str, float]:
     """What a repetition adds to the values of its row, by name; the first adds nothing.
 
-    Uniform in each range; nothing but the seed, the point without its repetition (``name``), the
-    number of the repetition and the name of what is varied decides it.
+    Uniform in each range; nothing but the seed, the row's name, the values of the point, the number
+    of the repetition and the name of what is varied decides it.
     """
+    repeat = point.get(REPEAT_AXIS, 0)
     if not repeat:
         return {}
+    values = {axis: value for axis, value in point.items() if axis not in (ROW_AXIS, REPEAT_AXIS)}
+    name = case_id(*shared, values, row.row)
     drawn = {}
     for varied, (low, high) in row.varied.items():
         share = stream_key(seed, name, f"repetition {repeat} of {varied}") / 2**64
@@ -223,12 +227,10 @@ def _drawn(seed: int, row: RulebookRow, name: str, repeat: int) -> dict[str, flo
 
 def _name(
     campaign: Campaign, row: RulebookRow | None, point: dict[str, Any], shared: tuple[str, str, str]
-) -> tuple[str, str]:
-    """The name of a case, and of its point without the repetition; ``shared``: its perception
-    variant, time and weather."""
+) -> str:
+    """The name of a case; ``shared``: its perception variant, time and weather."""
     if row is None:
-        name = case_id(*shared, point)
-        return name, name
+        return case_id(*shared, point)
     constants = constants_of_row(row, prefix_of(campaign.scenario))
     said = (ROW_AXIS, REPEAT_AXIS)
     rest = {
@@ -237,7 +239,7 @@ def _name(
         if axis not in said and not (axis in constants and constants[axis] == value)
     }
     name = case_id(*shared, rest, row.row) if rest else row.row
-    return (f"{name}-r{point[REPEAT_AXIS]}" if REPEAT_AXIS in point else name), name
+    return f"{name}-r{point[REPEAT_AXIS]}" if REPEAT_AXIS in point else name
 
 
 def _point(
@@ -255,8 +257,8 @@ def _point(
     repeat, axis_mistakes = value_of(point, "repeat", where, memo)
     mistakes += axis_mistakes
     shared = (model, str(time_of_day), str(weather))
-    name, written = _name(campaign, row, point, shared)
-    drawn = _drawn(campaign.seed, row, written, repeat or 0) if row else {}
+    name = _name(campaign, row, point, shared)
+    drawn = _drawn(campaign.seed, row, point, shared) if row and repeat else {}
     scenario, axis_mistakes = _scenario(campaign, point, where, memo, row, drawn)
     mistakes += axis_mistakes
     camera, axis_mistakes = section_of(campaign.camera, "camera", point, where, memo)

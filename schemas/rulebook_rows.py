@@ -81,22 +81,19 @@ def constants_of_row(row: RulebookRow, prefix: str) -> Point:
     return {**row.conditions, **{prefix + name: value for name, value in singles.items()}}
 
 
-def scenario_of_row(scenario: Scenario, row: RulebookRow, point: Point) -> Scenario:
-    """The scenario of a campaign with the file of a row and its trial, for one of its points as it
-    is written."""
-    kind = kind_of(scenario)
+def with_file(scenario: Scenario, row: RulebookRow) -> Scenario:
+    """The scenario of a campaign with the file of a row."""
+    if not row.storyboard:
+        return scenario
+    return msgspec.structs.replace(scenario, **{kind_of(scenario).brings_scene: row.storyboard})
+
+
+def trial_of_point(scenario: Scenario, row: RulebookRow, point: Point) -> Trial:
+    """The trial of a row with the speeds that one of its points says, as it is written."""
     prefix = prefix_of(scenario)
-    numbers = getattr(scenario, kind.numbers)
+    numbers = getattr(scenario, kind_of(scenario).numbers)
     numbers = {} if numbers is UNSET else dict(numbers)
     numbers |= {a.removeprefix(prefix): v for a, v in point.items() if a.startswith(prefix)}
-    changes: dict[str, Any] = {kind.trial: trial_of_row(row, numbers)}
-    if row.storyboard:
-        changes[kind.brings_scene] = row.storyboard
-    return msgspec.structs.replace(scenario, **changes)
-
-
-def trial_of_row(row: RulebookRow, numbers: Mapping[str, float]) -> Trial:
-    """The trial of a row with the speeds that numbers of the scenario file say."""
     trial = row.trial
     speeds = {}
     for key, name in (
@@ -170,6 +167,7 @@ def _row_mistakes(
     if row.zipped and len({length for length in lengths.values() if length != 1}) > 1:
         shown = ", ".join(f"{name} {length}" for name, length in lengths.items())
         yield Mistake(f"{where}.values", f"zipped lists are equally long, given {shown}")
+        return  # it has no points
     no_conditions = {
         ROW_AXIS: "the row has its name",
         REPEAT_AXIS: "give repetitions",
@@ -198,7 +196,7 @@ def _trial_mistakes(row: RulebookRow, where: str, scenario: Scenario) -> Iterato
     for point in points_of_row(row, prefix):
         if any(not isinstance(value, int | float | str) for value in point.values()):
             return  # said where lists are looked at
-        trial: Trial = getattr(scenario_of_row(scenario, row, point), kind_of(scenario).trial)
+        trial = trial_of_point(scenario, row, point)
         if trial.speed_kmh is None:
             name = trial.speed_number
             yield Mistake(

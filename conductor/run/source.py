@@ -162,6 +162,34 @@ def only_case(plan: Plan, case: str) -> Plan:
     return chosen
 
 
+def of_rows(plan: Plan, rows: str, *, quick: bool) -> Plan:
+    """The plan with the rows of its rulebook that ``rows`` names, with commas between; of them only
+    the first and the last point, if ``quick``. Without either, the plan as it is.
+
+    Raises:
+        UsageError: it has no rulebook, or no row that is called so.
+    """
+    option = "--rows" if rows else "--quick"
+    try:
+        if rows:
+            plan = plan.rows(rows.split(","))
+        return plan.quick() if quick else plan
+    except ValueError as error:
+        raise UsageError(f"{option}: {error}") from None
+
+
+def chosen(plan: Plan, case: str, cases: int | None, rows: str, *, quick: bool) -> Plan:
+    """The plan with the cases that options of a command choose.
+
+    Raises:
+        UsageError: there are none.
+    """
+    plan = of_rows(plan, rows, quick=quick)
+    if case:
+        plan = only_case(plan, case)
+    return plan if cases is None else plan.first(cases)
+
+
 def with_drive(plan: Plan) -> Plan:
     """The plan with a record of every drive.
 

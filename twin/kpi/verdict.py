@@ -14,7 +14,7 @@ from schemas.kinds.scenario import kind_of
 from twin.kpi.computed import computed_scalars
 from twin.kpi.recorder import CaseRows
 from twin.scenario.protocol import (
-    Contact,
+    FirstContact,
     HoldsTrial,
     Scalars,
     ScenarioRun,
@@ -133,12 +133,12 @@ def _least(recorder: CaseRows, column: str) -> int | None:
     return int(valid[np.argmin(recorder.column(column)[valid])])
 
 
-def contact_of(state: np.ndarray, hit: Thing | None) -> Contact | None:
+def contact_of(state: np.ndarray, hit: Thing | None) -> FirstContact | None:
     """The first collision of a case; None: there was none."""
     if not state[COLUMN["collisions"]] > 0:
         return None
     time_s = float(state[COLUMN["impact_step"]] * PHYSICS_STEP_NS / 1e9)
-    return Contact(time_s, float(state[COLUMN["impact_speed_mps"]]), hit)
+    return FirstContact(time_s, float(state[COLUMN["impact_speed_mps"]]), hit)
 
 
 def judge(rows: CaseRows, state: np.ndarray, run: ScenarioRun, hit: Thing | None) -> Verdict:

@@ -71,7 +71,7 @@ class TellsEvents(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Contact:
+class FirstContact:
     """The first collision of a case."""
 
     time_s: float
@@ -87,10 +87,10 @@ class HoldsTrial(Protocol):
     """A run that may be a trial: it also concludes cases with a collision, from the rows and the
     collision alone, so that the judge comes to the same."""
 
-    def trial_scalars(self, rows: Rows, contact: Contact | None) -> Scalars:
+    def trial_scalars(self, rows: Rows, contact: FirstContact | None) -> Scalars:
         """Scalars of the trial; None where missing, and where the case is none."""
 
-    def trial_verdict(self, rows: Rows, contact: Contact | None) -> Verdict | None:
+    def trial_verdict(self, rows: Rows, contact: FirstContact | None) -> Verdict | None:
         """The verdict of the trial; None: the case is none."""
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from schemas.kinds.scenarios.storyboard import StoryboardConfig
 from twin.scenario.driver import BRAKED
-from twin.scenario.protocol import Contact, Rows, Scalars, Verdict
+from twin.scenario.protocol import FirstContact, Rows, Scalars, Verdict
 from twin.scenario.storyboard.case.trial import TRIAL_SCALARS, TrialRun
 from twin.scenario.surroundings import Surroundings
 
@@ -63,12 +63,12 @@ class StoryboardFamily:
         reasons = [f"time is up at {speed_mps:.2f} m/s, and the storyboard still runs"]
         return Verdict("time_up", [*reasons, *self.before_end(rows)])
 
-    def trial_scalars(self, rows: Rows, contact: Contact | None) -> Scalars:
+    def trial_scalars(self, rows: Rows, contact: FirstContact | None) -> Scalars:
         """Scalars of the trial; None without one."""
         none: Scalars = dict.fromkeys(TRIAL_SCALARS)
         return none if self._trial is None else self._trial.scalars(rows, contact)
 
-    def trial_verdict(self, rows: Rows, contact: Contact | None) -> Verdict | None:
+    def trial_verdict(self, rows: Rows, contact: FirstContact | None) -> Verdict | None:
         """The verdict of the trial; None: the case is none."""
         if self._trial is None:
             return None

@@ -14,7 +14,7 @@ import numpy as np
 from schemas.kinds.scenarios.storyboard import StoryboardConfig
 from schemas.sections.trial import Trial
 from twin.road.opendrive.grid import cosine, sine
-from twin.scenario.protocol import Contact, Rows, Scalars, Verdict
+from twin.scenario.protocol import FirstContact, Rows, Scalars, Verdict
 from twin.scenario.surroundings import Surroundings
 
 TARGET_COLUMNS = (
@@ -91,7 +91,7 @@ class TrialRun:
         self._braking = config.robot_brake
         self._ground = ground
 
-    def scalars(self, rows: Rows, contact: Contact | None) -> Scalars:
+    def scalars(self, rows: Rows, contact: FirstContact | None) -> Scalars:
         """Values of :data:`TRIAL_SCALARS`."""
         course = self._course(rows)
         seen = self._measured(rows, course, contact)
@@ -109,7 +109,7 @@ class TrialRun:
             values["speed_reduction_mps"] = slower_mps
         return values
 
-    def verdict(self, rows: Rows, contact: Contact | None) -> Verdict:
+    def verdict(self, rows: Rows, contact: FirstContact | None) -> Verdict:
         """``inconclusive`` where a precondition was missed, else as the trial's rule says."""
         course = self._course(rows)
         seen = self._measured(rows, course, contact)
@@ -149,7 +149,7 @@ class TrialRun:
             left_mps=vy * c - vx * s,
         )
 
-    def _measured(self, rows: Rows, course: _Course, contact: Contact | None) -> _Measured:
+    def _measured(self, rows: Rows, course: _Course, contact: FirstContact | None) -> _Measured:
         last = rows.rows - 1
         if contact is not None:
             last = max(0, int(np.searchsorted(course.time_s, contact.time_s, "right")) - 1)
@@ -183,7 +183,7 @@ class TrialRun:
         return acts
 
     def _relative_mps(
-        self, rows: Rows, course: _Course, last: int, contact: Contact | None
+        self, rows: Rows, course: _Course, last: int, contact: FirstContact | None
     ) -> float:
         """Relative speed at a contact: the target's velocity of that moment, between two rows,
         along the ego's heading before it."""
@@ -264,7 +264,7 @@ class TrialRun:
         return None
 
     def _avoid(
-        self, rows: Rows, course: _Course, seen: _Measured, contact: Contact | None
+        self, rows: Rows, course: _Course, seen: _Measured, contact: FirstContact | None
     ) -> Verdict:
         if contact is None:
             return self._undecided(rows, course, seen) or Verdict("avoided", ["no contact"])
@@ -280,7 +280,7 @@ class TrialRun:
         return Verdict("mitigated" if enough else "not_mitigated", [how])
 
     def _limit(
-        self, rows: Rows, course: _Course, seen: _Measured, contact: Contact | None
+        self, rows: Rows, course: _Course, seen: _Measured, contact: FirstContact | None
     ) -> Verdict:
         limit_kmh = self._trial.limit_kmh()
         if contact is None:
@@ -295,7 +295,7 @@ class TrialRun:
         return Verdict("pass" if kept else "fail", [how])
 
     def _no_reaction(
-        self, rows: Rows, course: _Course, seen: _Measured, contact: Contact | None
+        self, rows: Rows, course: _Course, seen: _Measured, contact: FirstContact | None
     ) -> Verdict:
         # Before the stack acts, it is the scenario that slows the ego down.
         begin = seen.last + 1 if seen.acted is None else seen.acted
@@ -316,7 +316,7 @@ class TrialRun:
         return Verdict("pass", [f"the ego slowed down by {most:.2f} m/s2 at most; {allowed}"])
 
     def _warn(
-        self, rows: Rows, course: _Course, seen: _Measured, contact: Contact | None
+        self, rows: Rows, course: _Course, seen: _Measured, contact: FirstContact | None
     ) -> Verdict:
         warned = np.flatnonzero(_switched(rows, "warning")[: seen.last + 1])
         if not len(warned):
@@ -357,7 +357,7 @@ def _lateral_m(course: _Course, row: int) -> float | None:
     return float(course.left_m[row]) + float(course.left_mps[row]) * meets_s
 
 
-def _strange(contact: Contact) -> str:
+def _strange(contact: FirstContact) -> str:
     """A contact that ends a test otherwise than it was meant to."""
     what = f" with {contact.thing.words}" if contact.thing is not None else ""
     return f"contact{what} at {contact.speed_mps * _KMH:.1f} km/h after {contact.time_s:.3f} s"
