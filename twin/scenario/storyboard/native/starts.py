@@ -212,6 +212,21 @@ def spot_position(
     return ground.fixed(road, lane, spot.s_m, offset, sign), sign
 
 
+def origin_at(spot: ScenarioSpot, ground: ScenarioGround, place: StartPlace) -> FixedPosition:
+    """Where the origin of an actor is while its middle is at a spot, headed along the road.
+
+    Raises:
+        SpotError: there is no such place.
+    """
+    position, sign = spot_position(spot, ground, place)
+    s = position.s_m - sign * place.body.centre_x_m
+    try:
+        ground.section(position.road, s)
+        return ground.fixed(position.road, position.lane, s, position.lane_offset_m, sign)
+    except (SpotError, ValueError):
+        return position  # at the very beginning of a road, or where its lane begins
+
+
 def _check_room(
     places: dict[str, StartPlace], scenario: NativeScenario, mistakes: NativeMistakes
 ) -> None:
