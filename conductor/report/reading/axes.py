@@ -53,14 +53,14 @@ LEFT_OUT = ("as the stack has it", "as in the scene", "no such sensor", "as in t
 """Values of an axis that a case says nothing of."""
 
 
-def axis_value(case: Case, axis: str) -> Any:
+def axis_value(case: Case, axis: str, *, drawn: bool = False) -> Any:
     """Value of ``axis`` for a case; time of day as ``HH:MM``, one of :data:`LEFT_OUT` where it says
-    nothing of it. Of a repetition of a row, what the row says."""
+    nothing of it. Of a repetition of a row, what the row says; ``drawn``: what it has itself."""
     rig, variation = case.rig, case.variation
     trial = trial_of(variation.scenario)
     if axis == ROW_AXIS:
         return trial.row if trial else NO_ROW
-    if trial and axis in trial.written:
+    if trial and axis in trial.written and not drawn:
         return trial.written[axis]
     if axis.startswith(PARAMETER_AXES):
         return rig.parameters.get(axis.removeprefix(PARAMETER_AXES), LEFT_OUT[0])
