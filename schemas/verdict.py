@@ -13,6 +13,8 @@ from schemas.kinds.scenario import passing_words
 COLLISION = "collision"
 IMPACT = "impact_speed_mps"
 """Scalar of cases in which the ego collided."""
+TRIAL = "trial_speed_mps"
+"""Scalar that all trials have, and no other case."""
 
 
 def is_pass(outcome: str, verdict: str) -> bool:
@@ -27,11 +29,13 @@ def no_collision(
     """The rule of the AutoDRIVE paper, as a column beside the verdict: the case came to a verdict,
     and the ego did not collide. None: there is no verdict.
 
-    Words of trials do not tell of every collision, the case's scalars do.
+    Words of trials do not tell of every collision, their scalars do.
     """
     if outcome != "verdict":
         return None
-    return verdict != COLLISION and (scalars or {}).get(IMPACT) is None
+    if scalars and scalars.get(TRIAL) is not None:
+        return scalars.get(IMPACT) is None
+    return verdict != COLLISION
 
 
 class Judged(Struct, frozen=True, kw_only=True):
