@@ -269,7 +269,10 @@ class Engine:
             x_m, y_m, yaw_rad = families.start_of(scenario, ground)
             return StartPose(x_m, y_m, 0.0, yaw_rad, scenario.ego_speed_mps), ground
         start = self._motion.begin(slot, case)
-        return start, replace(ground, events=self._motion.events(slot))
+        ground = replace(ground, events=self._motion.events(slot))
+        if target := self._motion.target(slot):
+            ground = replace(ground, target=target.hull, target_name=target.name)
+        return start, ground
 
     def _things(self, slot: int) -> Sequence[Thing]:
         """What the hulls of a slot belong to."""
@@ -528,8 +531,12 @@ class Engine:
         columns = self._run(slot).scenario.columns()
         if self._motion is None:
             return columns
+        around = {
+            "light_lx": float(self._illuminance_lx[slot]),
+            "road_friction": float(self._vehicles.friction[slot]),
+        }
         warning = {} if command is None else {"warning": float(command.warning)}
-        return {**columns, **self._motion.columns(slot), **warning}
+        return {**columns, **around, **self._motion.columns(slot), **warning}
 
     def _survey(self) -> None:
         """Begin to measure what every ego is nearest to at the current ticks, see

@@ -25,6 +25,14 @@ class StartPose(NamedTuple):
     speed_mps: float
 
 
+class CaseTarget(NamedTuple):
+    """What the trial of a case is about."""
+
+    name: str
+    hull: np.ndarray
+    """Hull at the start [5]: x, y [m], yaw [rad], half length and width [m]."""
+
+
 class CaseMotion(Protocol):
     """Bodies of all slots, from step to step; slots know nothing of one another."""
 
@@ -89,6 +97,9 @@ class CaseMotion(Protocol):
 
     def things(self, slot: int) -> Sequence[Thing]:
         """What the bodies of a slot are [M]."""
+
+    def target(self, slot: int) -> CaseTarget | None:
+        """What the trial of the case in a slot is about; None: it is no trial."""
 
     def events(self, slot: int) -> tuple[str, ...]:
         """Names of what may happen in the case of a slot."""

@@ -16,16 +16,22 @@ from twin.actors.palette import nobody
 from twin.road.opendrive.grid import cosine, settled, sine
 from twin.road.tables.road_tables import RoadTables, road_tables
 from twin.scenario.case_files import check_scenario_files
-from twin.scenario.case_motion import StartPose
+from twin.scenario.case_motion import CaseTarget, StartPose
 from twin.scenario.driver import LedPose, RobotLimits
 from twin.scenario.storyboard.case.bodies import SlotBodies
-from twin.scenario.storyboard.case.checks import STEP_NS, other_road, program_mistakes
+from twin.scenario.storyboard.case.checks import (
+    STEP_NS,
+    other_road,
+    program_mistakes,
+    target_row,
+)
 from twin.scenario.storyboard.case.files import (
     LoadedStoryboard,
     load_storyboard,
     scene_name,
 )
 from twin.scenario.storyboard.case.rig_player import RigPlayer
+from twin.scenario.storyboard.case.trial import TARGET_COLUMNS
 from twin.scenario.storyboard.player.columns import Real, Whole
 from twin.scenario.storyboard.program.entities import BodyBox
 from twin.scenario.storyboard.program.program import ElementKind, Program
@@ -111,6 +117,8 @@ class StoryboardMotion:
         self._way_m[slot] = self._yaw_rate[slot] = 0.0
         self._stale = True
         self._watch([slot])
+        if config.trial is not None:
+            run.target = target_row(name, loaded, config.trial)
         if config.driver == "robot":
             run.limits = RobotLimits(config.robot_brake, math.radians(config.robot_steering_deg))
             run.led_pose = self._led(slot, run)
@@ -219,6 +227,11 @@ class StoryboardMotion:
             values["robot_drives"] = float(run.limits is not None)
         if run.intervention:
             values["intervention_kind"] = float(run.intervention)
+        if run.target is not None:
+            now, at = self.at(np.zeros(0)), (slot, run.target)
+            place, velocity = now.position_m[at], now.velocity_mps[at]
+            moved = (place[0], place[1], now.yaw_rad[at], velocity[0], velocity[1])
+            values |= {name: float(v) for name, v in zip(TARGET_COLUMNS, moved, strict=True)}
         return values
 
     def ended(self, slot: int) -> bool:
@@ -233,6 +246,16 @@ class StoryboardMotion:
     def things(self, slot: int) -> Sequence[Thing]:
         """What the bodies of a slot are [M]."""
         return self._run(slot).things
+
+    def target(self, slot: int) -> CaseTarget | None:
+        """What the trial of a slot is about, and where it is now; None: the case is no trial."""
+        run = self._run(slot)
+        if run.target is None:
+            return None
+        now, at = self.at(np.zeros(0)), (slot, run.target)
+        place, half_m = now.position_m[at][:2].tolist(), now.half_m[at].tolist()
+        hull = np.array([*place, float(now.yaw_rad[at]), *half_m])
+        return CaseTarget(run.things[run.target].name, hull)
 
     def events(self, slot: int) -> tuple[str, ...]:
         """Names of the events of a slot's storyboard, in the order of its file."""
@@ -309,7 +332,7 @@ class _SlotCase:
     __slots__ = (
         *("loaded", "things", "names", "numbers", "seen"),
         *("events_started", "event_last", "event_last_s"),
-        *("limits", "led_pose", "intervention"),
+        *("limits", "led_pose", "intervention", "target"),
     )
 
     def __init__(self, loaded: LoadedStoryboard, things: tuple[Thing, ...]) -> None:
@@ -329,6 +352,8 @@ class _SlotCase:
         self.limits: RobotLimits | None = None
         """Of the robot that drives the ego; None: the stack does."""
         self.led_pose = LedPose(*[0.0] * len(LedPose._fields))
+        self.target: int | None = None
+        """Body that the trial is about; None: the case is no trial."""
         self.intervention = 0
         """How the stack intervened; 0: it has not."""
 

@@ -12,7 +12,8 @@ from twin.scenario.storyboard.native.bodies import WALKERS
 from twin.scenario.storyboard.native.ground import NativeMistakes, ScenarioGround, SpotError
 from twin.scenario.storyboard.native.orders import ActorOrders, ArriveOrder, KeepOrder, LampOrders
 from twin.scenario.storyboard.native.sections import ActorStart, IdmSettings, NativeScenario
-from twin.scenario.storyboard.native.starts import StartPlace, spot_position
+from twin.scenario.storyboard.native.starts import StartPlace, origin_at, spot_position
+from twin.scenario.storyboard.native.watches import ScenarioSpot
 from twin.scenario.storyboard.native.ways import (
     ActorWay,
     crossing,
@@ -294,13 +295,18 @@ class ActionCompiler:
             for index, (key, spot, who) in enumerate(
                 (("at", arrive.at, place), ("meet_at", arrive.meet_at, master))
             ):
-                place_of = partial(spot_position, spot, self.ground, who)
+                line = self.courses[who.name].path
+                place_of = partial(origin_at, spot, self.ground, who)
+                if line is not None:  # it heads along its line there
+                    place_of = partial(self._spot, spot, who)
                 position = self.mistakes.attempt(f"{path}.{key}", place_of)
-                if position is not None:
-                    line = self.courses[who.name].path
-                    number = -1 if line is None else line.trajectory
-                    along = 0.0 if line is None else nearest(line, position[0])
-                    ends[index] = (position[0], number, along)
+                if position is None:
+                    continue
+                if line is None:
+                    ends[index] = (position, -1, 0.0)
+                else:
+                    along = max(0.0, nearest(line, position) - who.body.centre_x_m)
+                    ends[index] = (position, line.trajectory, along)
         else:
             ways = self._way(name), self._way(arrive.meet)
             meeting = crossing(*ways)
@@ -314,6 +320,9 @@ class ActionCompiler:
                 else:
                     ends[index] = (position_on(way, at, self.ground), -1, 0.0)
         return synchronisation(arrive, self.numbers[arrive.meet], ends)
+
+    def _spot(self, spot: ScenarioSpot, who: StartPlace) -> FixedPosition:
+        return spot_position(spot, self.ground, who)[0]
 
     def _keep(self, path: str, name: str, keep: KeepOrder) -> list[tuple[str, PrivateAction]]:
         others = [other for other in self.numbers if other != name]
@@ -400,8 +409,8 @@ def synchronisation(
         position=position,
         final_speed=final,
         final_speed_mps=arrive.speed_mps or 0.0,
-        steady_state=SteadyStateKind.NONE,
-        steady_state_value=0.0,
+        steady_state=SteadyStateKind.DISTANCE if arrive.steady_m else SteadyStateKind.NONE,
+        steady_state_value=arrive.steady_m,
         tolerance_master_m=0.0,
         tolerance_m=0.0,
         trajectory=trajectory,

@@ -35,10 +35,14 @@ class ArriveOrder(_Section, frozen=True, kw_only=True):
     """Where the other one arrives then; given together with `at`."""
     speed_mps: Annotated[float, Meta(ge=0, le=100)] | None = None
     """Own speed on arrival [m/s]; not given: whatever it takes."""
+    steady_m: Annotated[float, Meta(ge=0, le=1000)] = 0.0
+    """So far before it arrives it has that speed already, and keeps it [m]."""
 
     def __post_init__(self) -> None:
         if (self.at is None) != (self.meet_at is None):
             raise ValueError("at and meet_at belong together: give both or none")
+        if self.steady_m and self.speed_mps is None:
+            raise ValueError("steady_m needs a speed_mps of arrival")
 
 
 class KeepOrder(_Section, frozen=True, kw_only=True):

@@ -105,10 +105,13 @@ class ActorStart(_Section, frozen=True, kw_only=True):
     """Along: place along the road [m]."""
     ahead_m: Annotated[float, Meta(ge=0, le=5000)] | None = None
     """Along: gap ahead of `of`, in the direction in which that travels [m]."""
+    ahead_s: Annotated[float, Meta(ge=0, le=600)] | None = None
+    """Along: the same gap, so long that `of` needs this time for it, as both move at the start
+    [s]."""
     behind_m: Annotated[float, Meta(ge=0, le=5000)] | None = None
     """Along: gap behind `of` [m]."""
     of: str = "ego"
-    """Whom `ahead_m` and `behind_m` count from: the ego or an actor."""
+    """Whom `ahead_m`, `ahead_s` and `behind_m` count from: the ego or an actor."""
     road: str = ""
     """Id or name of the road; not given: that of `of`, the first of the file with `s_m`."""
     oncoming: bool = False
@@ -136,7 +139,7 @@ class ActorStart(_Section, frozen=True, kw_only=True):
 
     def __post_init__(self) -> None:
         _exactly_one(self, ("lane", "footway", "parked", "shoulder", "lateral_m"))
-        _exactly_one(self, ("s_m", "ahead_m", "behind_m"))
+        _exactly_one(self, ("s_m", "ahead_m", "ahead_s", "behind_m"))
         if self.idm is not None and self.behaviour != "idm":
             raise ValueError("idm sets up `behaviour: idm`, which is not given")
         if self.parked is not None and self.speed_mps > 0.0:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
+import msgspec
+
 from schemas.validation import suggest
 from twin.scenario.storyboard.native.bodies import BODIES, ActorBody, body_of
 from twin.scenario.storyboard.native.ground import NativeMistakes, ScenarioGround, SpotError
@@ -95,6 +97,17 @@ def _attempt(
             f"{path}.speed_mps",
             f"given {start.speed_mps:g}, kind {start.kind} goes at most {body.speed_max_mps:g} m/s",
         )
+    if start.ahead_s is not None:
+        other = scenario.actors.get(start.of, scenario.ego)
+        along = math.cos(math.radians(start.heading_deg or 0.0))
+        if start.oncoming is not other.oncoming:
+            along = -along
+        closing_mps = other.speed_mps - along * start.speed_mps
+        if closing_mps <= 0.0:
+            words = f"'{start.of}' does not come nearer, as both move: give ahead_m"
+            mistakes.add(f"{path}.ahead_s", words)
+            return None
+        start = msgspec.structs.replace(start, ahead_s=None, ahead_m=start.ahead_s * closing_mps)
     return mistakes.attempt(path, lambda: _actor_place(name, start, ground, places))
 
 
@@ -197,6 +210,21 @@ def spot_position(
     else:
         lane, offset = ground.lane(road, spot.s_m, sign, spot.lane or 1), 0.0
     return ground.fixed(road, lane, spot.s_m, offset, sign), sign
+
+
+def origin_at(spot: ScenarioSpot, ground: ScenarioGround, place: StartPlace) -> FixedPosition:
+    """Where the origin of an actor is while its middle is at a spot, headed along the road.
+
+    Raises:
+        SpotError: there is no such place.
+    """
+    position, sign = spot_position(spot, ground, place)
+    s = position.s_m - sign * place.body.centre_x_m
+    try:
+        ground.section(position.road, s)
+        return ground.fixed(position.road, position.lane, s, position.lane_offset_m, sign)
+    except (SpotError, ValueError):
+        return position  # at the very beginning of a road, or where its lane begins
 
 
 def _check_room(

@@ -18,6 +18,7 @@ from twin.scenario.storyboard.program.actions import (
     DynamicsDimension,
     DynamicsShape,
     FinalSpeedKind,
+    SteadyStateKind,
     TransitionDynamics,
 )
 from twin.scenario.storyboard.program.conditions import (
@@ -213,10 +214,20 @@ def test_arriving_on_a_path(tmp_path):
 def test_arriving_where_a_file_says(tmp_path):
     orders = "arrive: {meet: ego, at: {s_m: 160, lane: 1}, meet_at: {s_m: 190, lane: 1}}"
     (action,) = orders_of(tmp_path, orders, CYCLIST, ego=WEST, road="junction")
+    # The middles of both boxes are there then: of a cyclist its origin, of the ego 1.42 m ahead.
     assert action.position.s_m == 160.0
     assert action.position.road == 3
-    assert (action.master_position.road, action.master_position.s_m) == (0, 190.0)
+    assert action.master_position.road == 0
+    assert action.master_position.s_m == pytest.approx(190.0 - 1.42)
     assert action.final_speed is FinalSpeedKind.NONE
+    assert action.steady_state is SteadyStateKind.NONE
+
+
+def test_arriving_at_a_speed_that_is_kept(tmp_path):
+    orders = "arrive: {at: {s_m: 160}, meet_at: {s_m: 190}, speed_mps: 4, steady_m: 6}"
+    (action,) = orders_of(tmp_path, orders, CYCLIST, ego=WEST, road="junction")
+    assert (action.final_speed, action.final_speed_mps) == (FinalSpeedKind.ABSOLUTE, 4.0)
+    assert (action.steady_state, action.steady_state_value) == (SteadyStateKind.DISTANCE, 6.0)
 
 
 def test_keeping_a_gap(tmp_path):

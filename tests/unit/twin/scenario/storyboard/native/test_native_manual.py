@@ -12,7 +12,12 @@ pytest.importorskip("lxml", reason="lxml is not installed")
 from native_scenarios import mistakes_of, program_of
 
 from twin.scenario.storyboard.native.bodies import BODIES
-from twin.scenario.storyboard.native.document import load_native, numbers_of, shipped_scenarios
+from twin.scenario.storyboard.native.document import (
+    SHIPPED,
+    load_native,
+    numbers_of,
+    shipped_scenarios,
+)
 from twin.scenario.storyboard.native.orders import POINTS_MAX
 from twin.scenario.storyboard.native.reference import reference_tables
 from twin.scenario.storyboard.native.sections import ACTORS_MAX, EVENTS_MAX
@@ -56,7 +61,8 @@ def test_shipped_scenarios_are_listed_with_their_first_lines():
         document = load_native(name)
         first = document.file.read_text().splitlines()[0].removeprefix("# ")
         assert f"| `{name}` | `{document.scenario.road}` | {first} |\n" in PAGE
-        assert f"](images/scenario-{name}.png)" in PAGE
+        if document.file.parent == SHIPPED:  # a rulebook's has no picture of its own
+            assert f"](images/scenario-{name}.png)" in PAGE
 
 
 def test_kinds_are_listed():
