@@ -37,7 +37,8 @@ class Brakes(Stack):
         closing_mps = float(observation.sensors["vehicle"][slot][SPEED]) - self.target_mps
         if self.gap_m[slot] < 0.0:
             self.gap_m[slot] = STARTS_S * closing_mps
-        self.brakes[slot] |= closing_mps > 0 and self.gap_m[slot] <= self.from_s * closing_mps
+        near = closing_mps > 0 and self.gap_m[slot] <= self.from_s * closing_mps
+        self.brakes[slot] |= near and self.from_s > 0.0
         self.gap_m[slot] = max(0.0, self.gap_m[slot] - closing_mps * self.period_s)
         brakes = self.brakes[slot]
         return Command(
