@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -104,9 +105,8 @@ def _identity(campaign: Campaign, shown: str) -> StackIdentity:
     driven = driver(autonomy)
     named = Named(driven["stack"], driven.get("foreign"), autonomy.files)
     prefix = "autonomy.parameters."
-    points = [*_single_points(campaign), *campaign.cases]
     parameters = list(autonomy.parameters.values())
-    parameters += [v for point in points for axis, v in point.items() if axis.startswith(prefix)]
+    parameters += [value for axis, value in _axis_values(campaign) if axis.startswith(prefix)]
     try:
         identity = find_stack(named).identity
         return msgspec.structs.replace(identity, named=named_files(parameters))
@@ -115,15 +115,18 @@ def _identity(campaign: Campaign, shown: str) -> StackIdentity:
         raise UsageError(Mistake(f"autonomy.{key}", str(error)).line(shown)) from None
 
 
-def _single_points(campaign: Campaign) -> list[dict[str, Any]]:
-    """Every value that matrix and rulebook give an axis, by itself."""
-    points = [{axis: value} for axis, values in campaign.matrix.items() for value in values]
+def _axis_values(campaign: Campaign) -> Iterator[tuple[str, Any]]:
+    """Every value that matrix, cases and rulebook give an axis."""
+    for axis, values in campaign.matrix.items():
+        yield from ((axis, value) for value in values)
+    for point in campaign.cases:
+        yield from point.items()
     if campaign.rulebook is not UNSET:
         file_axis = f"scenario.{kind_of(campaign.scenario).brings_scene}"
         for row in campaign.rulebook.rows:
-            points += [{axis: value} for axis, value in row.conditions.items()]
-            points += [{file_axis: row.storyboard}] if row.storyboard else []
-    return points
+            yield from row.conditions.items()
+            if row.storyboard:
+                yield file_axis, row.storyboard
 
 
 def _digests(campaign: Campaign) -> dict[str, str]:
@@ -132,8 +135,7 @@ def _digests(campaign: Campaign) -> dict[str, str]:
     for field in ("scene", "vehicle", *kind_of(campaign.scenario).files):
         axis = f"scenario.{field}"
         named.add(getattr(campaign.scenario, field))
-        points = [*_single_points(campaign), *campaign.cases]
-        named.update(str(point[axis]) for point in points if axis in point)
+        named.update(str(value) for other, value in _axis_values(campaign) if other == axis)
     paths = [name for name in sorted(named) if is_path(name) and Path(name).is_file()]
     variants = campaign.autonomy.perception.values()
     models = {name for variant in variants for name in file_fields(variant).values()}

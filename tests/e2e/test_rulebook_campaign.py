@@ -37,7 +37,8 @@ class Brakes(Stack):
         closing_mps = float(observation.sensors["vehicle"][slot][SPEED]) - self.target_mps
         if self.gap_m[slot] < 0.0:
             self.gap_m[slot] = STARTS_S * closing_mps
-        self.brakes[slot] |= closing_mps > 0 and self.gap_m[slot] <= self.from_s * closing_mps
+        near = closing_mps > 0 and self.gap_m[slot] <= self.from_s * closing_mps
+        self.brakes[slot] |= near and self.from_s > 0.0
         self.gap_m[slot] = max(0.0, self.gap_m[slot] - closing_mps * self.period_s)
         brakes = self.brakes[slot]
         return Command(
@@ -50,15 +51,16 @@ class Brakes(Stack):
             aeb=brakes,
         )
 '''
-SHIPPED = Path(__file__).parents[2] / "conductor/campaigns/un-r152.yaml"
+CAMPAIGNS = Path(__file__).parents[2] / "conductor/campaigns"
+SHIPPED = CAMPAIGNS / "un-r152.yaml"
 PERIOD_HZ = 50
 pytestmark = pytest.mark.slow
 
 
-def written(folder, name, from_s, **changes):
-    """UN R152 with a stack that brakes at a time to collision, and without cameras."""
+def written(folder, name, from_s, shipped=SHIPPED, **changes):
+    """A shipped rulebook with a stack that brakes at a time to collision, and without cameras."""
     (folder / "late_stack.py").write_text(STACK)
-    data = yaml.safe_load(SHIPPED.read_text())
+    data = yaml.safe_load(shipped.read_text())
     autonomy = {
         "stack": "late_stack:Brakes",
         "perception": {"none": {"type": "ground_truth"}},
@@ -102,6 +104,23 @@ def test_who_never_brakes_fails_and_who_always_brakes_passes(marked, tmp_path):
         assert scalars["impact_relative_mps"] * 3.6 >= planned - 1e-3
         assert scalars["trial_begin_s"] >= 2.0
         assert "the stack did not intervene" in row["reasons"][-1]
+
+
+def test_where_nothing_is_to_be_done_it_is_the_other_way_round(marked, tmp_path):
+    """FMVSS 127: a steel plate in the lane, and two parked cars beside it."""
+    shipped = CAMPAIGNS / "fmvss-127.yaml"
+    quick = ("--quick", "--rows", "lead,pedestrian-day,false-activation")
+    for name, from_s, positive, negative in (
+        ("never", 0.0, "fail", "pass"),
+        ("always", 99.0, "pass", "false_reaction"),
+    ):
+        path = written(tmp_path, name, from_s, shipped)
+        found = words(ran(marked, tmp_path, path, name, *quick))
+        negatives = {"steel-plate", "parked-gate"}
+        assert negatives < found.keys()
+        assert len(found) == 18
+        assert {found[row] for row in negatives} == {negative}
+        assert {word for row, word in found.items() if row not in negatives} == {positive}
 
 
 def test_repetitions_differ_in_speed_offset_and_load(marked, tmp_path):

@@ -176,7 +176,7 @@ class TrialRun:
 
     def _acts(self, rows: Rows) -> np.ndarray:
         """Rows in which the stack acts [rows]; the robot's driving is none of it."""
-        acts = _switched(rows, "aeb") | _switched(rows, "warning")
+        acts: np.ndarray = _switched(rows, "aeb") | _switched(rows, "warning")
         acts |= rows.valid("intervention_kind")
         if not rows.valid("robot_drives")[0]:
             acts |= rows.valid("brake") & (rows.column("brake") >= self._braking)
