@@ -6,6 +6,7 @@ The mean over the surface, in linear light: so a picture must lie where its coor
 from __future__ import annotations
 
 import warnings
+from functools import cache
 
 import numpy as np
 import pytest
@@ -67,6 +68,7 @@ def mean_color(pieces):
     return total / sum(a.sum() for a in area)
 
 
+@cache
 def ours(path):
     pieces = []
     for part in load_mesh(path).parts:
