@@ -176,6 +176,7 @@ def test_laps_add_up_and_ways_back_count_less():
     assert (along.distance_m, along.lateral_m) == (90.0, 1.0)
 
 
+@pytest.mark.slow
 def test_the_stack_follows_a_narrow_bend_of_the_loop_by_its_camera():
     """Into and out of the arc of 25 m radius, left, at 8 m/s."""
     one = case(camera={"width": 320, "height": 180}, scene="downtown-loop", distance_m=58.0)
