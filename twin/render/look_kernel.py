@@ -14,7 +14,7 @@ import warp as wp
 
 from twin.render.build import KernelOptions
 from twin.render.light.light import SlotLight
-from twin.render.look_surface import look_mirrors
+from twin.render.look_surface import look_mirrors, smooth_point
 from twin.render.shading import look_of, place_of
 from twin.render.trace.geometry import RayScene
 from twin.render.trace.rays import Optics, SlotPose
@@ -62,7 +62,8 @@ def look_kernel(build: KernelOptions, second: bool) -> wp.Kernel:
             ray = rays[pixel.row, pixel.column]
             direction = pose.right * ray[0] + pose.down * ray[1] + pose.ahead * ray[2]
             at = place_of(scene, slot, seen, thread, pose.eye, direction)
-            own = look_of(scene, slot, optics, at, direction)
+            smooth = smooth_point(scene, slot, at.face, at.object, at.u, at.v, at.n)
+            own = look_of(scene, slot, optics, at, smooth.n, direction)
             seen.look[thread] = own
             if wp.static(second):
                 cosine = -wp.dot(at.n, direction)

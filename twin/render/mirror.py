@@ -85,20 +85,19 @@ def _light_functions(features: Features) -> tuple[Any, Any]:
         at.u = hit.u
         at.v = hit.v
         at.distance = before + hit.t
-        if light.shadows != 0:
-            facing = at.n
-            place = at.p
-            if wp.static(looks):
-                smooth = smooth_point(scene, slot, at.face, at.object, at.u, at.v, at.n)
-                facing = smooth.n
-                place = place + smooth.lift
-            if wp.dot(facing, light.sun_direction) > 0.0:
-                dark = occluded(scene, slot, place + at.n * 0.02, light.sun_direction, RANGE_M)
-                at.lit = wp.where(dark, 0.0, sun_through_clouds(at.p, light))
+        facing = at.n
+        place = at.p
         own = LookPoint()
         if wp.static(looks):  # noqa: SIM102 (resolved before the kernel is compiled)
             if scene.faces[at.face].uv_per_m < 0.0:
-                own = look_of(scene, slot, optics, at, direction)
+                smooth = smooth_point(scene, slot, at.face, at.object, at.u, at.v, at.n)
+                facing = smooth.n
+                place = place + smooth.lift
+                own = look_of(scene, slot, optics, at, facing, direction)
+        if light.shadows != 0:
+            if wp.dot(facing, light.sun_direction) > 0.0:
+                dark = occluded(scene, slot, place + at.n * 0.02, light.sun_direction, RANGE_M)
+                at.lit = wp.where(dark, 0.0, sun_through_clouds(at.p, light))
         s = far_surface_of(scene, slot, optics, at, direction, light, own)
         color = matt_light(scene, slot, lamps, beams, optics, pose, at, s, light)
         return through_air(color, light.air_rgb, light.extinction, hit.t)

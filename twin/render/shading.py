@@ -97,13 +97,21 @@ def look_seen(scene: RayScene, face: wp.int32, seen: PixelsSeen, thread: wp.int3
 
 @wp.func
 def look_of(
-    scene: RayScene, slot: wp.int32, optics: Optics, at: ShadedPoint, direction: wp.vec3
+    scene: RayScene,
+    slot: wp.int32,
+    optics: Optics,
+    at: ShadedPoint,
+    curved: wp.vec3,
+    direction: wp.vec3,
 ) -> LookPoint:
-    """What the material of a face with details says of a place seen along ``direction``."""
+    """What the material of a face with details says of a place seen along ``direction``;
+    ``curved``: normal of the curved surface."""
     slope = wp.max(0.2, wp.abs(wp.dot(at.n, direction)))
     footprint = at.distance * optics.pixel / slope * -scene.faces[at.face].uv_per_m
     uv = uv_at(scene, at.face, at.u, at.v)
-    return look_point(scene, slot, at.face, at.object, at.n, at.u, at.v, uv, footprint, direction)
+    return look_point(
+        scene, slot, at.face, at.object, at.n, curved, at.u, at.v, uv, footprint, direction
+    )
 
 
 @wp.func
