@@ -225,6 +225,8 @@ class RayCamera:
             )
             chunk = min(self._chunk, slots - first)
             count = visibility.threads(chunk, height, width)
+            seen.listed_count.zero_()
+            seen.detailed_count.zero_()
             if self._raster is not None:
                 wp.launch(
                     raster.raster_kernel(self.geometry.features),
@@ -234,8 +236,6 @@ class RayCamera:
                     device=self._device,
                 )
             sizes = (count, stride, stride, count)
-            seen.listed_count.zero_()
-            seen.detailed_count.zero_()
             for (kernel, build), (inputs, outputs), size in zip(
                 self._launches(), arguments, sizes, strict=True
             ):

@@ -94,10 +94,9 @@ def _light_functions(features: Features) -> tuple[Any, Any]:
                 facing = smooth.n
                 place = place + smooth.lift
                 own = look_of(scene, slot, optics, at, facing, direction)
-        if light.shadows != 0:
-            if wp.dot(facing, light.sun_direction) > 0.0:
-                dark = occluded(scene, slot, place + at.n * 0.02, light.sun_direction, RANGE_M)
-                at.lit = wp.where(dark, 0.0, sun_through_clouds(at.p, light))
+        if light.shadows != 0 and wp.dot(facing, light.sun_direction) > 0.0:
+            dark = occluded(scene, slot, place + at.n * 0.02, light.sun_direction, RANGE_M)
+            at.lit = wp.where(dark, 0.0, sun_through_clouds(at.p, light))
         s = far_surface_of(scene, slot, optics, at, direction, light, own)
         color = matt_light(scene, slot, lamps, beams, optics, pose, at, s, light)
         return through_air(color, light.air_rgb, light.extinction, hit.t)

@@ -20,7 +20,14 @@ from twin.render.light.light import SlotLight
 from twin.render.trace.cutouts import HOLE
 from twin.render.trace.geometry import RayScene, turned
 from twin.render.trace.rays import Optics, SlotPose
-from twin.render.trace.visibility import NOTHING, TILE_COLUMNS, TILE_ROWS, PixelsSeen
+from twin.render.trace.visibility import (
+    NOTHING,
+    TILE_COLUMNS,
+    TILE_ROWS,
+    PixelsSeen,
+    pixel_of,
+    put_on_list,
+)
 
 wp.set_module_options({"enable_backward": False})
 
@@ -264,7 +271,7 @@ def draw_faces_with_holes(
 @cache
 def raster_kernel(features: Features = NONE) -> wp.Kernel:
     """The kernel for worlds with such ``features``."""
-    draw = draw_faces_with_holes if features.holes else draw_faces
+    draw, looks = draw_faces_with_holes if features.holes else draw_faces, features.looks
 
     @wp.kernel(module="unique", enable_backward=False)
     def draw_kernel(
@@ -280,7 +287,7 @@ def raster_kernel(features: Features = NONE) -> wp.Kernel:
         # out
         seen: PixelsSeen,
     ):
-        """Draw the slots from ``first_slot`` on, one per thread."""
+        """Draw the slots from ``first_slot`` on, one per thread, and list what has details."""
         place = wp.tid()
         slot = first_slot + place
         if lights[slot].active == 0:
@@ -324,5 +331,11 @@ def raster_kernel(features: Features = NONE) -> wp.Kernel:
                     first,
                     seen,
                 )
+        if wp.static(looks):
+            for thread in range(first, first + count):
+                face = seen.face[thread]
+                if face >= 0 and scene.faces[face].uv_per_m < 0.0:  # noqa: SIM102 (seldom)
+                    if pixel_of(thread, first_slot, optics).inside:
+                        put_on_list(seen.detailed, seen.detailed_count, thread)
 
     return draw_kernel

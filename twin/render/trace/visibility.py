@@ -295,7 +295,7 @@ def sun_kernel(build: KernelOptions, second: bool, features: Features = NONE) ->
         slot = pixel.slot
         if lights[slot].active == 0:
             return
-        if wp.static(not second and not looks):  # noqa: SIM102 (resolved before compilation)
+        if wp.static(not second):  # noqa: SIM102 (resolved before the kernel is compiled)
             if lights[slot].shadows == 0:  # nothing to ask, nothing to list
                 return
         face = seen.face[thread]
@@ -303,11 +303,6 @@ def sun_kernel(build: KernelOptions, second: bool, features: Features = NONE) ->
             return
         if wp.static(looks):
             detailed = scene.faces[face].uv_per_m < 0.0
-            if detailed:
-                put_on_list(seen.detailed, seen.detailed_count, thread)
-            if wp.static(not second):  # noqa: SIM102 (as above)
-                if lights[slot].shadows == 0:
-                    return
         pose = poses[slot]
         ray = rays[pixel.row, pixel.column]
         direction = pose.right * ray[0] + pose.down * ray[1] + pose.ahead * ray[2]
