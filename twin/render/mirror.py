@@ -147,7 +147,7 @@ def mirror_kernel(build: KernelOptions, features: Features = NONE) -> wp.Kernel:
             color = wp.vec3(0.0, 0.0, 0.0)
             own = LookPoint()
             if wp.static(looks):
-                own = look_seen(scene, at.face, seen, thread)
+                own = look_seen(seen, thread)
             s = surface_of(scene, slot, optics, at, direction, light, own)
             if s.mirror > 0.0:
                 n = at.n

@@ -209,7 +209,7 @@ def picture_kernel(
                 if wp.static(surfaces):
                     own = LookPoint()
                     if wp.static(looks):
-                        own = look_seen(scene, at.face, seen, thread)
+                        own = look_seen(seen, thread)
                     s = surface_of(scene, slot, optics, at, direction, light, own)
                     color = matt_light(scene, slot, lamps, beams, optics, pose, at, s, light)
                 followed = wp.bool(False)

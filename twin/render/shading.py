@@ -24,7 +24,7 @@ from twin.render.texture import texture_at
 from twin.render.trace import traverse
 from twin.render.trace.geometry import Face, RayScene, turned
 from twin.render.trace.rays import Optics, SlotPose
-from twin.render.trace.visibility import LIT, OBJECT_MASK, PixelsSeen
+from twin.render.trace.visibility import DETAILED, LIT, OBJECT_MASK, PixelsSeen
 from twin.world.meshes import materials
 from twin.world.meshes.mesh import UV_METRES
 
@@ -87,10 +87,10 @@ def place_of(
 
 
 @wp.func
-def look_seen(scene: RayScene, face: wp.int32, seen: PixelsSeen, thread: wp.int32) -> LookPoint:
+def look_seen(seen: PixelsSeen, thread: wp.int32) -> LookPoint:
     """What the material of the face that a thread's pixel sees says, if the face has details."""
     own = LookPoint()
-    if face >= 0 and scene.faces[face].uv_per_m < 0.0:
+    if (seen.flags[thread] & DETAILED) != 0:
         own = seen.look[thread]
     return own
 

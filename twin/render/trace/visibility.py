@@ -43,6 +43,8 @@ ASKED = wp.constant(1 << 17)
 """Flag: a ray to the sun was traced."""
 MIRRORED = wp.constant(1 << 18)
 """Flag: second rays were followed."""
+DETAILED = wp.constant(1 << 19)
+"""Flag: the face has details."""
 OBJECT_MASK = wp.constant((1 << 16) - 1)
 """Bits of the flags that hold the object + 1; 0: static."""
 
@@ -233,6 +235,7 @@ def visibility_kernel(build: KernelOptions, second: bool, features: Features = N
         if wp.static(looks):
             detailed = scene.faces[hit.face].uv_per_m < 0.0
             if detailed:
+                flags = flags | DETAILED
                 put_on_list(seen.detailed, seen.detailed_count, thread)
         if lights[slot].shadows != 0:
             sun = lights[slot].sun_direction
@@ -301,12 +304,12 @@ def sun_kernel(build: KernelOptions, second: bool, features: Features = NONE) ->
         face = seen.face[thread]
         if face < 0:
             return
-        if wp.static(looks):
-            detailed = scene.faces[face].uv_per_m < 0.0
         pose = poses[slot]
         ray = rays[pixel.row, pixel.column]
         direction = pose.right * ray[0] + pose.down * ray[1] + pose.ahead * ray[2]
         flags = seen.flags[thread]
+        if wp.static(looks):
+            detailed = (flags & DETAILED) != 0
         normal = scene.faces[face].normal
         m = (flags & OBJECT_MASK) - 1
         if m >= 0:
