@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from twin.road.opendrive.furniture import RoadObject
+from twin.road.opendrive.grid import cosine, sine
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,9 +65,8 @@ def body_axes(heading_rad: float, pitch_rad: float, roll_rad: float) -> np.ndarr
     Right-handed: heading about z, then pitch about the turned y axis (down is positive), then roll
     about the turned x axis.
     """
-    c, s = np.cos(heading_rad), np.sin(heading_rad)
-    cp, sp = np.cos(pitch_rad), np.sin(pitch_rad)
-    cr, sr = np.cos(roll_rad), np.sin(roll_rad)
+    angles = np.array([heading_rad, pitch_rad, roll_rad])
+    (c, cp, cr), (s, sp, sr) = cosine(angles).tolist(), sine(angles).tolist()
     u = (c * cp, s * cp, -sp)
     v = (c * sp * sr - s * cr, s * sp * sr + c * cr, cp * sr)
     z = (c * sp * cr + s * sr, s * sp * cr - c * sr, cp * cr)

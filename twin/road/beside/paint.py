@@ -7,6 +7,7 @@ Stripes of a crosswalk are 0.5 m wide with gaps of 0.5 m and lie along the road 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import pairwise
 
 import numpy as np
 
@@ -88,7 +89,7 @@ def _border(ring: np.ndarray) -> Iterator[np.ndarray]:
             continue
         inward = np.array((-way[1], way[0])) / length * LINE_M
         cuts = np.linspace(0.0, 1.0, min(int(length / _CUT_M) + 2, 1000))
-        for low, high in zip(cuts[:-1], cuts[1:], strict=True):
+        for low, high in pairwise(cuts.tolist()):
             c, d = a + low * way, a + high * way
             yield np.array([c, d, d + inward, c + inward])
 

@@ -7,6 +7,7 @@ from the direction of the reference line. A row (``repeat``) takes the place of 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import pairwise
 
 import numpy as np
 
@@ -39,13 +40,10 @@ def roadside_bodies(roads: RoadMap) -> list[RoadsideBody]:
     Raises:
         ValueError: there are too many; one line.
     """
-    count = sum(
-        copies_of(row) if row.distance_m > 0.0 else 1
-        for road in roads.network.roads.values()
-        for thing in road.objects
-        for row in thing.repeats or (None,)
-        if row is not None
-    ) + sum(not thing.repeats for road in roads.network.roads.values() for thing in road.objects)
+    things = [thing for road in roads.network.roads.values() for thing in road.objects]
+    rows = [row for thing in things for row in thing.repeats]
+    count = sum(not thing.repeats for thing in things)
+    count += sum(copies_of(row) if row.distance_m > 0.0 else 1 for row in rows)
     if count > BODIES_MAX:
         raise ValueError(
             f"{roads.network.file}: {count} objects beside its roads, at most {BODIES_MAX} are "
@@ -184,7 +182,7 @@ def _swept(frame: RoadFrame, thing: RoadObject, row: ObjectRepeat) -> SweptBody:
     inside = sorted({row.s_m, end, *(s for s in knots if row.s_m < s < end)})
     parts = [
         np.linspace(a, b, max(1, int(np.ceil((b - a) / STEP_M))), endpoint=False)
-        for a, b in zip(inside[:-1], inside[1:], strict=True)
+        for a, b in pairwise(inside)
     ]
     s = np.concatenate([*parts, [end]])
     while True:
