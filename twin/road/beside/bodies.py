@@ -26,6 +26,8 @@ class StandingBody:
     """Length, width and height; 0: not given."""
     radius_m: float
     """Above 0 for a cylinder."""
+    above_m: float
+    """Least height of its underside above the road's surface [m]."""
     number: int
     """Which copy of the object it is, from 0."""
 
@@ -40,6 +42,8 @@ class OutlineBody:
     """Corners of the underside, world, float64 [N, 3]."""
     height_m: np.ndarray
     """Of the body above each corner, float64 [N] [m]."""
+    above_m: float
+    """Least height of its underside above the road's surface [m]."""
     closed: bool
 
 
@@ -54,6 +58,8 @@ class SweptBody:
     right_m: np.ndarray
     height_m: np.ndarray
     """float64 [N] [m]"""
+    above_m: float
+    """Least height of its underside above the road's surface [m]."""
 
 
 RoadsideBody = StandingBody | OutlineBody | SweptBody

@@ -115,6 +115,7 @@ def _at(
         thing.roll_rad,
         size_m,
         radius_m,
+        z_offset,
         number,
     )
 
@@ -155,11 +156,16 @@ def _outlined(
                 base[index] = float(pose.x_m), float(pose.y_m), float(pose.z_m) + dz
             else:
                 base[index] = np.array(origin.position_m) + np.array(corner.position) @ axes
+        above = [
+            corner.position[2] + (origin.above_m if corner.frame == "local" else 0.0)
+            for corner in outline.corners
+        ]
         heights = np.array([max(corner.height_m, 0.0) for corner in outline.corners])
         # Some files name the first corner again at the end.
         if len(base) > 2 and np.abs(base[0] - base[-1]).max() < 1e-6:
             base, heights = base[:-1], heights[:-1]
-        yield OutlineBody(thing, frame.road.id, base, heights, outline.closed and len(base) > 2)
+        closed = outline.closed and len(base) > 2
+        yield OutlineBody(thing, frame.road.id, base, heights, min(above), closed)
 
 
 def _swept(frame: RoadFrame, thing: RoadObject, row: ObjectRepeat) -> SweptBody:
@@ -193,7 +199,7 @@ def _swept(frame: RoadFrame, thing: RoadObject, row: ObjectRepeat) -> SweptBody:
             off |= np.abs(exact - 0.5 * (line[:-1] + line[1:])).max(axis=1) > CHORD_M
         off &= np.diff(s) > 0.05
         if not off.any():
-            return SweptBody(thing, frame.road.id, left, right, height)
+            return SweptBody(thing, frame.road.id, left, right, height, min(row.z_offset_m))
         s = np.sort(np.append(s, 0.5 * (s[:-1] + s[1:])[off]))
         if len(s) > POINTS_MAX:
             raise ValueError(f"it would have more than {POINTS_MAX} places along the road")

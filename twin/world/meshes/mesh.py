@@ -96,6 +96,11 @@ class MeshBuilder:
         self._semantic = 0
         self._bend: Bend | None = None
 
+    @property
+    def count(self) -> int:
+        """Corners that were added so far."""
+        return self._count
+
     @contextmanager
     def bent(self, bend: Bend | None) -> Iterator[None]:
         """Let ``bend`` move the points that are added inside the block, after their places; where
