@@ -93,7 +93,7 @@ def _check_files(scene: Scene) -> SceneFindings:
         # Roads take libraries that are slow to load, and most scenes have none.
         from twin.world.road_scene import road_mistake
 
-        if mistake := road_mistake(scene.opendrive):
+        if mistake := road_mistake(scene):
             return SceneFindings([mistake], [])
     if not scene.meshes and scene.terrain is None:
         return SceneFindings([], [])

@@ -121,4 +121,7 @@ def drivable(world: World, device: wp.Device) -> GroundMesh:
             f"{', '.join(DRIVABLE)} (other than paint)"
         )
     grip = np.array([_GRIP.get(int(m), 1.0) for m in mesh.material[wanted]])
+    if mesh.grip is not None:
+        own = mesh.grip[wanted]
+        grip = np.where(np.isnan(own), grip, own)
     return GroundMesh(device, mesh.points_m, mesh.faces[wanted], grip)

@@ -76,7 +76,7 @@ def _check_order(from_m: float, to_m: float | None) -> None:
         raise ValueError(f"to_m {to_m:g} must lie behind from_m {from_m:g}")
 
 
-class Scenery(Spec, kw_only=True):
+class RoadScenery(Spec, kw_only=True):
     """What is generated beside the roads of a file."""
 
     houses: Annotated[list[HouseRow], Meta(max_length=ROWS_MAX)] = field(default_factory=list)

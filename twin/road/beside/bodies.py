@@ -28,6 +28,8 @@ class StandingBody:
     """Above 0 for a cylinder."""
     above_m: float
     """Least height of its underside above the road's surface [m]."""
+    inward_rad: float
+    """Direction to the reference line, world."""
     number: int
     """Which copy of the object it is, from 0."""
 

@@ -116,6 +116,7 @@ def _at(
         size_m,
         radius_m,
         z_offset,
+        float(pose.heading_rad) + (-0.5 if t > 0.0 else 0.5) * np.pi,
         number,
     )
 

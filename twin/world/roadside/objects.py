@@ -36,6 +36,8 @@ _ROOF: Color = (0.17, 0.165, 0.16)
 _TREE_M, _LAMP_M, _POLE_M = 6.0, 7.5, 3.0
 _POLE_RADIUS_M = 0.06
 _TRUNK_M = 0.2
+_ARM_M = 1.9
+"""From the post of a street lamp to the middle of its luminaire [m]."""
 _SHRUB_M = 1.2
 _RAIL_M = 0.31
 """Height of the beam of a guard rail (EN 1317 rails are 0.31 m high) [m]."""
@@ -49,6 +51,8 @@ class RoadsideHulls:
 
     hulls: list[Hull] = field(default_factory=list)
     things: list[Thing] = field(default_factory=list)
+    lamps_m: list[tuple[float, float]] = field(default_factory=list)
+    """World x, y of luminaires."""
 
     def add(self, name: str, kind: str, hulls: list[Hull]) -> None:
         """The hulls of one thing."""
@@ -71,6 +75,8 @@ def add_objects(mesh: MeshBuilder, roads: RoadMap) -> RoadsideHulls:
         if body.thing.type in PAINTED:
             _add_paint(mesh, roads, body)
             continue
+        if isinstance(body, StandingBody) and body.thing.type == "streetLamp":
+            standing.lamps_m.append(_luminaire(body))
         with mesh.label(look.semantic):
             hulls = _add_body(mesh, body, look, number)
         if look.solid and body.above_m < CLEAR_M:
@@ -162,10 +168,17 @@ def _add_tree(mesh: MeshBuilder, body: StandingBody, number: int) -> list[Hull]:
 
 def _add_street_lamp(mesh: MeshBuilder, body: StandingBody) -> list[Hull]:
     x, y, z = body.position_m
-    # The arm of the lamp reaches to its -y axis; the body's v axis is its +y.
-    with mesh.place(x, y, body.heading_rad, z_m=z):
+    # The arm of the lamp reaches along its -y axis.
+    with mesh.place(x, y, body.inward_rad + 0.5 * np.pi, z_m=z):
         add_lamp(mesh, max(body.size_m[2] or _LAMP_M, 1.5))
     return [_rectangle(body, (_THIN_M, _THIN_M))]
+
+
+def _luminaire(body: StandingBody) -> tuple[float, float]:
+    """World x, y of the middle of a street lamp's luminaire."""
+    x, y, _ = body.position_m
+    direction = body_axes(body.inward_rad, 0.0, 0.0)[0]
+    return x + _ARM_M * float(direction[0]), y + _ARM_M * float(direction[1])
 
 
 def _add_gantry(mesh: MeshBuilder, body: StandingBody) -> list[Hull]:

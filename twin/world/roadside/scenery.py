@@ -16,7 +16,7 @@ from twin.world.meshes import materials
 from twin.world.meshes.mesh import Color, MeshBuilder
 from twin.world.roadside.free_ground import FreeGround
 from twin.world.roadside.objects import RoadsideHulls, check_points
-from twin.world.scenery import HouseRow, Scenery, TreeRow
+from twin.world.scenery import HouseRow, RoadScenery, TreeRow
 from twin.world.street.buildings import add_building
 from twin.world.street.plants import KINDS, add_tree
 
@@ -43,7 +43,7 @@ def add_scenery(
     mesh: MeshBuilder,
     roads: RoadMap,
     patches: tuple[SurfacePatch, ...],
-    scenery: Scenery,
+    scenery: RoadScenery,
     seed: int,
 ) -> RoadsideHulls:
     """Add the scenery of a scene file; the hulls of what stands there.

@@ -59,7 +59,7 @@ def _place_mistakes(case: Case, name: str, loaded: LoadedStoryboard) -> Iterator
     if case.rig.scene == name:
         if not loaded.road:
             yield f"{name}: it has no road; name a scene in scenario.scene"
-        elif mistake := road_mistake(loaded.road):
+        elif mistake := road_mistake(load_scene(loaded.road)):
             yield mistake
         return
     try:
