@@ -77,22 +77,23 @@ def _round(border: Color, inside: Color, *more: PlateSheet) -> SignPicture:
     return SignPicture((PlateSheet(ring(0.30), border), PlateSheet(ring(0.235), inside), *more))
 
 
-def _digits(text: str, up: float = 0.0, scale: float = 1.0) -> list[PlateSheet]:
+def _digits(text: str) -> list[PlateSheet]:
     """A number of up to three digits, in one layer."""
     sheets: list[PlateSheet] = []
-    wide = (0.052 if len(text) < 3 else 0.038) * scale
-    tall, thick = 0.052 * scale, 0.015 * scale
-    pitch = 2.0 * wide + 0.05 * scale
+    wide = 0.052 if len(text) < 3 else 0.036
+    tall, thick = 0.052, 0.014
+    pitch = 2.0 * wide + 0.06
     for index, digit in enumerate(text):
         right = pitch * (index - 0.5 * (len(text) - 1))
+        across, along = (wide + thick, thick), (thick, tall + thick)
         places = {
-            "a": bar(right, up + 2 * tall, wide, thick),
-            "b": bar(right + wide, up + tall, thick, tall),
-            "c": bar(right + wide, up - tall, thick, tall),
-            "d": bar(right, up - 2 * tall, wide, thick),
-            "e": bar(right - wide, up - tall, thick, tall),
-            "f": bar(right - wide, up + tall, thick, tall),
-            "g": bar(right, up, wide, thick),
+            "a": bar(right, 2 * tall, *across),
+            "b": bar(right + wide, tall, *along),
+            "c": bar(right + wide, -tall, *along),
+            "d": bar(right, -2 * tall, *across),
+            "e": bar(right - wide, -tall, *along),
+            "f": bar(right - wide, tall, *along),
+            "g": bar(right, 0.0, *across),
         }
         sheets += [PlateSheet(places[name], BLACK, not sheets) for name in _BARS[digit]]
     return sheets
@@ -149,10 +150,10 @@ def _crossing() -> SignPicture:
     return SignPicture(tuple(sheets))
 
 
-def _stroke(half_width: float, half_height: float, turned: bool = True) -> np.ndarray:
+def _stroke(half_width: float, half_height: float) -> np.ndarray:
+    """A bar that is turned by 45 degrees: a wide one leads down to the right, a tall one up."""
     turn = np.array([(0.7071, -0.7071), (0.7071, 0.7071)])
-    outline = bar(0.0, 0.0, half_width, half_height)
-    return outline @ turn if turned else outline
+    return bar(0.0, 0.0, half_width, half_height) @ turn
 
 
 _MARK = (
@@ -164,7 +165,7 @@ _ARROW = (
     PlateSheet(np.array([(-0.09, 0.10), (0.09, 0.10), (0.0, 0.24)]), BLACK, False),
     PlateSheet(bar(0.0, -0.06, 0.14, 0.03), BLACK, False),
 )
-_ENDED = (PlateSheet(_stroke(0.235, 0.02), BLACK),)
+_ENDED = (PlateSheet(_stroke(0.02, 0.235), BLACK),)
 
 
 def _plain(width_m: float, height_m: float) -> SignPicture:

@@ -36,7 +36,9 @@ def bodies_of(objects: str, **more: object) -> list[object]:
 
 def test_a_box_stands_at_s_and_t_and_turns_with_the_road():
     (body,) = bodies_of(
-        road_object("obstacle", 25 * math.pi, -3, length=2, width=1, height=4, zOffset=0.5, hdg=0.1),
+        road_object(
+            "obstacle", 25 * math.pi, -3, length=2, width=1, height=4, zOffset=0.5, hdg=0.1
+        ),
         plan=ARC,
     )
     # A quarter of the circle: the road leads to +y at (50, 50); 3 m to its right is x = 53.
@@ -190,7 +192,7 @@ def many_corners(count: int) -> str:
         (road_object("pole", 5, 5, repeat(0, 50, 1, heightStart=-2)), "heightStart='-2'"),
         (road_object("pole", 5, 5, repeat(0, 50, 1, widthEnd="inf")), "widthEnd='inf'"),
         (road_object("pole", 5, 5, repeat(200, 5, 1)), "s=200, but the road is 100 m long"),
-        (road_object("pole", 5, 5, repeat(0, 100, 1e-4)), f"1000001 objects in a row; at most {REPEATS_MAX}"),
+        (road_object("pole", 5, 5, repeat(0, 100, 1e-4)), "1000001 objects in a row; at most"),
         (road_object("pole", 5, 5, repeat(0, 100, 1e-99)), f"at most {REPEATS_MAX}"),
         (road_object("pole", 5, 5, '<repeat s="0" length="9"/>'), "distance is missing"),
         (road_object("pole", 5, 5, many_corners(CORNERS_MAX + 1)), f"at most {CORNERS_MAX}"),
