@@ -15,6 +15,7 @@ from twin.road.beside.bodies import (
 )
 from twin.road.beside.paint import PAINTED, object_paint
 from twin.road.beside.placing import roadside_bodies
+from twin.road.opendrive.grid import angle_of
 from twin.road.opendrive.road_map import RoadMap
 from twin.world.meshes import materials
 from twin.world.meshes.mesh import DECAL, Color, MeshBuilder
@@ -221,10 +222,10 @@ def _edges(begins: np.ndarray, ends: np.ndarray, width_m: float | np.ndarray) ->
     hulls: list[Hull] = []
     for a, b, width in zip(begins, ends, widths, strict=False):
         way = (b - a)[:2]
-        length = float(np.hypot(*way))
+        length = float(np.sqrt((way * way).sum()))
         if length > 1e-6:
             middle = 0.5 * (a + b)
-            yaw = float(np.arctan2(way[1], way[0]))
+            yaw = float(angle_of(way[1], way[0]))
             hulls.append((float(middle[0]), float(middle[1]), yaw, 0.5 * length, 0.5 * width))
     return hulls
 
@@ -238,7 +239,7 @@ def _add_swept(mesh: MeshBuilder, body: SweptBody, look: ObjectLook) -> list[Hul
     else:
         add_band(mesh, left, right, height, look.material, look.color)
     middle = 0.5 * (left + right)
-    widths = np.hypot(*(left - right)[:, :2].T)
+    widths = np.sqrt(((left - right)[:, :2] ** 2).sum(axis=1))
     if height.max() <= FLAT_M:
         return []
     return _edges(middle[:-1], middle[1:], 0.5 * (widths[:-1] + widths[1:]))

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
+from twin.road.opendrive.grid import angle_of, cosine, sine
 from twin.road.opendrive.road_frame import RoadFrame
 from twin.road.opendrive.road_map import RoadMap
 from twin.road.surface.patch import SurfacePatch
@@ -20,8 +20,8 @@ from twin.world.scenery import HouseRow, RoadScenery, TreeRow
 from twin.world.street.buildings import add_building
 from twin.world.street.plants import KINDS, add_tree
 
-PLACES_MAX = 20_000
-"""Most houses and most trees of a scene."""
+HOUSES_MAX, TREES_MAX = 2_000, 10_000
+"""Most places for houses and for trees in a scene."""
 _BASEMENT_M = 3.0
 _CLEAR_M = 1.0
 """Between a house and what stands or drives beside it [m]."""
@@ -37,6 +37,18 @@ class _Place(NamedTuple):
     z_m: float
     out: tuple[float, float]
     """Unit direction away from the road, in the plane."""
+
+
+class _Stretch(NamedTuple):
+    """A row along one side of one road."""
+
+    row: HouseRow | TreeRow
+    frame: RoadFrame
+    side: float
+    """1 to the left, -1 to the right."""
+    end_m: float
+    key: tuple[int, int, int]
+    """Of its random numbers."""
 
 
 def add_scenery(
@@ -58,22 +70,40 @@ def add_scenery(
     Raises:
         ValueError: a row names a road that does not exist, or there is too much; one line.
     """
-    standing = RoadsideHulls()
-    ground = FreeGround(patches)
-    counts = {"house": 0, "tree": 0}
-    for kind, rows in (("house", scenery.houses), ("tree", scenery.trees)):
-        for number, row in enumerate(rows):
-            for road, frame in enumerate(_frames(roads, row, f"{kind}s[{number}]")):
-                for side in (1.0, -1.0):
-                    if row.side == ("right" if side > 0.0 else "left"):
-                        continue
-                    rng = np.random.default_rng([seed, kind == "tree", number, road, side > 0.0])
-                    add = _add_houses if isinstance(row, HouseRow) else _add_trees
-                    counts[kind] += add(mesh, frame, row, side, rng, ground, standing)
-                    if counts[kind] > PLACES_MAX:
-                        raise ValueError(f"scenery: more than {PLACES_MAX} {kind}s")
-                    check_points(mesh, roads.network.file)
+    standing, ground = RoadsideHulls(), FreeGround(patches)
+    houses = list(_stretches(roads, scenery.houses, "houses"))
+    trees = list(_stretches(roads, scenery.trees, "trees"))
+    for stretches, most, name in ((houses, HOUSES_MAX, "houses"), (trees, TREES_MAX, "trees")):
+        count = sum(_places(stretch) for stretch in stretches)
+        if count > most:
+            raise ValueError(f"scenery.{name}: {count} places, at most {most}; use fewer")
+    for kind, stretches in enumerate((houses, trees)):
+        for stretch in stretches:
+            rng = np.random.default_rng([seed, kind, *stretch.key])
+            if isinstance(stretch.row, HouseRow):
+                _add_houses(mesh, stretch, stretch.row, rng, ground, standing)
+            else:
+                _add_trees(mesh, stretch, stretch.row, rng, ground, standing)
+            check_points(mesh, roads.network.file)
     return standing
+
+
+def _stretches(roads: RoadMap, rows: Sequence[HouseRow | TreeRow], name: str) -> Iterator[_Stretch]:
+    for number, row in enumerate(rows):
+        for road, frame in enumerate(_frames(roads, row, f"{name}[{number}]")):
+            end = frame.road.length_m if row.to_m is None else min(row.to_m, frame.road.length_m)
+            if row.side != "right":
+                yield _Stretch(row, frame, 1.0, end, (number, road, 1))
+            if row.side != "left":
+                yield _Stretch(row, frame, -1.0, end, (number, road, 0))
+
+
+def _places(stretch: _Stretch) -> int:
+    """The most that can stand along a stretch."""
+    row, length = stretch.row, max(stretch.end_m - stretch.row.from_m, 0.0)
+    if isinstance(row, HouseRow):
+        return int(length / (row.width_m[0] + row.gap_m[0])) + 1
+    return int(length / row.spacing_m) + 1
 
 
 def _frames(roads: RoadMap, row: HouseRow | TreeRow, place: str) -> list[RoadFrame]:
@@ -98,32 +128,26 @@ def _beside(frame: RoadFrame, s_m: float, side: float, offset_m: float) -> _Plac
     edge = float(section.outer(lanes[-1].id if lanes else 0, at)[0][0])
     pose = frame.pose(s_m, edge)
     heading = float(frame.pose(s_m).heading_rad)
-    out = -side * math.sin(heading), side * math.cos(heading)
+    out = -side * float(sine(heading)), side * float(cosine(heading))
     x, y = float(pose.x_m) + out[0] * offset_m, float(pose.y_m) + out[1] * offset_m
     return _Place(x, y, float(pose.z_m), out)
 
 
-def _end(frame: RoadFrame, row: HouseRow | TreeRow) -> float:
-    return frame.road.length_m if row.to_m is None else min(row.to_m, frame.road.length_m)
-
-
 def _add_houses(
     mesh: MeshBuilder,
-    frame: RoadFrame,
+    stretch: _Stretch,
     row: HouseRow,
-    side: float,
     rng: np.random.Generator,
     ground: FreeGround,
     standing: RoadsideHulls,
-) -> int:
-    count = 0
-    for along, width, height in _plots(frame, row, rng):
-        place = _beside(frame, along, side, row.offset_m)
+) -> None:
+    for along, width, height in _plots(row, stretch.end_m, rng):
+        place = _beside(stretch.frame, along, stretch.side, row.offset_m)
         # Seen from the road a front runs to the right; its back lies outwards.
         right = place.out[1], -place.out[0]
         if not ground.is_free(_plan(place, right, width, row.depth_m, _CLEAR_M)):
             continue
-        yaw = math.atan2(right[1], right[0])
+        yaw = float(angle_of(np.array(right[1]), np.array(right[0])))
         corner = (
             place.x_m - 0.5 * width * right[0],
             place.y_m - 0.5 * width * right[1],
@@ -142,15 +166,13 @@ def _add_houses(
         ]
         hull = (middle[0], middle[1], yaw, 0.5 * width, 0.5 * row.depth_m)
         standing.add(f"house {len(standing.hulls) + 1}", "building", [hull])
-        count += 1
-    return count
 
 
 def _plots(
-    frame: RoadFrame, row: HouseRow, rng: np.random.Generator
+    row: HouseRow, end: float, rng: np.random.Generator
 ) -> Iterator[tuple[float, float, float]]:
     """Station of the middle, width and height of the houses of a row."""
-    s, end = row.from_m, _end(frame, row)
+    s = row.from_m
     while True:
         width, height = rng.uniform(*row.width_m), rng.uniform(*row.height_m)
         gap, built = rng.uniform(*row.gap_m), rng.random() < row.share
@@ -174,22 +196,19 @@ def _plan(
 
 def _add_trees(
     mesh: MeshBuilder,
-    frame: RoadFrame,
+    stretch: _Stretch,
     row: TreeRow,
-    side: float,
     rng: np.random.Generator,
     ground: FreeGround,
     standing: RoadsideHulls,
-) -> int:
-    count = 0
-    end = _end(frame, row)
-    for s in np.arange(row.from_m, end + 1e-9, row.spacing_m).tolist():
+) -> None:
+    for s in np.arange(row.from_m, stretch.end_m + 1e-9, row.spacing_m).tolist():
         shift = rng.uniform(-row.jitter_m, row.jitter_m), rng.uniform(0.0, row.jitter_m)
         kind = KINDS[int(rng.integers(len(KINDS)))]
         height = rng.uniform(*row.height_m)
         turn = int(rng.integers(2**31))
-        at = min(max(s + shift[0], 0.0), frame.road.length_m)
-        place = _beside(frame, at, side, row.offset_m + shift[1])
+        at = min(max(s + shift[0], 0.0), stretch.frame.road.length_m)
+        place = _beside(stretch.frame, at, stretch.side, row.offset_m + shift[1])
         spot = np.array([(place.x_m, place.y_m)])
         if not ground.is_free(spot):
             continue
@@ -198,5 +217,3 @@ def _add_trees(
         add_tree(mesh, *rooted, shape, np.random.default_rng(turn))
         hull = (place.x_m, place.y_m, 0.0, _TRUNK_M, _TRUNK_M)
         standing.add(f"tree {len(standing.hulls) + 1}", "vegetation", [hull])
-        count += 1
-    return count
