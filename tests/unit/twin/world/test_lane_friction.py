@@ -10,9 +10,10 @@ import warp as wp
 
 pytest.importorskip("lxml", reason="lxml is not installed")
 
+from road_files import WIDTH, lane, road, section, xodr
+
 from schemas.messages import Command
 from schemas.plan import expand, parse_campaign
-from tests.road_files import WIDTH, lane, road, section, xodr
 from twin.rig.engine import Engine
 from twin.road.opendrive.reading.read_lanes import FRICTION_MAX
 from twin.road.opendrive.reading.reader import read_network
@@ -96,7 +97,8 @@ def speeds(folder: Path, data: bytes, slots: int) -> np.ndarray:
 def test_a_slippery_lane_takes_longer_to_stop_on_and_all_slots_alike(tmp_path):
     dry = speeds(tmp_path, lane_file(), 1)
     half = speeds(tmp_path, lane_file(material(0, 0.4)), 3)
-    assert half[0] > dry[0] + 3.0
+    # Brakes need a moment to build up, and the drag of the air is the same.
+    assert 0.38 < (15.0 - half[0]) / (15.0 - dry[0]) < 0.48
     assert half[0] == half[1] == half[2]
     again = speeds(tmp_path, lane_file(material(0, 1.0)), 1)
     assert again[0] == dry[0], "1 is asphalt"

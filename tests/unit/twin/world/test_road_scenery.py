@@ -9,8 +9,9 @@ import pytest
 
 pytest.importorskip("lxml", reason="lxml is not installed")
 
+from road_files import crossing, geometry, road, xodr
+
 from schemas.messages import SEMANTIC_CLASSES
-from tests.road_files import crossing, geometry, road, xodr
 from twin.validate.scene_check import Variant, check_scenes
 from twin.world.roadside.scenery import HOUSES_MAX, TREES_MAX
 from twin.world.scene import load_scene

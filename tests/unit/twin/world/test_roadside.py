@@ -11,9 +11,10 @@ import warp as wp
 
 pytest.importorskip("lxml", reason="lxml is not installed")
 
+from road_files import WIDTH, geometry, lane, section
+from road_furniture import repeat, road_object, road_signal, with_furniture
+
 from schemas.messages import OBJECT_CLASSES, SEMANTIC_CLASSES
-from tests.road_files import WIDTH, geometry, lane, section
-from tests.road_furniture import repeat, road_object, road_signal, with_furniture
 from twin.road.opendrive.reading.reader import read_network
 from twin.vehicle.ground import drivable
 from twin.world.meshes import materials

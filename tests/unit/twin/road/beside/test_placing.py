@@ -9,8 +9,9 @@ import pytest
 
 pytest.importorskip("lxml", reason="lxml is not installed")
 
-from tests.road_files import geometry
-from tests.road_furniture import repeat, road_object, with_furniture
+from road_files import geometry
+from road_furniture import repeat, road_object, with_furniture
+
 from twin.road.beside.bodies import OutlineBody, StandingBody, SweptBody
 from twin.road.beside.paint import object_paint
 from twin.road.beside.placing import BODIES_MAX, CHORD_M, roadside_bodies
