@@ -26,7 +26,7 @@ from twin.world.things import Thing
 
 EXTENT_MAX_M = 16_000
 """Farthest that a road may lie from the world's origin: places of meshes are float32 [m]."""
-LAMPS_EXTENT_MAX = 1.6e8
+LAMPS_EXTENT_MAX = 160_000_000
 """Most street lamps times the ground around them that is lit [m^2]."""
 LAMPS_MARGIN_M = 80.0
 """How far the ground around lamps goes on in each direction, both sides together [m]."""
