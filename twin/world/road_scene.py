@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from schemas.files.assets import asset_digest
+from twin.road.beside.placing import REACH_MAX_M
 from twin.road.lane import LanePath, Piece, trace
 from twin.road.opendrive.road_frame import RoadFrame, traffic_sign
 from twin.road.opendrive.road_map import RoadMap
@@ -24,8 +25,10 @@ from twin.world.scene import Scene
 from twin.world.street.layout import Hull
 from twin.world.things import Thing
 
-EXTENT_MAX_M = 16_000
+EXTENT_MAX_M = REACH_MAX_M
 """Farthest that a road may lie from the world's origin: places of meshes are float32 [m]."""
+HULLS_MAX = 20_000
+"""Most rectangles beside the roads of a scene that vehicles collide with."""
 LAMPS_EXTENT_MAX = 160_000_000
 """Most street lamps times the ground around them that is lit [m^2]."""
 LAMPS_MARGIN_M = 80.0
@@ -153,6 +156,12 @@ def add_roadside(mesh: MeshBuilder, scene: Scene, first_instance: int) -> Roadsi
     rows.append(signals.standing)
     if scene.scenery is not None:
         rows.append(add_scenery(mesh, roads, _surface(scene.opendrive), scene.scenery, scene.seed))
+    count = sum(len(row.hulls) for row in rows)
+    if count > HULLS_MAX:
+        raise ValueError(
+            f"{scene.opendrive}: {count} solid pieces beside its roads, at most {HULLS_MAX} can be "
+            "hit; use a part of it"
+        )
     return Roadside(
         tuple(hull for row in rows for hull in row.hulls),
         tuple(thing for row in rows for thing in row.things),

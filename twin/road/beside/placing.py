@@ -26,6 +26,10 @@ BODIES_MAX = 50_000
 """Most bodies of a network."""
 CHORD_M = 0.009
 """Largest distance between a body drawn along a road and its chords; 1 cm is promised [m]."""
+REACH_MAX_M = 16_000
+"""Farthest that a body may lie from the world's origin [m]."""
+SIZE_MAX_M = 2_000
+"""Largest box or cylinder, and longest edge of an outline [m]."""
 STEP_M = 12.0
 """Longest piece of one [m]."""
 POINTS_MAX = 100_000
@@ -53,10 +57,33 @@ def roadside_bodies(roads: RoadMap) -> list[RoadsideBody]:
     for frame in roads.frames.values():
         for thing in frame.road.objects:
             try:
-                bodies += _bodies(frame, thing)
+                for body in _bodies(frame, thing):
+                    _check_reach(body)
+                    bodies.append(body)
             except ValueError as error:
                 raise ValueError(f"{roads.network.file}:{thing.line}: <object>: {error}") from None
     return bodies
+
+
+def _check_reach(body: RoadsideBody) -> None:
+    """
+    Raises:
+        ValueError: it is too large, or too far away; without its place in the file.
+    """
+    if isinstance(body, StandingBody):
+        places, size = np.array([body.position_m]), max(*body.size_m, 2.0 * body.radius_m)
+    elif isinstance(body, OutlineBody):
+        places = body.base_m
+        edges = np.abs(np.diff(places, axis=0, append=places[:1]))
+        size = max(float(edges.max()), float(body.height_m.max()))
+    else:
+        places = np.concatenate([body.left_m, body.right_m])
+        size = max(float(np.abs(body.left_m - body.right_m).max()), float(body.height_m.max()))
+    if size > SIZE_MAX_M:
+        raise ValueError(f"{size:g} m large, at most {SIZE_MAX_M} m are shown")
+    reach = float(np.abs(places).max())
+    if reach > REACH_MAX_M:
+        raise ValueError(f"it reaches {reach:.0f} m from the origin, at most {REACH_MAX_M} m")
 
 
 def _bodies(frame: RoadFrame, thing: RoadObject) -> Iterator[RoadsideBody]:

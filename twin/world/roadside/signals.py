@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from twin.road.beside.paint import lane_height
+from twin.road.beside.placing import REACH_MAX_M
 from twin.road.opendrive.furniture import RoadSignal
 from twin.road.opendrive.records import DRIVEN_TYPES
 from twin.road.opendrive.road_frame import RoadFrame
@@ -96,11 +97,14 @@ def add_signals(mesh: MeshBuilder, roads: RoadMap, first_instance: int) -> RoadS
         )
     posts: dict[tuple[str, float, float], tuple[RoadFrame, RoadSignal, _Seat]] = {}
     for frame, signal in signals:
-        seat = _add_signal(mesh, frame, signal, first_instance, result)
+        try:
+            seat = _add_signal(mesh, frame, signal, first_instance, result)
+        except ValueError as error:
+            raise ValueError(f"{roads.network.file}:{signal.line}: <signal>: {error}") from None
         key = frame.road.id, round(signal.s_m, 2), round(signal.t_m, 2)
         if key not in posts or seat.z_m + seat.height_m > _top(posts[key][2]):
             posts[key] = frame, signal, seat
-        check_points(mesh, roads.network.file)
+    check_points(mesh, roads.network.file)
     for frame, signal, seat in posts.values():
         _add_post(mesh, frame, signal, seat, result.standing)
     return result
@@ -128,6 +132,8 @@ def _seat(frame: RoadFrame, signal: RoadSignal, height_m: float) -> _Seat:
         yaw += np.pi
     lift = float(lane_height(frame, np.array([s]), np.array([signal.t_m]))[0])
     x, y, z = float(pose.x_m), float(pose.y_m), float(pose.z_m)
+    if max(abs(x), abs(y), abs(z + signal.z_offset_m)) > REACH_MAX_M:
+        raise ValueError(f"it lies more than {REACH_MAX_M} m from the origin")
     return _Seat(x, y, z + signal.z_offset_m, yaw, z + lift, height_m)
 
 

@@ -263,3 +263,9 @@ def test_the_shipped_junction_has_its_lights():
     west = hanging[hanging[..., 0].mean(axis=1) < -16.0]
     assert west[..., 1].min() == pytest.approx(-west[..., 1].max(), abs=1e-3)
     assert west[..., 0].mean() == pytest.approx(-17.2, abs=0.1)
+
+
+def test_a_signal_that_is_too_far_away_is_one_line(world_of):
+    with pytest.raises(ValueError, match=r"beside\.xodr:\d+: <signal>: it lies more than") as error:
+        world_of(signals=road_signal("206", 5, 1e8))
+    assert "\n" not in str(error.value)

@@ -180,7 +180,7 @@ def test_polygons_that_are_none_give_no_trouble():
 
 def many_corners(count: int) -> str:
     corner = '<cornerLocal u="{}" v="{}" z="0" height="1"/>'
-    text = "".join(corner.format(k, k * k) for k in range(count))
+    text = "".join(corner.format(k, k**3) for k in range(count))
     return f"<outline>{text}</outline>"
 
 
@@ -212,3 +212,19 @@ def test_too_many_objects_are_one_line():
     with pytest.raises(ValueError, match=f"at most {BODIES_MAX} are shown") as error:
         bodies_of(rows)
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (road_object("building", 5, 5, length=9e8, width=5, height=3), "9e+08 m large"),
+        (road_object("pole", 5, 1e6, height=3), "1000000 m from the origin"),
+        (road_object("pole", 5, 5, height=3, zOffset=-2e5), "200000 m from the origin"),
+        (road_object("barrier", 0, 5, repeat(0, 50, 0, heightStart=5000)), "5000 m large"),
+        (road_object("obstacle", 5, 5, many_corners(60)), "m large"),
+    ],
+)
+def test_what_is_too_large_or_too_far_is_one_line(text, words):
+    with pytest.raises(ValueError, match=r"^t\.xodr:\d+: <object>: ") as error:
+        bodies_of(text)
+    assert words in str(error.value)
