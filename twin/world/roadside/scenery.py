@@ -70,7 +70,7 @@ def add_scenery(
     Raises:
         ValueError: a row names a road that does not exist, or there is too much; one line.
     """
-    standing, ground = RoadsideHulls(), FreeGround(patches)
+    standing, ground = (RoadsideHulls(), RoadsideHulls()), FreeGround(patches)
     houses = list(_stretches(roads, scenery.houses, "houses"))
     trees = list(_stretches(roads, scenery.trees, "trees"))
     for stretches, most, name in ((houses, HOUSES_MAX, "houses"), (trees, TREES_MAX, "trees")):
@@ -81,11 +81,12 @@ def add_scenery(
         for stretch in stretches:
             rng = np.random.default_rng([seed, kind, *stretch.key])
             if isinstance(stretch.row, HouseRow):
-                _add_houses(mesh, stretch, stretch.row, rng, ground, standing)
+                _add_houses(mesh, stretch, stretch.row, rng, ground, standing[kind])
             else:
-                _add_trees(mesh, stretch, stretch.row, rng, ground, standing)
+                _add_trees(mesh, stretch, stretch.row, rng, ground, standing[kind])
             check_points(mesh, roads.network.file)
-    return standing
+    first, second = standing
+    return RoadsideHulls([*first.hulls, *second.hulls], [*first.things, *second.things])
 
 
 def _stretches(roads: RoadMap, rows: Sequence[HouseRow | TreeRow], name: str) -> Iterator[_Stretch]:

@@ -210,7 +210,7 @@ def test_the_examples_of_the_page_work(tmp_path):
     (tmp_path / "town.xodr").write_bytes(xodr())
     (tmp_path / "town.yaml").write_text(town)
     names = [thing.name for thing in build_world(load_scene(str(tmp_path / "town.yaml"))).things]
-    assert {"house 1", "tree 30", "hall"} <= set(names)
+    assert {"house 1", "tree 16", "hall"} <= set(names)
     path = tmp_path / "yard.yaml"
     path.write_text(example)
     world = build_world(load_scene(str(path)))
