@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
+import msgspec
 import numpy as np
 
 from schemas.files.assets import asset_digest
@@ -102,6 +103,17 @@ def _kept_surface(file: str, digest: str) -> tuple[SurfacePatch, ...]:
 
 def road_mistake(scene: Scene) -> str:
     """Why the roads of a scene cannot be a world, or an empty string."""
+    try:
+        return _mistake(asset_digest(Path(scene.opendrive)), msgspec.json.encode(scene))
+    except ValueError as error:
+        return str(error)
+
+
+@lru_cache(maxsize=64)
+def _mistake(_digest: str, encoded: bytes) -> str:
+    """The same of a scene as JSON, once for every content of its file: many cases have the same
+    one."""
+    scene = msgspec.json.decode(encoded, type=Scene)
     try:
         _surface(scene.opendrive)
         road_lane(scene.opendrive)

@@ -1,7 +1,7 @@
 """Signals of a road file: posts, plates and traffic lights.
 
 A signal lies in its own axes: it faces -x, towards the traffic that it is for, with its plate or
-lenses at its s and t and their lower edge ``zOffset`` above the road's surface.
+the middle of its head at its s and t and the lower edge ``zOffset`` above the road's surface.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from twin.road.beside.bodies import body_axes
 from twin.road.beside.paint import lane_height
 from twin.road.beside.placing import REACH_MAX_M
 from twin.road.opendrive.furniture import RoadSignal
@@ -21,7 +22,7 @@ from twin.world.meshes import materials
 from twin.world.meshes.mesh import MeshBuilder
 from twin.world.roadside.objects import CLEAR_M, RoadsideHulls, check_points
 from twin.world.roadside.plates import SignPicture, picture_of
-from twin.world.roadside.traffic_light import HEAD_M, WALK_HEAD_M, add_head
+from twin.world.roadside.traffic_light import HEAD_M, WALK_HEAD_M, add_head, head_deep_m
 from twin.world.street.signs import GREY
 
 SIGNALS_MAX = 5_000
@@ -34,9 +35,8 @@ _ROOT_M = 0.3
 _BESIDE_M = 0.5
 """How far a mast stands from the roadway [m]."""
 _SHEET_M = 0.006
-_PLATE_AT_M = -0.06
-"""Where plates lie before the axis of their post [m]."""
-_HEAD_AT_M = -0.10
+_BEHIND_M = 0.06
+"""How far the axis of a post lies behind a plate or a head [m]."""
 _SIZE_MAX_M = 20.0
 _PAINTED = frozenset({"293", "294", "295", "296", "297", "298", "299", "340", "341"})
 """Signs of the German catalogue that are marks on the road."""
@@ -70,6 +70,15 @@ class _Seat:
     """Height of the surface below it, world."""
     height_m: float
     """Of its plate or head."""
+    deep_m: float
+    """Half the depth of its head; 0 of a plate."""
+
+    @property
+    def post_m(self) -> tuple[float, float]:
+        """World x, y of the axis of its post."""
+        behind = self.deep_m + _BEHIND_M
+        ahead = body_axes(self.yaw_rad, 0.0, 0.0)[0]
+        return self.x_m + behind * float(ahead[0]), self.y_m + behind * float(ahead[1])
 
 
 def add_signals(mesh: MeshBuilder, roads: RoadMap, first_instance: int) -> RoadSignals:
@@ -124,7 +133,7 @@ def _top(seat: _Seat) -> float:
     return seat.z_m + seat.height_m
 
 
-def _seat(frame: RoadFrame, signal: RoadSignal, height_m: float) -> _Seat:
+def _seat(frame: RoadFrame, signal: RoadSignal, height_m: float, deep_m: float = 0.0) -> _Seat:
     s = min(signal.s_m, frame.road.length_m)
     pose = frame.pose(s, signal.t_m)
     yaw = float(pose.heading_rad) + signal.h_offset_rad
@@ -134,7 +143,7 @@ def _seat(frame: RoadFrame, signal: RoadSignal, height_m: float) -> _Seat:
     x, y, z = float(pose.x_m), float(pose.y_m), float(pose.z_m)
     if max(abs(x), abs(y), abs(z + signal.z_offset_m)) > REACH_MAX_M:
         raise ValueError(f"it lies more than {REACH_MAX_M} m from the origin")
-    return _Seat(x, y, z + signal.z_offset_m, yaw, z + lift, height_m)
+    return _Seat(x, y, z + signal.z_offset_m, yaw, z + lift, height_m, deep_m)
 
 
 def _add_signal(
@@ -147,10 +156,11 @@ def _add_signal(
     if is_light(signal):
         walk = signal.type == _WALK_LIGHT
         usual = WALK_HEAD_M if walk else HEAD_M
-        seat = _seat(frame, signal, min(signal.height_m or usual, _SIZE_MAX_M))
+        height = min(signal.height_m or usual, _SIZE_MAX_M)
+        seat = _seat(frame, signal, height, head_deep_m(height, walk=walk))
         number = result.lights.setdefault(signal.id, len(result.lights))
         seated = mesh.place(seat.x_m, seat.y_m, seat.yaw_rad, z_m=seat.z_m)
-        with seated, mesh.place(_HEAD_AT_M, 0.0), mesh.label("pole"):
+        with seated, mesh.label("pole"):
             add_head(mesh, seat.height_m, number, walk=walk)
         return seat
     picture = picture_of(signal)
@@ -170,7 +180,7 @@ def _add_plate(mesh: MeshBuilder, picture: SignPicture, size_m: tuple[float, flo
     width, height = picture.size_m
     scale = np.array((size_m[0] / width, size_m[1] / height))
     lift = np.array((0.0, 0.5 * size_m[1] - picture.middle_m * scale[1]))
-    x = _PLATE_AT_M
+    x = 0.0
     back = picture.sheets[0].outline * scale * (-1.0, 1.0) + lift
     mesh.polygon(back, x, materials.PLAIN, GREY, front=1.0)
     for sheet in picture.sheets:
@@ -191,12 +201,12 @@ def _add_post(
     aside = _mast_t(frame, signal, s)
     if seat.z_m - seat.ground_m < CLEAR_M:
         aside = None  # low ones stand on the roadway themselves, such as on an island
+    post = seat.post_m
     if aside is None:
-        foot = seat.x_m, seat.y_m, seat.ground_m - _ROOT_M
-        top = seat.x_m, seat.y_m, max(_top(seat), seat.ground_m + 0.1)
+        foot, top = (*post, seat.ground_m - _ROOT_M), (*post, max(_top(seat), seat.ground_m + 0.1))
         with mesh.label("pole"):
             mesh.tube(foot, top, (_POST_M, _POST_M), 8, materials.PLAIN, GREY)
-        hull = (seat.x_m, seat.y_m, seat.yaw_rad, _POST_M, _POST_M)
+        hull = (*post, seat.yaw_rad, _POST_M, _POST_M)
         standing.add(name, "traffic_sign", [hull])
         return
     pose = frame.pose(s, aside)
@@ -206,9 +216,9 @@ def _add_post(
     with mesh.label("pole"):
         foot, top = (x, y, ground - _ROOT_M), (x, y, level + 0.2)
         mesh.tube(foot, top, (_MAST_M * 1.4, _MAST_M), 8, materials.PLAIN, GREY)
-        arm = (seat.x_m, seat.y_m, level)
+        arm = (*post, level)
         mesh.tube((x, y, level), arm, (0.06, 0.045), 8, materials.PLAIN, GREY)
-        hook = (seat.x_m, seat.y_m, seat.z_m + 0.5 * seat.height_m)
+        hook = (*post, seat.z_m + 0.5 * seat.height_m)
         mesh.tube(arm, hook, (0.03, 0.03), 6, materials.PLAIN, GREY)
     standing.add(name, "traffic_sign", [(x, y, seat.yaw_rad, _MAST_M, _MAST_M)])
 

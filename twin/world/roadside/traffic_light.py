@@ -25,6 +25,11 @@ _COLORS: dict[int, Color] = {
 }
 
 
+def head_deep_m(height_m: float, *, walk: bool) -> float:
+    """Half the depth of a head of a height [m]."""
+    return 0.2 * height_m / (2 if walk else 3)
+
+
 def add_head(mesh: MeshBuilder, height_m: float, head: int, *, walk: bool) -> None:
     """A head of ``height_m``.
 
@@ -36,9 +41,8 @@ def add_head(mesh: MeshBuilder, height_m: float, head: int, *, walk: bool) -> No
     """
     lamps = (RED_LAMP, GREEN_LAMP) if walk else (RED_LAMP, AMBER_LAMP, GREEN_LAMP)
     pitch = height_m / len(lamps)
-    half, deep, radius = 0.5 * pitch, 0.4 * pitch, 0.36 * pitch
-    mesh.box((-0.5 * deep, -half, 0.0), (0.5 * deep, half, height_m), materials.PLAIN, _HOUSING)
-    x = -0.5 * deep
+    half, radius, x = 0.5 * pitch, 0.36 * pitch, -head_deep_m(height_m, walk=walk)
+    mesh.box((x, -half, 0.0), (-x, half, height_m), materials.PLAIN, _HOUSING)
     floor = [(x, -half, 0.0), (x, half, 0.0), (-x, half, 0.0), (-x, -half, 0.0)]
     mesh.quad(floor, materials.PLAIN, _HOUSING)
     for row, lamp in enumerate(lamps):
