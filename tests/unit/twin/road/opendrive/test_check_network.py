@@ -138,6 +138,7 @@ WRONG: dict[str, tuple[Callable[[], RoadNetwork], str]] = {
     "radius": (lambda: thing(radius_m=-0.1), "smaller than nothing"),
     "row nan": (lambda: row(t_m=(0.0, math.nan)), "a number is not between"),
     "many": (lambda: row(distance_m=1e-5), "a row has more objects than are read"),
+    "one more": (lambda: row(distance_m=0.002), "a row has more objects than are read"),
     "endless": (lambda: row(distance_m=5e-324), "a row has more objects than are read"),
     "backwards": (lambda: row(distance_m=-1.0), "smaller than nothing"),
     "corners": (
