@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
-import msgspec
 import numpy as np
 
 from schemas.files.assets import asset_digest
-from twin.road.beside.placing import REACH_MAX_M
 from twin.road.lane import LanePath, Piece, trace
 from twin.road.opendrive.road_frame import RoadFrame, traffic_sign
 from twin.road.opendrive.road_map import RoadMap
@@ -19,21 +16,9 @@ from twin.road.surface.patch import SurfacePatch
 from twin.road.surface.surface import road_surface
 from twin.world.meshes import materials
 from twin.world.meshes.mesh import DECAL, Color, MeshBuilder
-from twin.world.roadside.objects import add_objects
-from twin.world.roadside.scenery import add_scenery
-from twin.world.roadside.signals import add_signals
-from twin.world.scene import Scene
-from twin.world.street.layout import Hull
-from twin.world.things import Thing
 
-EXTENT_MAX_M = REACH_MAX_M
+EXTENT_MAX_M = 16_000
 """Farthest that a road may lie from the world's origin: places of meshes are float32 [m]."""
-HULLS_MAX = 20_000
-"""Most rectangles beside the roads of a scene that vehicles collide with."""
-LAMPS_EXTENT_MAX = 160_000_000
-"""Most street lamps times the ground around them that is lit [m^2]."""
-LAMPS_MARGIN_M = 80.0
-"""How far the ground around lamps goes on in each direction, both sides together [m]."""
 _STRAIGHT_M = 0.02
 """A lane whose middle strays less from its chord is straight [m]."""
 _STEP_M = 2.0
@@ -85,7 +70,12 @@ def _kept(file: str, _digest: str) -> RoadMap:
     return RoadMap(roads_of(Path(file)))
 
 
-def _surface(file: str) -> tuple[SurfacePatch, ...]:
+def surface_of(file: str) -> tuple[SurfacePatch, ...]:
+    """The surface of a file's roads.
+
+    Raises:
+        ValueError: it cannot be a world; one line.
+    """
     return _kept_surface(file, asset_digest(Path(file)))
 
 
@@ -101,95 +91,16 @@ def _kept_surface(file: str, digest: str) -> tuple[SurfacePatch, ...]:
     return patches
 
 
-def road_mistake(scene: Scene) -> str:
-    """Why the roads of a scene cannot be a world, or an empty string."""
-    try:
-        return _mistake(asset_digest(Path(scene.opendrive)), msgspec.json.encode(scene))
-    except ValueError as error:
-        return str(error)
-
-
-@lru_cache(maxsize=64)
-def _mistake(_digest: str, encoded: bytes) -> str:
-    """The same of a scene as JSON, once for every content of its file: many cases have the same
-    one."""
-    scene = msgspec.json.decode(encoded, type=Scene)
-    try:
-        _surface(scene.opendrive)
-        road_lane(scene.opendrive)
-        add_roadside(MeshBuilder(), scene, 0)
-    except ValueError as error:
-        return str(error)
-    return ""
-
-
 def add_roads(mesh: MeshBuilder, file: str) -> None:
     """Add the lanes, kerbs and marks of a file, and the ground around.
 
     Raises:
         ValueError: the file cannot be used; one line.
     """
-    for patch in _surface(file):
+    for patch in surface_of(file):
         semantic, material, color, tag = _look(patch)
         with mesh.label(semantic), mesh.rolled(patch.friction):
             mesh.add(patch.points_m, patch.faces, material, color, tag)
-
-
-@dataclass(frozen=True, slots=True)
-class Roadside:
-    """What stands beside the roads of a scene."""
-
-    hulls: tuple[Hull, ...]
-    things: tuple[Thing, ...]
-    """One per hull."""
-    plates: int
-    """Instances of class ``traffic_sign``."""
-    signals: tuple[str, ...]
-    """Ids of the signals with lamps, see :attr:`twin.world.street.build.World.signals`."""
-    lamps_m: np.ndarray | None
-    """World x, y of street lamps that light the ground, float64 [L, 2]; None: there are none, or
-    too many on too much ground."""
-
-
-def add_roadside(mesh: MeshBuilder, scene: Scene, first_instance: int) -> Roadside:
-    """Add objects and signals of a scene's road file, and the scenery of the scene.
-
-    Args:
-        mesh: receives their faces.
-        scene: the scene.
-        first_instance: number of the first traffic sign.
-
-    Raises:
-        ValueError: there is too much, or scenery for a road that does not exist; one line.
-    """
-    roads = road_map(scene.opendrive)
-    rows = [add_objects(mesh, roads)]
-    signals = add_signals(mesh, roads, first_instance)
-    rows.append(signals.standing)
-    if scene.scenery is not None:
-        rows.append(add_scenery(mesh, roads, _surface(scene.opendrive), scene.scenery, scene.seed))
-    count = sum(len(row.hulls) for row in rows)
-    if count > HULLS_MAX:
-        raise ValueError(
-            f"{scene.opendrive}: {count} solid pieces beside its roads, at most {HULLS_MAX} can be "
-            "hit; use a part of it"
-        )
-    return Roadside(
-        tuple(hull for row in rows for hull in row.hulls),
-        tuple(thing for row in rows for thing in row.things),
-        signals.plates,
-        tuple(signals.lights),
-        _shining(rows[0].lamps_m),
-    )
-
-
-def _shining(lamps_m: list[tuple[float, float]]) -> np.ndarray | None:
-    """Street lamps whose table of the nearest ones stays small."""
-    at = np.array(lamps_m).reshape(-1, 2)
-    if not len(at):
-        return None
-    extent = float((np.ptp(at, axis=0) + LAMPS_MARGIN_M).prod())
-    return at if extent * len(at) <= LAMPS_EXTENT_MAX else None
 
 
 def _look(patch: SurfacePatch) -> tuple[str, int, Color, int]:

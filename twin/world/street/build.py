@@ -19,7 +19,8 @@ from twin.world.meshes.details import FaceLook, Mask
 from twin.world.meshes.imports import add_imports
 from twin.world.meshes.kept_files import kept_files
 from twin.world.meshes.mesh import Mesh, MeshBuilder
-from twin.world.road_scene import add_roads, add_roadside, road_lane
+from twin.world.road_scene import add_roads, road_lane
+from twin.world.roadside.roadside import add_roadside
 from twin.world.scene import Scene
 from twin.world.street import sidewalks
 from twin.world.street.ambient import baked

@@ -10,7 +10,7 @@ from schemas.files.assets import file_digest
 from schemas.files.yaml_file import YamlError
 from schemas.kinds.scenarios.storyboard import KIND
 from twin.scenario.storyboard.case.files import LoadedStoryboard, load_storyboard
-from twin.world.road_scene import road_mistake
+from twin.world.roadside.roadside import road_mistake
 from twin.world.scene import load_scene
 from twin.world.things import NAME_MAX
 
