@@ -49,6 +49,12 @@ class Placement:
     class_index: np.ndarray | None = None
     """int32 [S, M], index into :data:`schemas.messages.OBJECT_CLASSES` of objects that are another
     thing in every slot; None: the world says what each is."""
+    lights: np.ndarray | None = None
+    """int32 [S, M], bit of each :class:`twin.actors.lamps.VehicleLamp` that is on whatever the
+    hour; None: none is."""
+    signals: np.ndarray | None = None
+    """int32 [S, K], lamps that are on of each traffic light of :attr:`World.signals`: bit 0 red, 1
+    amber, 2 green; None: as before."""
 
     def hulls(self, sizes_m: np.ndarray) -> np.ndarray:
         """What vehicles may hit of it [S, M, 8], :data:`twin.vehicle.kernel.MOVER_COLUMNS`.

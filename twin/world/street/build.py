@@ -82,6 +82,9 @@ class World:
     """Number of the first colliders that are vehicles; instance i is the object of collider i."""
     things: tuple[Thing, ...] = ()
     """What the hulls belong to: one entry per collider, then one per movable object."""
+    signals: tuple[str, ...] = ()
+    """Traffic lights whose lamps a scenario switches, by their ids in the road file; faces of
+    :data:`twin.world.meshes.materials.SIGNAL_LAMP` say by their tag which they are."""
     notes: tuple[str, ...] = ()
     """What was left out or made smaller when files were imported, one line each."""
 
