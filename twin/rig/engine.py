@@ -50,7 +50,6 @@ from twin.world.sky.wind import Winds
 from twin.world.street.build import World, build_world
 from twin.world.things import Thing
 
-_NO_LIGHTS = Lights()
 _PLACE = [COLUMN["x_m"], COLUMN["y_m"]]
 
 CARRIED = "co-simulated: the stack commanded the car's poses"
@@ -69,7 +68,7 @@ class _Run:
     """Commands with the physics step from which they are in force."""
     delays: Delays = field(init=False)
     """Between command and effect."""
-    lights: Lights = _NO_LIGHTS
+    lights: Lights = field(default_factory=Lights)
     """Lamps in force."""
     carried: bool = False
     """The stack has commanded a pose."""
@@ -219,8 +218,7 @@ class Engine:
         environment = CaseEnvironment(case, self._origin)
         self.objects.begin(slot, case.variation.objects)
         ground = self._ground(slot, case)
-        start, ground = self._start(slot, case, ground)
-        x_m, y_m, z_m, yaw_rad, speed_mps = start
+        (x_m, y_m, z_m, yaw_rad, speed_mps), ground = self._start(slot, case, ground)
         self._vehicles.place(
             slot, x_m, speed_mps, 1.0, y_m=y_m, z_m=z_m, yaw_rad=yaw_rad, refresh=False
         )
@@ -341,9 +339,12 @@ class Engine:
     def apply_environment(self, slot: int) -> None:
         """Weather and light of a slot as they are at its sim time."""
         environment = self.environment(slot)
+        if self._motion is not None:
+            environment.script(self._motion.environment(slot))
         weather, light = environment.at(int(self.sim_time_ns[slot]))
         self._vehicles.friction[slot] = weather.friction
         self._winds.set(slot, weather.wind_mps, weather.gust_mps)
+        self._winds.turn(slot, environment.wind_towards)
         self._exteroceptive.light(slot, light, weather, environment.wind_towards)
         self._illuminance_lx[slot] = light.illuminance_lx
         self._extinction_per_m[slot] = weather.extinction_per_m
@@ -459,7 +460,8 @@ class Engine:
         if self._robots is None:
             self._vehicles.advance(self._steps)
             return
-        for slot in self._robots.advance(self.active, self._steps, self._hulls):
+        moved = self._robots.advance(self.active, self._steps, self._hulls, self.apply_environment)
+        for slot in moved:
             self._exteroceptive.moved(slot)
 
     def _hulls(self) -> np.ndarray:

@@ -292,7 +292,7 @@ class _Check:
             if value not in _CATEGORY_GROUPS and not 0 <= value <= max(EntityCategory):
                 yield f"category is {value}"
         elif isinstance(record, actions.LightAction) and name == "mode":
-            if not 0 <= value <= 2:
+            if value not in (1, 2, 3):
                 yield f"mode is {value}"
         elif kind := REFERENCES.get(name):
             least = -1 if (type(record), name) in _OPTIONAL else 0

@@ -21,7 +21,9 @@ def _environment(element: ScenarioElement, context: Compilation) -> StoryboardEn
     values: dict[str, float] = {}
     time = element.first("TimeOfDay")
     if time is not None:
-        values["time_of_day_s"] = seconds_of(str(time.values["dateTime"]))
+        date_time = str(time.values["dateTime"])
+        values["time_of_day_s"] = seconds_of(date_time)
+        values["clock_s"] = seconds_of(date_time, zone=False)
         if time.values["animation"]:
             context.note(time, "the clock goes on, the picture of the sky stays")
     weather = element.first("Weather")
@@ -47,6 +49,7 @@ def _weather(element: ScenarioElement, context: Compilation) -> dict[str, float]
         values["cloud_fraction"] = clouds
     if "temperature" in element.values:
         values["temperature_k"] = float(element.values["temperature"])
+        context.note(element, "temperature has no effect")
     if "atmosphericPressure" in element.values:
         context.note(element, "atmosphericPressure has no effect")
     if element.first("DomeImage") is not None:
@@ -54,6 +57,8 @@ def _weather(element: ScenarioElement, context: Compilation) -> dict[str, float]
     for child in element.children:
         if child.type_name in _PARTS:
             values |= _PARTS[child.type_name](child)
+            if child.type_name == "Fog" and child.first("BoundingBox") is not None:
+                context.note(child, "the fog is everywhere, not in its BoundingBox alone")
     return values
 
 

@@ -81,15 +81,20 @@ class StoryboardEnvironment(ProgramRecord, frozen=True):
     name: str
     time_of_day_s: float | None = None
     """Since 1970."""
+    clock_s: float | None = None
+    """The same moment as a clock at the place shows it, counted from 1970 as well."""
     cloud_fraction: float | None = None
     fog_visual_range_m: float | None = None
     rain_mm_per_h: float | None = None
     snow_mm_per_h: float | None = None
+    """As water."""
     temperature_k: float | None = None
     sun_azimuth_rad: float | None = None
+    """From north to the west."""
     sun_elevation_rad: float | None = None
     sun_illuminance_lx: float | None = None
     wind_direction_rad: float | None = None
+    """Heading of the wind: where it blows to."""
     wind_speed_mps: float | None = None
     friction_factor: float | None = None
 
