@@ -36,6 +36,7 @@ from twin.world.kernel_cache import prepare_kernels
 from twin.world.road_scene import road_map
 from twin.world.scene import Scene, load_scene
 from twin.world.sky.environment import light_of, wind_towards
+from twin.world.sky.scripted import ScriptedEnvironment
 from twin.world.sky.sun import Daylight
 from twin.world.sky.weather import WeatherParameters, weather_of
 from twin.world.street.build import World, build_world
@@ -113,8 +114,14 @@ def contact_sheet(
     for time in times:
         pictures = []
         for name, weather in found.items():
-            light = light_of(environment, street.place, minutes(time), weather)
-            toward = wind_towards(environment, street.place)
+            minute = float(minutes(time))
+            said = street.said
+            if said is not None:
+                weather = said.on_road(said.weather(weather, environment.family))
+                minute = minute if said.minute is None else said.minute
+            light = light_of(environment, street.place, minute, weather, said)
+            toward = said.wind_towards if said is not None else None
+            toward = toward or wind_towards(environment, street.place)
             lamps = lights or usual_lights(name, light.illuminance_lx)
             key = stream_key(0, f"{time}-{name}", f"camera/{camera.name}")
             picture = street.picture(light, weather, toward, lamps, key)
@@ -202,6 +209,9 @@ def _custom(text: str) -> tuple[str, dict[str, Any]]:
 
 class _Street:
     """One camera behind a windscreen, in a street."""
+
+    said: ScriptedEnvironment | None = None
+    """What a scenario says of weather and light, in place of the sheet's."""
 
     def __init__(
         self, target: Scene, world: World, vehicle: str, camera: Camera, device: str
@@ -312,6 +322,7 @@ class _Moment(_Street):
         assert self._motion is not None
         self._motion.begin(0, self._case)
         ego = self._motion.alone(0, self._at_s)
+        self.said = self._motion.environment(0)
         self._geometry.place(self._motion.at(np.array([self._at_s])))
         x, y, z, heading, _ = ego
         zero = np.zeros(())
