@@ -17,6 +17,7 @@ from twin.world.sky.weather import (
     MOR_PER_EXTINCTION,
     WeatherParameters,
     fog_extinction_per_m,
+    overridden,
     with_parts,
 )
 
@@ -51,6 +52,8 @@ class ScriptedEnvironment:
     wind_direction_rad: float | None = None
     """Heading of the wind, where it blows to [rad]."""
     wind_speed_mps: float | None = None
+    water_mm: float | None = None
+    """Water film that one sees on the road [mm]; its friction is what the factor says."""
     friction_factor: float | None = None
     """Friction of the road over what it has in this weather [-]."""
 
@@ -84,7 +87,9 @@ class ScriptedEnvironment:
         return base
 
     def on_road(self, weather: WeatherParameters) -> WeatherParameters:
-        """The weather with the road's friction as the scenario scales it."""
+        """The weather on the road as the scenario has it."""
+        if self.water_mm is not None:
+            weather = overridden(weather, weather.friction, self.water_mm)
         if self.friction_factor is None:
             return weather
         friction = min(weather.friction * self.friction_factor, FRICTION_LIMITS[1])

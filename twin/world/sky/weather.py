@@ -129,7 +129,7 @@ def weather_of(
 def parameters(conditions: Conditions, family: str = "physical") -> WeatherParameters:
     """What ``conditions`` mean physically in a family."""
     c = conditions
-    rain_mm_per_h = _steady(_through(c.rain, *_RAIN_MM_PER_H))
+    rain_mm_per_h = rain_at(c.rain)
     snow_per_m = _snow_per_m(c.snow)
     extinction_per_m = AIR_PER_M + _fog_per_m(c.fog) + _rain_per_m(rain_mm_per_h) + snow_per_m
     water_mm = max(_table(c.rain, _FILM_MM[:3]), 0.02 * c.fog, 0.05 * c.snow)
@@ -150,7 +150,7 @@ def parameters(conditions: Conditions, family: str = "physical") -> WeatherParam
         snow_cover=_table(c.snow, (0.0, 0.55, 0.95)),
         friction=min(film_friction(_table(c.rain, _FILM_MM[:3])), _table(c.snow, _SNOW_FRICTION)),
         rain_mm_per_h=rain_mm_per_h,
-        snow_mm_per_h=_steady((snow_per_m / _DB_PER_KM / 5.53) ** (1.0 / 1.38)),
+        snow_mm_per_h=snowfall_at(c.snow),
         wind_mps=wind_mps,
         gust_mps=GUST_SHARE * wind_mps,
         water_mm=water_mm,
@@ -162,6 +162,16 @@ def fog_extinction_per_m(weather: WeatherParameters) -> float:
     """What fog adds to the extinction of a weather [1/m]."""
     rest = weather.extinction_per_m - AIR_PER_M - _rain_per_m(weather.rain_mm_per_h)
     return max(0.0, rest - _snowfall_per_m(weather.snow_mm_per_h))
+
+
+def rain_at(intensity: float) -> float:
+    """Rain of an intensity from 0 to 1 [mm/h]."""
+    return _steady(_through(intensity, *_RAIN_MM_PER_H))
+
+
+def snowfall_at(intensity: float) -> float:
+    """Snowfall of an intensity from 0 to 1, as water [mm/h]."""
+    return _steady((_snow_per_m(intensity) / _DB_PER_KM / 5.53) ** (1.0 / 1.38))
 
 
 def with_parts(

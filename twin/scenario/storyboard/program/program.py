@@ -96,7 +96,25 @@ class StoryboardEnvironment(ProgramRecord, frozen=True):
     wind_direction_rad: float | None = None
     """Heading of the wind: where it blows to."""
     wind_speed_mps: float | None = None
+    water_mm: float | None = None
+    """Film on the road, as far as it is seen."""
     friction_factor: float | None = None
+
+
+ENVIRONMENT_LIMITS: dict[str, tuple[float, float]] = {
+    "clock_s": (-62_135_596_800.0, 253_402_300_799.0),
+    "cloud_fraction": (0.0, 1.0),
+    "fog_visual_range_m": (0.0, 1e6),
+    "rain_mm_per_h": (0.0, 1000.0),
+    "snow_mm_per_h": (0.0, 1000.0),
+    "temperature_k": (0.0, 1000.0),
+    "sun_elevation_rad": (-1.5708, 1.5708),
+    "sun_illuminance_lx": (0.0, 1e6),
+    "wind_speed_mps": (0.0, 150.0),
+    "water_mm": (0.0, 10.0),
+    "friction_factor": (0.0, 100.0),
+}
+"""Lowest and highest values of an environment; a clock shows years 1 to 9999."""
 
 
 class DriverModel(ProgramRecord, frozen=True):
