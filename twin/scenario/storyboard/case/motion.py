@@ -321,7 +321,7 @@ class StoryboardMotion:
             return None
         for slot, run in enumerate(self._cases):
             if run is not None and len(run.signals.columns):
-                lamps = run.signals.lamps(self._player.variables(slot))
+                lamps = run.signals.lamps(self._player.values_of(slot))
                 self._signal_lamps[slot, run.signals.columns] = lamps
         return self._signal_lamps.copy()
 

@@ -115,7 +115,7 @@ class RigPlayer(StoryboardPlayer):
             slots[:, SlotColumn.OVERFLOW] != 0,
         )
 
-    def variables(self, slot: int) -> np.ndarray:
+    def values_of(self, slot: int) -> np.ndarray:
         """Values of the variables of a slot's program, a view [V]."""
         values: np.ndarray = self._play.variables.numpy()[slot]
         return values
