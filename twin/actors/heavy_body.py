@@ -53,7 +53,7 @@ def _lamps(
         corner = (length + 0.02, high, 0.84)
         mesh.box((length - 0.05, low, 0.66), corner, head, CLEAR, VehicleLamp.HEAD)
     if switched:
-        add_switched_lamps(mesh, switched_places(length, half, tail_z))
+        add_switched_lamps(mesh, _switched(length, half, tail_z))
     corners = [
         (-0.032, 0.26, 0.5),
         (-0.032, -0.26, 0.5),
@@ -63,20 +63,19 @@ def _lamps(
     mesh.quad(corners, materials.PLAIN, _WHITE)
 
 
-def switched_places(length: float, half: float, tail_z: float) -> LampPlaces:
-    """Lamps above and beside the tail and head lamps of a body of such a length and half width
-    whose tail lamps begin at a height [m]."""
-    rear = (-0.03, tail_z), (0.05, tail_z + 0.14)
-    (x0, z0), (x1, z1) = rear
-    front = length - 0.05, length + 0.02
+def _switched(length: float, half: float, tail_z: float) -> LampPlaces:
+    """Lamps above and beside the tail and head lamps."""
+    rear, behind, top = -0.03, 0.05, tail_z + 0.14
+    front = length - 0.05
     return LampPlaces(
         indicators=(
-            ((x0, half - 0.34, z1), (x1, half - 0.06, z1 + 0.08)),
-            ((front[0], half - 0.13, 0.66), (front[1], half - 0.07, 0.84)),
+            ((rear, half - 0.34, top), (behind, half - 0.06, top + 0.08)),
+            ((front, half - 0.13, 0.66), (length + 0.02, half - 0.07, 0.84)),
         ),
-        reversing=((x0, half - 0.46, z0), (x1, half - 0.36, z1)),
-        fog_rear=((x0, half - 0.60, z0), (x1, half - 0.48, z1)),
-        fog_front=((front[0], half - 0.42, 0.48), (front[1], half - 0.26, 0.58)),
+        reversing=((rear, half - 0.46, tail_z), (behind, half - 0.36, top)),
+        fog_rear=((rear, half - 0.60, tail_z), (behind, half - 0.48, top)),
+        # The bumper of a truck stands out further than its lamps above.
+        fog_front=((front, half - 0.42, 0.48), (length + 0.04, half - 0.26, 0.58)),
     )
 
 

@@ -245,9 +245,9 @@ def _plain_surface(s: SurfacePoint, m: wp.int32, on: wp.vec3, light: SlotLight):
         lit = wp.where(light.lamps_on > 0.0, 9000.0 * wp.max(on[0], on[2]), 40000.0 * on[2])
         s.emission = wp.vec3(1.0, 0.95, 0.85) * lit
     elif m == _VEHICLE_LAMP:
-        # 10 to 100 kcd/m^2 by UN R6 and R23; as with traffic lights, colour is to outlive exposure.
-        bright = wp.where(light.lamps_on > 0.0, 500.0, 20000.0)
-        s.emission = s.albedo * (bright * on[2])
+        # Of UN R6 and R23, about 10 kcd/m^2 by day; squared and dimmed as traffic lights are.
+        bright = wp.where(light.lamps_on > 0.0, 150.0, 25000.0)
+        s.emission = wp.cw_mul(s.albedo, s.albedo) * (bright * on[2])
     elif m == _SIGNAL_LAMP:
         bright = wp.where(light.lamps_on > 0.0, 120.0, 4000.0)
         s.emission = wp.cw_mul(s.albedo, s.albedo) * (bright * on[2])
