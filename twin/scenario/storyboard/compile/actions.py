@@ -189,8 +189,6 @@ def _light(element: ScenarioElement, context: Compilation) -> LightAction:
     lamp = only_child(kind)
     if lamp.type_name == "UserDefinedLight":
         raise RefusalError(lamp, "only lamps of the standard are known")
-    if element.values.get("transitionTime"):
-        context.note(element, "transitionTime has no effect; lamps change at once")
     name = str(lamp.values["vehicleLightType"])
     if name in UNSEEN:
         context.note(lamp, f"bodies have no {name}, so pictures do not show them")
