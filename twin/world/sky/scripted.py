@@ -37,6 +37,8 @@ class ScriptedEnvironment:
 
     clock_s: float | None = None
     """Date and time as a clock at the place shows it, counted from 1970 [s]."""
+    minute_of_day: float | None = None
+    """Local time without a date [minutes after midnight]."""
     cloud_fraction: float | None = None
     """Share of the sky under cloud [-], 0..1."""
     fog_visual_range_m: float | None = None
@@ -58,12 +60,16 @@ class ScriptedEnvironment:
     """Friction of the road over what it has in this weather [-]."""
 
     def then(self, later: ScriptedEnvironment) -> ScriptedEnvironment:
-        """What holds after a later word: a sun or a time that it gives replaces both."""
+        """What holds after a later word: a time that it gives replaces time and sun, a sun of its
+        own the sun."""
         base = self
-        if later.sun_elevation_rad is not None or later.clock_s is not None:
+        timed = later.clock_s is not None or later.minute_of_day is not None
+        if timed or later.sun_elevation_rad is not None:
             base = replace(
                 base, sun_azimuth_rad=None, sun_elevation_rad=None, sun_illuminance_lx=None
             )
+        if timed:
+            base = replace(base, clock_s=None, minute_of_day=None)
         values = {field.name: getattr(later, field.name) for field in fields(later)}
         return replace(base, **{name: v for name, v in values.items() if v is not None})
 
@@ -112,7 +118,7 @@ class ScriptedEnvironment:
     @property
     def minute(self) -> float | None:
         """Local time [minutes after midnight]; None: the campaign's."""
-        return None if self.clock_s is None else self.clock_s % 86_400.0 / 60.0
+        return self.minute_of_day if self.clock_s is None else self.clock_s % 86_400.0 / 60.0
 
     def heavens(self, place: EarthPlace, date: str, minute: float, mode: str) -> Heavens:
         """Sun and moon: at the scenario's time, the sun where the scenario has it.

@@ -166,6 +166,15 @@ def test_the_clock_is_the_scenarios():
     assert environment.clock_min(0) == 480.0
 
 
+def test_an_hour_without_a_date_is_of_the_campaigns_day():
+    own = case_environment(time_of_day="08:00", date="2025-07-01").at(0)[1]
+    environment = case_environment(time_of_day="23:00", date="2025-07-01")
+    environment.script(ScriptedEnvironment(minute_of_day=480.0))
+    np.testing.assert_array_equal(environment.at(0)[1].sun_direction, own.sun_direction)
+    dated = ScriptedEnvironment(clock_s=1e9).then(ScriptedEnvironment(minute_of_day=480.0))
+    assert (dated.clock_s, dated.minute) == (None, 480.0)
+
+
 def test_later_words_go_before_and_time_moves_the_sun_again():
     sun = ScriptedEnvironment(
         sun_azimuth_rad=1.0, sun_elevation_rad=0.5, sun_illuminance_lx=9.0, friction_factor=0.7

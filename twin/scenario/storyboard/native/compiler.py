@@ -40,9 +40,14 @@ from twin.scenario.storyboard.native.ground import (
 )
 from twin.scenario.storyboard.native.orders import ActorOrders
 from twin.scenario.storyboard.native.sections import NativeScenario, ScenarioEnd, StoryEvent
+from twin.scenario.storyboard.native.skies import environment_of
 from twin.scenario.storyboard.native.starts import StartPlace, places_of, turned_place
 from twin.scenario.storyboard.program import conditions as conditions_of
-from twin.scenario.storyboard.program.actions import PrivateAction, SpeedAction
+from twin.scenario.storyboard.program.actions import (
+    EnvironmentAction,
+    PrivateAction,
+    SpeedAction,
+)
 from twin.scenario.storyboard.program.conditions import ComparisonRule, ElementState, Trigger
 from twin.scenario.storyboard.program.program import (
     ElementKind,
@@ -57,7 +62,7 @@ _ACT = 2
 _STARTED = (ElementState.RUNNING, ElementState.COMPLETE)
 
 
-Named = list[tuple[str, PrivateAction]]
+Named = list[tuple[str, PrivateAction | EnvironmentAction]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,6 +136,7 @@ def compile_native(document: NativeDocument) -> Program:
         init=tuple(InitAction(action, numbers[name]) for name in names for action in first[name]),
         trajectories=tuple(compiler.trajectories),
         routes=tuple(compiler.routes),
+        environments=tuple(compiler.environments),
         models=tuple(compiler.models),
         network=ground.network,
     )
@@ -216,13 +222,19 @@ def _circle(name: str, waits: dict[str, list[str]], trail: list[str], done: set[
 def _parts(scenario: NativeScenario, compiler: ActionCompiler) -> list[_Part]:
     parts: list[_Part] = []
     index = _ACT + 1
+    environments = compiler.environments
     for name, event in scenario.events.items():
         for actor, orders in event.do.items():
-            actions = compiler.orders(f"events.{name}.do.{actor}", actor, orders)
-            actions, followers = _in_turn(name, orders, actions)
+            ordered: Named = [*compiler.orders(f"events.{name}.do.{actor}", actor, orders)]
+            actions, followers = _in_turn(name, orders, ordered)
             parts.append(_Part(name, actor, actions, followers, index))
             # Group, maneuver, event and its actions; each event that follows, and its actions.
             index += 3 + len(actions) + sum(1 + len(one.actions) for one in followers)
+        if (environment := environment_of(name, event)) is not None:
+            environments.append(environment)
+            action = EnvironmentAction(len(environments) - 1)
+            parts.append(_Part(name, "ego", [("weather", action)], (), index))
+            index += 4
     return parts
 
 

@@ -83,6 +83,8 @@ class StoryboardEnvironment(ProgramRecord, frozen=True):
     """Since 1970."""
     clock_s: float | None = None
     """The same moment as a clock at the place shows it, counted from 1970 as well."""
+    minute_of_day: float | None = None
+    """Local time without a date [minutes after midnight]."""
     cloud_fraction: float | None = None
     fog_visual_range_m: float | None = None
     rain_mm_per_h: float | None = None
@@ -103,6 +105,7 @@ class StoryboardEnvironment(ProgramRecord, frozen=True):
 
 ENVIRONMENT_LIMITS: dict[str, tuple[float, float]] = {
     "clock_s": (-62_135_596_800.0, 253_402_300_799.0),
+    "minute_of_day": (0.0, 1440.0),
     "cloud_fraction": (0.0, 1.0),
     "fog_visual_range_m": (0.0, 1e6),
     "rain_mm_per_h": (0.0, 1000.0),
