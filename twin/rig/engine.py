@@ -21,7 +21,7 @@ from twin.base.stopwatch import Stopwatch
 from twin.kpi import verdict as judging
 from twin.kpi.judge_record import judge_record
 from twin.kpi.recorder import KpiRecorder
-from twin.rig.command_delay import Delays
+from twin.rig.command_delay import Delays, put_in_force
 from twin.rig.slot import Finished
 from twin.scenario import families
 from twin.scenario.case_files import check_files
@@ -40,6 +40,7 @@ from twin.sensors.vehicle_truth import VehicleTruth
 from twin.vehicle.carry import Carrier
 from twin.vehicle.fleet import Fleet
 from twin.vehicle.ground import drivable
+from twin.vehicle.masses import load_of
 from twin.vehicle.model import PHYSICS_STEP_NS
 from twin.vehicle.nearest import NEAREST
 from twin.vehicle.state import COLUMN
@@ -50,6 +51,7 @@ from twin.world.sky.wind import Winds
 from twin.world.street.build import World, build_world
 from twin.world.things import Thing
 
+_NO_LIGHTS = Lights()
 _PLACE = [COLUMN["x_m"], COLUMN["y_m"]]
 
 CARRIED = "co-simulated: the stack commanded the car's poses"
@@ -68,7 +70,7 @@ class _Run:
     """Commands with the physics step from which they are in force."""
     delays: Delays = field(init=False)
     """Between command and effect."""
-    lights: Lights = field(default_factory=Lights)
+    lights: Lights = _NO_LIGHTS
     """Lamps in force."""
     carried: bool = False
     """The stack has commanded a pose."""
@@ -218,7 +220,9 @@ class Engine:
         environment = CaseEnvironment(case, self._origin)
         self.objects.begin(slot, case.variation.objects)
         ground = self._ground(slot, case)
-        (x_m, y_m, z_m, yaw_rad, speed_mps), ground = self._start(slot, case, ground)
+        start, ground = self._start(slot, case, ground)
+        x_m, y_m, z_m, yaw_rad, speed_mps = start
+        self._vehicles.load(slot, load_of(case.variation.scenario))
         self._vehicles.place(
             slot, x_m, speed_mps, 1.0, y_m=y_m, z_m=z_m, yaw_rad=yaw_rad, refresh=False
         )
@@ -430,7 +434,7 @@ class Engine:
         if not self._surveyed:
             self._survey()
         self._nearest = self._vehicles.nearest()
-        self._schedule(good)
+        put_in_force(self._vehicles, good, self.tick, self.sim_time_ns, self._steps)
         slots = [slot for slot, _, _ in good]
         if self._robots is not None:
             self._robots.watch(slots)
@@ -488,43 +492,23 @@ class Engine:
         for slot in range(self.slots):
             self.clear(slot)
 
-    def _schedule(self, good: list[tuple[int, _Run, Command]]) -> None:
-        """Work out which commands are in force in the coming period, and from which step.
-
-        Of several that arrive within one period the newest counts.
-        """
-        vehicles = self._vehicles
-        first_steps = self.sim_time_ns // PHYSICS_STEP_NS
-        which = np.array([slot for slot, _, _ in good], np.int64)
-        vehicles.first_step[which] = first_steps[which]
-        vehicles.commands[which, 0, 0] = vehicles.commands[which, 0, 1]
-        vehicles.switch_step[which] = self._steps
-        slots, asked, switches = [], [], []
-        for (slot, run, command), first_step in zip(good, first_steps[which].tolist(), strict=True):
-            run.delays.send(run.pending, first_step, int(self.tick[slot]), command)
-            while run.pending and run.pending[0][0] < first_step + self._steps:
-                step, current = run.pending.popleft()
-                slots.append(slot)
-                pedals = (current.throttle, current.brake, current.steering_rad, current.handbrake)
-                asked.append((*pedals, -1.0 if current.reverse else 1.0))
-                switches.append(step - first_step)
-                run.lights = current.lights
-        if slots:
-            vehicles.commands[slots, 0, 1] = asked
-            vehicles.switch_step[slots] = switches
-
     def _record(self, slots: list[int], commands: Sequence[Command | None]) -> None:
         if not slots:
             return
-        given = [self._columns(slot) for slot in slots]
+        given = [
+            self._columns(slot, command) for slot, command in zip(slots, commands, strict=True)
+        ]
         self._recorder.add(
             slots, self.tick, self.sim_time_ns, self.state, commands, given, self._nearest
         )
 
-    def _columns(self, slot: int) -> Mapping[str, float]:
-        """KPI columns that the scenario of a slot gives."""
+    def _columns(self, slot: int, command: Command | None) -> Mapping[str, float]:
+        """KPI columns that only some families have."""
         columns = self._run(slot).scenario.columns()
-        return columns if self._motion is None else {**columns, **self._motion.columns(slot)}
+        if self._motion is None:
+            return columns
+        warning = {} if command is None else {"warning": float(command.warning)}
+        return {**columns, **self._motion.columns(slot), **warning}
 
     def _survey(self) -> None:
         """Begin to measure what every ego is nearest to at the current ticks, see
