@@ -43,7 +43,7 @@ from twin.scenario.storyboard.program.places import (
     RouteLeg,
     Trajectory,
 )
-from twin.scenario.storyboard.program.program import DriverModel, StoryboardEnvironment
+from twin.scenario.storyboard.program.program import DriverModel
 
 SPEED_RATE_MPS2 = 3.0
 """Change of speed where a file says none: brisk, but nobody would call it an emergency."""
@@ -92,7 +92,7 @@ class ActorCourse:
 
 @dataclass(slots=True)
 class ActionCompiler:
-    """Makes actions; trajectories, routes, models and environments come together here.
+    """Makes actions; trajectories, routes and models come together here.
 
     Events count in the order of the file: a lane change to the left is one from the lane into which
     the event before it changed.
@@ -106,7 +106,6 @@ class ActionCompiler:
     trajectories: list[Trajectory] = field(default_factory=list)
     routes: list[RoadRoute] = field(default_factory=list)
     models: list[DriverModel] = field(default_factory=list)
-    environments: list[StoryboardEnvironment] = field(default_factory=list)
     courses: dict[str, ActorCourse] = field(default_factory=dict)
 
     def begin(self) -> dict[str, list[PrivateAction]]:

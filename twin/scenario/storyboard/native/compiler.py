@@ -40,14 +40,13 @@ from twin.scenario.storyboard.native.ground import (
 )
 from twin.scenario.storyboard.native.orders import ActorOrders
 from twin.scenario.storyboard.native.sections import NativeScenario, ScenarioEnd, StoryEvent
-from twin.scenario.storyboard.native.skies import environment_of
 from twin.scenario.storyboard.native.starts import StartPlace, places_of, turned_place
-from twin.scenario.storyboard.program import conditions as conditions_of
-from twin.scenario.storyboard.program.actions import (
-    EnvironmentAction,
-    PrivateAction,
-    SpeedAction,
+from twin.scenario.storyboard.native.surroundings import (
+    SurroundingsAction,
+    SurroundingsCompiler,
 )
+from twin.scenario.storyboard.program import conditions as conditions_of
+from twin.scenario.storyboard.program.actions import PrivateAction, SpeedAction
 from twin.scenario.storyboard.program.conditions import ComparisonRule, ElementState, Trigger
 from twin.scenario.storyboard.program.program import (
     ElementKind,
@@ -62,7 +61,7 @@ _ACT = 2
 _STARTED = (ElementState.RUNNING, ElementState.COMPLETE)
 
 
-Named = list[tuple[str, PrivateAction | EnvironmentAction]]
+Named = list[tuple[str, PrivateAction | SurroundingsAction]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,7 +114,8 @@ def compile_native(document: NativeDocument) -> Program:
     numbers = {name: number for number, name in enumerate(names)}
     compiler = ActionCompiler(scenario, ground, places, numbers, mistakes)
     first = compiler.begin()
-    parts = _parts(scenario, compiler)
+    surroundings = SurroundingsCompiler(ground, mistakes)
+    parts = _parts(scenario, compiler, surroundings)
     triggers = {name: _trigger(name, scenario, parts, compiler) for name in scenario.events}
     stop = _stop(scenario.end, ground, places, mistakes, bool(scenario.events))
     raise_mistakes(document.file, mistakes.mistakes)
@@ -136,7 +136,9 @@ def compile_native(document: NativeDocument) -> Program:
         init=tuple(InitAction(action, numbers[name]) for name in names for action in first[name]),
         trajectories=tuple(compiler.trajectories),
         routes=tuple(compiler.routes),
-        environments=tuple(compiler.environments),
+        variables=tuple(surroundings.variables),
+        words=tuple(surroundings.words) if surroundings.variables else (),
+        environments=tuple(surroundings.environments),
         models=tuple(compiler.models),
         network=ground.network,
     )
@@ -219,10 +221,11 @@ def _circle(name: str, waits: dict[str, list[str]], trail: list[str], done: set[
     return []
 
 
-def _parts(scenario: NativeScenario, compiler: ActionCompiler) -> list[_Part]:
+def _parts(
+    scenario: NativeScenario, compiler: ActionCompiler, surroundings: SurroundingsCompiler
+) -> list[_Part]:
     parts: list[_Part] = []
     index = _ACT + 1
-    environments = compiler.environments
     for name, event in scenario.events.items():
         for actor, orders in event.do.items():
             ordered: Named = [*compiler.orders(f"events.{name}.do.{actor}", actor, orders)]
@@ -230,11 +233,10 @@ def _parts(scenario: NativeScenario, compiler: ActionCompiler) -> list[_Part]:
             parts.append(_Part(name, actor, actions, followers, index))
             # Group, maneuver, event and its actions; each event that follows, and its actions.
             index += 3 + len(actions) + sum(1 + len(one.actions) for one in followers)
-        if (environment := environment_of(name, event)) is not None:
-            environments.append(environment)
-            action = EnvironmentAction(len(environments) - 1)
-            parts.append(_Part(name, "ego", [("weather", action)], (), index))
-            index += 4
+        around: Named = [*surroundings.actions(name, event)]
+        if around:
+            parts.append(_Part(name, "ego", around, (), index))
+            index += 3 + len(around)
     return parts
 
 

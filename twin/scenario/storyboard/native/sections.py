@@ -26,6 +26,7 @@ Station = Annotated[float, Meta(ge=0, le=1e5)]
 Speed = Annotated[float, Meta(ge=0, le=100)]
 Offset = Annotated[float, Meta(ge=-100, le=100)]
 LaneNumber = Annotated[int, Meta(ge=1, le=20)]
+SignalStateName = Literal["off", "red", "red_amber", "amber", "green"]
 Side = Literal["left", "right"]
 Turn = Literal["left", "straight", "right"]
 KindName = Literal[
@@ -165,10 +166,13 @@ class StoryEvent(_Section, frozen=True, kw_only=True):
     """The local time from then on, `HH:MM`."""
     friction_factor: Annotated[float, Meta(ge=0, le=2)] | None = None
     """Friction of the road from then on, over what it has in its weather [-]."""
+    signals: dict[str, SignalStateName] = field(default_factory=dict)
+    """States of traffic lights from then on, by their ids in the road file."""
 
     def __post_init__(self) -> None:
-        if not self.do and not self.changes_sky:
-            raise ValueError("nothing happens: give do, weather, time_of_day or friction_factor")
+        if not (self.do or self.changes_sky or self.signals):
+            words = "do, weather, time_of_day, friction_factor or signals"
+            raise ValueError(f"nothing happens: give {words}")
 
     @property
     def changes_sky(self) -> bool:

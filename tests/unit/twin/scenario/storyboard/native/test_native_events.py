@@ -520,7 +520,9 @@ def test_others_act_in_the_same_event(tmp_path):
 @pytest.mark.parametrize(
     ("event", "words"),
     [
-        ("none: {at_s: 1}", "nothing happens: give do, weather, time_of_day or friction_factor"),
+        ("none: {at_s: 1}", "nothing happens: give do, weather, time_of_day, friction_factor or"),
+        ("light: {signals: {'0': blue}}", "signals"),
+        ("light: {signals: {zero: red}}", "no signal 'zero'; "),
         ("none: {at_s: 1, do: {}}", "nothing happens"),
         ("hail: {weather: hail}", "weather"),
         ("late: {time_of_day: '25:00'}", "time_of_day"),
@@ -529,3 +531,18 @@ def test_others_act_in_the_same_event(tmp_path):
 )
 def test_a_change_of_the_sky_that_cannot_be(tmp_path, event, words):
     assert any(words in line for line in mistakes_of(tmp_path, scenario_text("", event)))
+
+
+def test_traffic_lights_have_states(tmp_path):
+    events = (
+        "stop: {at_s: 1, signals: {'0': red, '10': green}}\n"
+        "go: {at_s: 5, weather: cloudy, signals: {'0': green}}"
+    )
+    program = program_of(tmp_path, scenario_text("", events, ego=WEST, road="junction"))
+    assert [variable.name for variable in program.variables] == ["signal 0", "signal 10"]
+    words = [program.words[int(row.value)] for row in actions_of(program, "ego stop")]
+    assert words == ["red", "green"]
+    weather, light = actions_of(program, "ego go")
+    assert weather == act.EnvironmentAction(0)
+    assert (light.variable, program.words[int(light.value)]) == (0, "green")
+    assert program.words[int(program.variables[0].value)] == ""
