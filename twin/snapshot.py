@@ -7,7 +7,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -36,6 +36,7 @@ from twin.world.kernel_cache import prepare_kernels
 from twin.world.road_scene import road_map
 from twin.world.scene import Scene, load_scene
 from twin.world.sky.environment import light_of, wind_towards
+from twin.world.sky.scripted import ScriptedEnvironment
 from twin.world.sky.sun import Daylight
 from twin.world.sky.weather import WeatherParameters, weather_of
 from twin.world.street.build import World, build_world
@@ -113,11 +114,10 @@ def contact_sheet(
     for time in times:
         pictures = []
         for name, weather in found.items():
-            light = light_of(environment, street.place, minutes(time), weather)
-            toward = wind_towards(environment, street.place)
-            lamps = lights or usual_lights(name, light.illuminance_lx)
+            seen = street.conditions(environment, minutes(time), weather)
+            lamps = lights or usual_lights(name, seen.light.illuminance_lx)
             key = stream_key(0, f"{time}-{name}", f"camera/{camera.name}")
-            picture = street.picture(light, weather, toward, lamps, key)
+            picture = street.picture(seen, lamps, key)
             pictures.append(_labelled(picture, f"{time}  {name.replace('_', ' ')}"))
         rows.append(np.hstack(pictures))
     sheet = cv2.cvtColor(np.vstack(rows), cv2.COLOR_RGB2BGR)
@@ -200,8 +200,19 @@ def _custom(text: str) -> tuple[str, dict[str, Any]]:
     return name, values
 
 
+class _Conditions(NamedTuple):
+    """What a picture is taken in."""
+
+    light: Daylight
+    weather: WeatherParameters
+    wind_towards: tuple[float, float]
+
+
 class _Street:
     """One camera behind a windscreen, in a street."""
+
+    said: ScriptedEnvironment | None = None
+    """What a scenario says of weather and light, in place of the sheet's."""
 
     def __init__(
         self, target: Scene, world: World, vehicle: str, camera: Camera, device: str
@@ -252,18 +263,23 @@ class _Street:
         state[0, columns("orientation")] = _quaternion(*(float(angle) for angle in pose[3:]))
         self._pose = wp.array(state, dtype=wp.float64, device=self._pose.device)
 
-    def picture(
-        self,
-        light: Daylight,
-        weather: WeatherParameters,
-        toward: tuple[float, float],
-        lamps: Lights,
-        key: int,
-    ) -> np.ndarray:
+    def conditions(
+        self, environment: Environment, minute: float, weather: WeatherParameters
+    ) -> _Conditions:
+        """A weather at a local time [minutes after midnight], or what a scenario has said since."""
+        said, toward = self.said, None
+        if said is not None:
+            weather = said.on_road(said.weather(weather, environment.family))
+            minute = minute if said.minute is None else said.minute
+            toward = said.wind_towards
+        light = light_of(environment, self.place, minute, weather, said)
+        return _Conditions(light, weather, toward or wind_towards(environment, self.place))
+
+    def picture(self, seen: _Conditions, lamps: Lights, key: int) -> np.ndarray:
         """uint8 [H, W, 3], valid until the next."""
         row = self._eye.lights.host[0]
-        fill_light(row, light, weather, toward)
-        fill_sky(self._eye.sky_table.host[0], light)
+        fill_light(row, *seen)
+        fill_sky(self._eye.sky_table.host[0], seen.light)
         self._eye.sky_stale = True
         switch_lamps(row, lamps)
         row["active"], row["hazard"], row["noise"], row["key"] = 1, 1.0, self._noise, key
@@ -312,6 +328,7 @@ class _Moment(_Street):
         assert self._motion is not None
         self._motion.begin(0, self._case)
         ego = self._motion.alone(0, self._at_s)
+        self.said = self._motion.environment(0)
         self._geometry.place(self._motion.at(np.array([self._at_s])))
         x, y, z, heading, _ = ego
         zero = np.zeros(())

@@ -21,7 +21,7 @@ from twin.base.stopwatch import Stopwatch
 from twin.kpi import verdict as judging
 from twin.kpi.judge_record import judge_record
 from twin.kpi.recorder import KpiRecorder
-from twin.rig.command_delay import Delays
+from twin.rig.command_delay import Delays, put_in_force
 from twin.rig.slot import Finished
 from twin.scenario import families
 from twin.scenario.case_files import check_files
@@ -343,9 +343,12 @@ class Engine:
     def apply_environment(self, slot: int) -> None:
         """Weather and light of a slot as they are at its sim time."""
         environment = self.environment(slot)
+        if self._motion is not None:
+            environment.script(self._motion.environment(slot))
         weather, light = environment.at(int(self.sim_time_ns[slot]))
         self._vehicles.friction[slot] = weather.friction
         self._winds.set(slot, weather.wind_mps, weather.gust_mps)
+        self._winds.turn(slot, environment.wind_towards)
         self._exteroceptive.light(slot, light, weather, environment.wind_towards)
         self._illuminance_lx[slot] = light.illuminance_lx
         self._extinction_per_m[slot] = weather.extinction_per_m
@@ -431,7 +434,7 @@ class Engine:
         if not self._surveyed:
             self._survey()
         self._nearest = self._vehicles.nearest()
-        self._schedule(good)
+        put_in_force(self._vehicles, good, self.tick, self.sim_time_ns, self._steps)
         slots = [slot for slot, _, _ in good]
         if self._robots is not None:
             self._robots.watch(slots)
@@ -461,7 +464,8 @@ class Engine:
         if self._robots is None:
             self._vehicles.advance(self._steps)
             return
-        for slot in self._robots.advance(self.active, self._steps, self._hulls):
+        moved = self._robots.advance(self.active, self._steps, self._hulls, self.apply_environment)
+        for slot in moved:
             self._exteroceptive.moved(slot)
 
     def _hulls(self) -> np.ndarray:
@@ -487,31 +491,6 @@ class Engine:
         """Make all slots inactive; the engine is not used afterwards."""
         for slot in range(self.slots):
             self.clear(slot)
-
-    def _schedule(self, good: list[tuple[int, _Run, Command]]) -> None:
-        """Work out which commands are in force in the coming period, and from which step.
-
-        Of several that arrive within one period the newest counts.
-        """
-        vehicles = self._vehicles
-        first_steps = self.sim_time_ns // PHYSICS_STEP_NS
-        which = np.array([slot for slot, _, _ in good], np.int64)
-        vehicles.first_step[which] = first_steps[which]
-        vehicles.commands[which, 0, 0] = vehicles.commands[which, 0, 1]
-        vehicles.switch_step[which] = self._steps
-        slots, asked, switches = [], [], []
-        for (slot, run, command), first_step in zip(good, first_steps[which].tolist(), strict=True):
-            run.delays.send(run.pending, first_step, int(self.tick[slot]), command)
-            while run.pending and run.pending[0][0] < first_step + self._steps:
-                step, current = run.pending.popleft()
-                slots.append(slot)
-                pedals = (current.throttle, current.brake, current.steering_rad, current.handbrake)
-                asked.append((*pedals, -1.0 if current.reverse else 1.0))
-                switches.append(step - first_step)
-                run.lights = current.lights
-        if slots:
-            vehicles.commands[slots, 0, 1] = asked
-            vehicles.switch_step[slots] = switches
 
     def _record(self, slots: list[int], commands: Sequence[Command | None]) -> None:
         if not slots:

@@ -11,6 +11,7 @@ from schemas.case import Case
 from twin.actors.motion import Placement
 from twin.scenario.driver import LedPose, RobotLimits
 from twin.vehicle.vehicle_file import Vehicle
+from twin.world.sky.scripted import ScriptedEnvironment
 from twin.world.things import Thing
 
 
@@ -87,6 +88,12 @@ class CaseMotion(Protocol):
     def fault(self, slot: int) -> str:
         """Why the case in a slot cannot be told to its end; empty: it can."""
 
+    def environment(self, slot: int) -> ScriptedEnvironment | None:
+        """What the scenario has said of weather, light and road so far; None: nothing."""
+
+    def weathered(self) -> Sequence[int]:
+        """Slots in which :meth:`environment` has changed since this was asked last."""
+
     def things(self, slot: int) -> Sequence[Thing]:
         """What the bodies of a slot are [M]."""
 
@@ -98,7 +105,13 @@ class CaseMotionMaker(Protocol):
     """A class of such motions."""
 
     def __call__(
-        self, case: Case, vehicle: Vehicle, kinds: Sequence[Any], slots: int, device: Any
+        self,
+        case: Case,
+        vehicle: Vehicle,
+        kinds: Sequence[Any],
+        slots: int,
+        device: Any,
+        signals: Sequence[str],
     ) -> CaseMotion:
         """For the rig of a case.
 
@@ -108,6 +121,7 @@ class CaseMotionMaker(Protocol):
             kinds: looks of bodies of the world, :func:`twin.actors.palette.build_palette`.
             slots: S.
             device: of Warp.
+            signals: traffic lights of the world, by their ids in its road file.
 
         Raises:
             ValueError: the rig cannot have it; one line.

@@ -32,6 +32,8 @@ class SlotsNow:
     """bool: the storyboard has not ended, held or not."""
     transitions: np.ndarray
     """How many there were."""
+    steps: np.ndarray
+    """How many there were."""
     full: np.ndarray
     """bool: a limit was met, :meth:`RigPlayer.overflows` says which."""
 
@@ -109,8 +111,14 @@ class RigPlayer(StoryboardPlayer):
         return SlotsNow(
             running,
             slots[:, SlotColumn.TRANSITIONS].copy(),
+            slots[:, SlotColumn.STEP].copy(),
             slots[:, SlotColumn.OVERFLOW] != 0,
         )
+
+    def values_of(self, slot: int) -> np.ndarray:
+        """Values of the variables of a slot's program, a view [V]."""
+        values: np.ndarray = self._play.variables.numpy()[slot]
+        return values
 
     def begun(self, slot: int, first: int) -> list[tuple[int, int]]:
         """Step and element of the starts in a slot from transition ``first`` on."""
