@@ -62,7 +62,7 @@ def stage_of(lease: Lease, colliders: np.ndarray, cars: int, target: int | None)
     vehicle = load_vehicle(lease.case.rig.vehicle)
     road, lane, beside = scene.road, scene.road.lane(), 1.0
     if scene.opendrive:  # what lies beside the lane is no generated street
-        lane, beside = road_lane(scene.opendrive)[0], 0.0
+        lane, beside = road_lane(scene.opendrive).path, 0.0
     return Stage(
         lane=lane.places(_LANE_STEP_M).tolist(),
         lane_width_m=road.lane_width_m,

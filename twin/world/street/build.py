@@ -56,7 +56,7 @@ class World:
     lane: LanePath = field(default_factory=lambda: straight(0.0, 1.0))
     """Centre line of the ego's lane."""
     lane_known: bool = True
-    """The lane is known as far as it goes; False: it says where an ego starts, and no more."""
+    """There is a lane, of a street or a road; False: it says where an ego starts, and no more."""
     kinds: tuple[ObjectKind, ...] = ()
     """Meshes of movable objects."""
     motion: Motion = field(default_factory=Still)
@@ -194,7 +194,7 @@ def _build(scene: Scene, bodies: int = 0) -> World:
         things += numbered("street lamp", "pole", len(posts))
         things += numbered("sign", "traffic_sign", len(poles))
         things += numbered("street furniture", "pole", len(pieces))
-    lane, lane_known = _roads(mesh, scene) if scene.opendrive else (layout.lane, scene.street)
+    lane = _roads(mesh, scene) if scene.opendrive else layout.lane
     imported = add_imports(mesh, scene, len(classes), files)
     classes += imported.classes
     solid = [item for item in scene.meshes if item.solid]
@@ -212,7 +212,7 @@ def _build(scene: Scene, bodies: int = 0) -> World:
         lamps_left=lamps_left,
         lamps=bent_lamps,
         lane=lane,
-        lane_known=lane_known,
+        lane_known=scene.street or bool(scene.opendrive),
         kinds=tuple(replace(kind, mesh=own) for kind, own in kinds),
         motion=cast.motion,
         textures=imported.textures,
@@ -228,10 +228,10 @@ def _build(scene: Scene, bodies: int = 0) -> World:
     )
 
 
-def _roads(mesh: MeshBuilder, scene: Scene) -> tuple[LanePath, bool]:
-    """Add the roads of a file; the ego's lane on them, and whether all of it is known."""
+def _roads(mesh: MeshBuilder, scene: Scene) -> LanePath:
+    """Add the roads of a file; the ego's lane on them."""
     add_roads(mesh, scene.opendrive)
-    return road_lane(scene.opendrive)
+    return road_lane(scene.opendrive).path
 
 
 def _cast(scene: Scene, bodies: int) -> Cast:
