@@ -97,7 +97,9 @@ def _fits(points: LanePoints, index: int, end: int, pose: tuple[float, float, fl
     x, y = points.x_m[between], points.y_m[between]
     after = (x - joint[0]) * cosine(joint[2]) + (y - joint[1]) * sine(joint[2]) > 0.0
     beside = np.where(
-        after, _beside(joint, second.curvature_per_m, x, y), _beside(pose, first.curvature_per_m, x, y)
+        after,
+        _beside(joint, second.curvature_per_m, x, y),
+        _beside(pose, first.curvature_per_m, x, y),
     )
     return bool(np.abs(beside).max() <= TOLERANCE_M)
 
@@ -149,9 +151,7 @@ def _pose(points: LanePoints, index: int) -> tuple[float, float, float]:
     return tuple(float(column[index]) for column in points)  # type: ignore[return-value]
 
 
-def _end(
-    pose: tuple[float, float, float], pieces: list[Piece]
-) -> tuple[float, float, float]:
+def _end(pose: tuple[float, float, float], pieces: list[Piece]) -> tuple[float, float, float]:
     return end_of(pose, pieces)  # type: ignore[return-value]
 
 

@@ -57,6 +57,8 @@ class World:
     """Centre line of the ego's lane."""
     lane_known: bool = True
     """There is a lane, of a street or a road; False: it says where an ego starts, and no more."""
+    lane_start_z_m: float = 0.0
+    """Height at which the lane begins [m]."""
     kinds: tuple[ObjectKind, ...] = ()
     """Meshes of movable objects."""
     motion: Motion = field(default_factory=Still)
@@ -194,7 +196,7 @@ def _build(scene: Scene, bodies: int = 0) -> World:
         things += numbered("street lamp", "pole", len(posts))
         things += numbered("sign", "traffic_sign", len(poles))
         things += numbered("street furniture", "pole", len(pieces))
-    lane = _roads(mesh, scene) if scene.opendrive else layout.lane
+    lane, start_z_m = _roads(mesh, scene) if scene.opendrive else (layout.lane, 0.0)
     imported = add_imports(mesh, scene, len(classes), files)
     classes += imported.classes
     solid = [item for item in scene.meshes if item.solid]
@@ -213,6 +215,7 @@ def _build(scene: Scene, bodies: int = 0) -> World:
         lamps=bent_lamps,
         lane=lane,
         lane_known=scene.street or bool(scene.opendrive),
+        lane_start_z_m=start_z_m,
         kinds=tuple(replace(kind, mesh=own) for kind, own in kinds),
         motion=cast.motion,
         textures=imported.textures,
@@ -228,10 +231,11 @@ def _build(scene: Scene, bodies: int = 0) -> World:
     )
 
 
-def _roads(mesh: MeshBuilder, scene: Scene) -> LanePath:
-    """Add the roads of a file; the ego's lane on them."""
+def _roads(mesh: MeshBuilder, scene: Scene) -> tuple[LanePath, float]:
+    """Add the roads of a file; the ego's lane on them, and the height at which it begins."""
     add_roads(mesh, scene.opendrive)
-    return road_lane(scene.opendrive).path
+    lane = road_lane(scene.opendrive)
+    return lane.path, float(lane.course.z_m[0])
 
 
 def _cast(scene: Scene, bodies: int) -> Cast:
