@@ -22,7 +22,7 @@ AWAY_M = 1e6
 
 @dataclass(slots=True)
 class _Moved:
-    """Straight ahead from a place."""
+    """Straight ahead from a place of the entity's origin."""
 
     x_m: float
     y_m: float
@@ -87,8 +87,7 @@ class MovedBodies:
             self._give_back(slot, row, bodies.pop(row, None))
             return row
         if isinstance(action, MoveObject):
-            place = action.x_m, action.y_m, action.z_m, action.yaw_rad, action.speed_mps
-            moved = bodies[row] = _Moved(*place)
+            moved = bodies[row] = self._moved_to(slot, row, action)
         else:
             moved = bodies[row] = self._taken_away(slot, row, bodies.get(row))
         self._put(slot, row, moved)
@@ -104,6 +103,13 @@ class MovedBodies:
                 moved.steps += 1
                 if moved.speed_mps and not moved.away:
                     self._put(slot, row, moved)
+
+    def _moved_to(self, slot: int, row: int, action: MoveObject) -> _Moved:
+        """The place of an entity whose box has its middle where the action says."""
+        ahead, aside = self._bodies.centre_m[slot, row].tolist()
+        c, s = float(cosine(action.yaw_rad)), float(sine(action.yaw_rad))
+        x_m, y_m = action.x_m - (ahead * c - aside * s), action.y_m - (ahead * s + aside * c)
+        return _Moved(x_m, y_m, action.z_m, action.yaw_rad, action.speed_mps)
 
     def _taken_away(self, slot: int, row: int, before: _Moved | None) -> _Moved:
         if before is not None and before.away:
