@@ -137,10 +137,10 @@ def _arc(one: np.ndarray, other: np.ndarray, *, ends: bool = False) -> Piece:
     curvature = 2.0 * across / square
     length = float(np.sqrt(square))
     if abs(curvature) < _CURVATURE_MIN_PER_M:
-        return Piece(float(settled(np.float64(length))), 0.0)
-    half = float(angle_of(np.float64(across), np.float64(_dot(one, other))))
+        return Piece(float(settled(np.array(length))), 0.0)
+    half = float(angle_of(np.array(across), np.array(_dot(one, other))))
     share = float(sine(half)) / half if half else 1.0
-    return Piece(float(settled(np.float64(length / share))), curvature)
+    return Piece(float(settled(np.array(length / share))), curvature)
 
 
 def _dot(one: np.ndarray, other: np.ndarray) -> float:

@@ -78,7 +78,8 @@ def lane_course(roads: RoadMap, graph: LaneGraph, first: DrivenLane) -> LaneCour
     end = min(_folds(course), _meets_itself(course, closed))
     if end < course.shape[1]:
         course, closed = course[:, :end], False
-    return LaneCourse(*course, closed=closed)
+    x, y, z, heading, width = course
+    return LaneCourse(x, y, z, heading, width, closed)
 
 
 def _stretch(roads: RoadMap, driven: DrivenLane) -> tuple[np.ndarray, bool]:
@@ -155,4 +156,4 @@ def _meets_itself(rows: np.ndarray, closed: bool) -> int:
             if float((gaps * gaps).sum(axis=0).min()) < APART_MIN_M * APART_MIN_M:
                 return index
         cells.setdefault((column, row), []).append(index)
-    return rows.shape[1]
+    return int(rows.shape[1])

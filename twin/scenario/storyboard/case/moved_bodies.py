@@ -115,8 +115,10 @@ class MovedBodies:
         if before is not None and before.away:
             return before
         reals = self._player.bodies.reals.numpy()[slot, self._bodies.entity[slot, row]]
-        names = (Real.X, Real.Y, Real.Z, Real.HEADING, Real.SPEED)
-        return _Moved(*(float(reals[name]) for name in names), away=True)
+        x_m, y_m, z_m = (float(reals[name]) for name in (Real.X, Real.Y, Real.Z))
+        return _Moved(
+            x_m, y_m, z_m, float(reals[Real.HEADING]), float(reals[Real.SPEED]), away=True
+        )
 
     def _give_back(self, slot: int, row: int, moved: _Moved | None) -> None:
         if moved is None:

@@ -230,7 +230,9 @@ def test_on_hills_bodies_and_the_ego_stand_on_the_road(tmp_path: Path) -> None:
     height_m = rig.engine.placement.position_m[0, 0, 2]
     assert height_m == pytest.approx(float(ahead.z_m), abs=0.07)
     assert abs(float(ahead.z_m - place.z_m)) > 0.14, "the road is a hill there"
-    rig.changes.apply(0, PlaceEgo(x_m=x_m, y_m=y_m, yaw_rad=yaw_rad, speed_mps=5.0))
+    place = frame.lane_pose(-1, 450.0)
+    x_m, y_m, yaw_rad = (float(v) for v in (place.x_m, place.y_m, place.heading_rad))
+    rig.changes.apply(0, PlaceEgo(x_m=x_m, y_m=y_m, yaw_rad=yaw_rad))
     rig.ticks(10)
     assert rig.engine.state[0, COLUMN["z_m"]] == pytest.approx(place.z_m, abs=0.2)
     rig.engine.close()
