@@ -17,7 +17,7 @@ from schemas.wire.interventions import (
     RemoveObject,
     SpawnObject,
 )
-from twin.actors.motion import BodyMotion, Motion, ObjectKind, Placement
+from twin.actors.motion import InterventionTarget, Motion, ObjectKind, Placement
 from twin.actors.variations import Variations
 
 ObjectAction = MoveObject | SpawnObject | RemoveObject | FreeObject
@@ -43,7 +43,7 @@ class InterventionMotion:
         script: Motion,
         kinds: tuple[ObjectKind, ...],
         slots: int,
-        bodies: BodyMotion | None = None,
+        bodies: InterventionTarget | None = None,
     ) -> None:
         """``bodies``: the same as ``script`` where a scenario moves all of them."""
         self.count = script.count

@@ -83,7 +83,7 @@ class Motion(Protocol):
         """Places of all objects at the sim times ``time_s`` [S]; None: as the scene says."""
 
 
-class BodyMotion(Protocol):
+class InterventionTarget(Protocol):
     """What moves the objects of slots that say themselves what an intervention does to them."""
 
     def act(self, slot: int, action: Any) -> int:

@@ -27,6 +27,14 @@ SaveOption = Annotated[
         "folder."
     ),
 ]
+SpeedOption = Annotated[
+    float | None,
+    typer.Option(
+        min=0.05,
+        max=50.0,
+        help="Then show it in a window at so many times the real speed, as `viewer play` does.",
+    ),
+]
 
 
 def play(
@@ -46,6 +54,7 @@ def play(
     ] = 5,
     csv: CsvOption = None,
     save: SaveOption = None,
+    speed: SpeedOption = None,
     until_s: Annotated[
         float, typer.Option(min=0.0, max=86_400.0, help="Stop then, if it still runs [s].")
     ] = 600.0,
@@ -59,7 +68,8 @@ def play(
 
     `twin play cut-in.xosc --csv cut-in.csv` also writes where everybody was: time_s, entity, x_m,
     y_m, z_m, heading_rad, speed_mps, of entities that are there, rear axle on the ground.
-    `twin play cut-in.xosc --save cut-in.play` keeps all of it for `viewer play cut-in.play`.
+    `twin play cut-in.xosc --save cut-in.play` keeps all of it for `viewer play cut-in.play`;
+    `twin play cut-in.xosc --speed 1` shows it at once. Without a display: `viewer play --help`.
 
     Exit code 2: the file is broken or needs what is not played; a line with file and line number
     for everything. Reading needs lxml: pip install 'drivetwin[scenarios]'.
@@ -68,9 +78,12 @@ def play(
 
     prepare_kernels()  # before the modules that define kernels
 
+    if speed is not None and distribution is not None and permutation is None:
+        raise UsageError("--speed needs --permutation: one scenario is shown at a time")
     from twin.play.permutations import play_file
     from twin.play.report import remarks, write_csv
     from twin.play.saving import save_plays
+    from twin.play.showing import show_play
 
     try:
         plays = play_file(
@@ -92,6 +105,8 @@ def play(
         _write(csv, lambda: write_csv(csv, plays), told)
     if save is not None:
         _write(save, lambda: save_plays(save, plays, step_s), told)
+    if speed is not None:
+        show_play(file, plays, step_s, speed, told)
 
 
 def _show(plays: Sequence[NamedPlay], step_s: float, output: Output) -> None:

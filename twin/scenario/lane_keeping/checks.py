@@ -35,6 +35,5 @@ def _lane(scene: Scene) -> LanePath | None:
     Raises:
         ValueError: its roads cannot be used.
     """
-    if scene.opendrive:
-        return road_lane(scene.opendrive).path
-    return scene.road.lane() if scene.street else None
+    lane: LanePath | None = scene.road.lane() if scene.street else None
+    return road_lane(scene.opendrive).path if scene.opendrive else lane
