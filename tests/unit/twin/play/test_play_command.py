@@ -133,6 +133,7 @@ def test_all_permutations_and_one(scenario: Path) -> None:
         (["--permutation", "1"], "--permutation needs --distribution"),
         (["--distribution", "speeds.xosc", "--permutation", "3"], "permutation 3 of 3"),
         (["--csv", "nowhere/poses.csv"], "nowhere"),
+        (["--distribution", "speeds.xosc", "--speed", "4"], "--speed needs --permutation"),
     ],
 )
 def test_usage(
