@@ -64,7 +64,8 @@ def play(
     """Play a scenario without a stack, and say what happened when.
 
     All actors, the ego among them, are moved by the default controller. Prints starts and ends of
-    all storyboard elements; of several permutations a row for each.
+    storyboard elements (of a .yaml file: events), when it ended and why; of several permutations a
+    row for each.
 
     `twin play cut-in.xosc --csv cut-in.csv` also writes where everybody was: time_s, entity, x_m,
     y_m, z_m, heading_rad, speed_mps, of entities that are there, rear axle on the ground.
@@ -99,7 +100,7 @@ def play(
         raise UsageError(str(error)) from None
     for line in remarks(plays):
         print(line, file=sys.stderr)
-    _show(plays, step_s, output)
+    _show(file, plays, step_s, output)
     told = sys.stderr if output is Output.json else sys.stdout
     if csv is not None:
         _write(csv, lambda: write_csv(csv, plays), told)
@@ -109,18 +110,25 @@ def play(
         show_play(file, plays, step_s, speed, told)
 
 
-def _show(plays: Sequence[NamedPlay], step_s: float, output: Output) -> None:
+def _show(file: Path, plays: Sequence[NamedPlay], step_s: float, output: Output) -> None:
     """Print what happened."""
     from rich.console import Console
 
-    from twin.play.report import event_table, summary_table, to_json
+    from twin.play.report import end_line, event_table, summary_table, to_json
+    from twin.scenario.storyboard.native.document import is_native
 
     if output is Output.json:
         print(json.dumps(to_json(plays, step_s), indent=1))
     else:
-        single = len(plays) == 1
-        table = event_table(plays[0], step_s) if single else summary_table(plays, step_s)
+        single, by_hand = len(plays) == 1, is_native(file)
+        table = (
+            event_table(plays[0], step_s, by_hand=by_hand)
+            if single
+            else summary_table(plays, step_s)
+        )
         Console(width=None if sys.stdout.isatty() else 140, highlight=False).print(table)
+        if single:
+            print(end_line(plays[0], step_s))
 
 
 def _write(out: Path, write: Callable[[], list[Path]], told: TextIO) -> None:
