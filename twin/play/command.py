@@ -64,8 +64,7 @@ def play(
     """Play a scenario without a stack, and say what happened when.
 
     All actors, the ego among them, are moved by the default controller. Prints starts and ends of
-    storyboard elements (of a .yaml file: events), when it ended and why; of several permutations a
-    row for each.
+    storyboard elements (of a .yaml file: events) and why it ended; of several permutations rows.
 
     `twin play cut-in.xosc --csv cut-in.csv` also writes where everybody was: time_s, entity, x_m,
     y_m, z_m, heading_rad, speed_mps, of entities that are there, rear axle on the ground.
@@ -100,7 +99,7 @@ def play(
         raise UsageError(str(error)) from None
     for line in remarks(plays):
         print(line, file=sys.stderr)
-    _show(file, plays, step_s, output)
+    _show(str(file), plays, step_s, output)
     told = sys.stderr if output is Output.json else sys.stdout
     if csv is not None:
         _write(csv, lambda: write_csv(csv, plays), told)
@@ -110,7 +109,7 @@ def play(
         show_play(file, plays, step_s, speed, told)
 
 
-def _show(file: Path, plays: Sequence[NamedPlay], step_s: float, output: Output) -> None:
+def _show(file: str, plays: Sequence[NamedPlay], step_s: float, output: Output) -> None:
     """Print what happened."""
     from rich.console import Console
 
