@@ -8,7 +8,6 @@ import numpy as np
 
 from twin.play.permutations import play_file
 from twin.play.playing import PlayedScenario
-from twin.scenario.storyboard.case.files import load_storyboard
 
 LEAD_S = 0.7
 """So long before the ego is nearest to somebody [s]."""
@@ -31,8 +30,7 @@ def critical_moment_s(scenario: str) -> float:
     (play,) = play_file(
         Path(scenario), None, None, step_s=_STEP_S, every=_EVERY, until_s=600.0, device="cpu"
     )
-    ego = load_storyboard(scenario, {}).ego
-    gaps = _gaps_m(play.played, ego)
+    gaps = _gaps_m(play.played)
     if not len(gaps):
         return 0.0
     touching = np.flatnonzero(gaps < TOUCH_M)
@@ -40,13 +38,13 @@ def critical_moment_s(scenario: str) -> float:
     return max(0.0, round(nearest * _EVERY * _STEP_S - LEAD_S, 2))
 
 
-def _gaps_m(played: PlayedScenario, ego: int) -> np.ndarray:
+def _gaps_m(played: PlayedScenario) -> np.ndarray:
     """Distance from the middle of the ego's front to the nearest box, by kept state."""
     program = played.program
     poses: dict[str, dict[float, tuple[float, float, float]]] = {}
     for row in played.rows:
         poses.setdefault(row.entity, {})[row.time_s] = (row.x_m, row.y_m, row.heading_rad)
-    own = program.entities[ego]
+    own = next((entity for entity in program.entities if entity.ego), program.entities[0])
     front_m = own.box.centre_x_m + 0.5 * own.box.length_m
     track = poses.get(own.name, {})
     gaps = np.full(len(track), np.inf)
