@@ -65,6 +65,16 @@ class EgoLane:
     course: LaneCourse
     """Places along it, with heights and widths."""
 
+    def heights_m(self, places: np.ndarray) -> list[float]:
+        """Heights of places on the lane, x and y of each in [n, 2] or more [m]; empty: all of the
+        lane lies at 0."""
+        if not self.course.z_m.any():
+            return []
+        known = self.path.locate(self.course.x_m, self.course.y_m).s_m
+        wanted = self.path.locate(places[:, 0], places[:, 1]).s_m
+        heights: list[float] = np.interp(wanted, known, self.course.z_m).tolist()
+        return heights
+
 
 def road_map(file: str) -> RoadMap:
     """The roads of a file, with coordinates.

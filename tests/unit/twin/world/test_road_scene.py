@@ -11,12 +11,14 @@ import warp as wp
 from schemas.files.assets import asset_digest, is_path
 from schemas.messages import SEMANTIC_CLASSES, Command
 from schemas.plan import expand, parse_campaign
+from schemas.wire.control import Lease
 from tests.road_files import LINE, WIDTH, geometry, lane, road, section, xodr
 from twin.rig.engine import Engine
 from twin.rig.slot import Finished
 from twin.validate.scene_check import Variant, check_scenes
 from twin.vehicle.columns import COLUMN
 from twin.vehicle.ground import drivable, height_near
+from twin.view.samples import stage_of
 from twin.world.scene import load_scene
 from twin.world.street.build import build_world
 
@@ -125,6 +127,32 @@ def test_an_ego_begins_at_the_height_of_its_lane(tmp_path):
         engine.step([Command(0, 1, tick, 0.0, 0.5, 0.0)])
     assert engine.state[0, COLUMN["z_m"]] == pytest.approx(40.0, abs=0.15)
     engine.close()
+
+
+def test_views_see_the_lane_at_its_height(tmp_path):
+    high = '<elevationProfile><elevation s="0" a="4" b="0.02" c="0" d="0"/></elevationProfile>'
+    bend = geometry('<arc curvature="0.01"/>', 100.0)
+    narrow = section(right=lane(-1, WIDTH.replace("3.5", "3.0")))
+    file = write(tmp_path, xodr(road(100.0, bend, narrow, more=high)))
+    campaign, mistakes = parse_campaign(
+        {
+            "campaign": "road",
+            "scenario": {"type": "lane_keeping", "scene": file, "distance_m": 50.0},
+            "matrix": {"weather": ["clear"]},
+        }
+    )
+    assert campaign is not None, mistakes
+    lease = Lease(1, 1, "", expand(campaign)[0])
+    stage = stage_of(lease, np.zeros((0, 5)), 0, None)
+    assert stage.lane_width_m == pytest.approx(3.0)
+    assert len(stage.lane) == len(stage.lane_z_m) > 30
+    for (x_m, y_m, _), z_m in zip(stage.lane, stage.lane_z_m, strict=True):
+        angle = np.arctan2(x_m, 100.0 - y_m)
+        assert z_m == pytest.approx(4.0 + 0.02 * 100.0 * angle, abs=0.01)
+        assert np.hypot(x_m, 100.0 - y_m) == pytest.approx(101.5, abs=0.002)
+    file = write(tmp_path, STRAIGHT)
+    flat = stage_of(lease, np.zeros((0, 5)), 0, None)
+    assert flat.lane_z_m == []
 
 
 def test_left_hand_traffic_starts_on_the_other_side(tmp_path):
