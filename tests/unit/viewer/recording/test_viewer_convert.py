@@ -9,7 +9,7 @@ from view_messages import STAGE, controls, detection, end, start, state
 from schemas.messages import OBJECT_CLASSES, SEMANTIC_CLASSES
 from viewer.recording import naming
 from viewer.recording.convert import CaseConverter
-from viewer.recording.scenery import ORANGE, RED, verdict_color
+from viewer.recording.scenery import ORANGE, RED, outline, verdict_color
 from viewer.recording.summary import ended_text, running_text
 
 
@@ -51,7 +51,7 @@ def test_the_start_holds_intrinsics_street_and_styles():
 
 
 def test_lines_run_beside_a_lane_that_bends():
-    corner = msgspec.structs.replace(
+    corner = msgspec.msgspec.structs.replace(
         STAGE, lane=[[0.0, 0.0, 0.0], [10.0, 0.0, 0.0], [20.0, 10.0, np.pi / 2]]
     )
     lines = only(CaseConverter(start(stage=corner)).start(), naming.STREET)
@@ -93,7 +93,7 @@ def test_rows_together_are_those_of_each():
 
 
 def test_boxes_have_the_classes_that_the_world_names():
-    found = [detection(20.0), msgspec.structs.replace(detection(20.0), label="yeti")]
+    found = [detection(20.0), msgspec.msgspec.structs.replace(detection(20.0), label="yeti")]
     shown = converted(state(0, controls=controls(False, found)))
     car = SEMANTIC_CLASSES.index("car")
     assert shown[naming.DETECTIONS]["class_ids"] == [[car, 0]]
@@ -200,3 +200,15 @@ def test_verdict_and_its_words():
     assert "NO VERDICT" in ended_text(start(), None, lost=0)
     given_up = CaseConverter(start()).end(end(9, outcome="", verdict=""))
     assert "given up" in values(given_up)[naming.EVENTS]["text"][0][0]
+
+
+def test_a_lane_is_drawn_at_its_height_and_level_where_heights_do_not_fit():
+    def heights(stage):
+        strips = next(what for where, what in outline(stage) if where == naming.STREET).strips
+        return [point[2] for point in strips.as_arrow_array().to_pylist()[0]]
+
+    lane = [[0.0, 0.0, 0.0], [10.0, 0.0, 0.1], [20.0, 2.0, 0.2]]
+    stage = msgspec.structs.replace(STAGE, lane=lane, lane_z_m=[1.0, 2.0, 4.0])
+    assert heights(stage) == pytest.approx([1.02, 2.02, 4.02])
+    assert heights(msgspec.structs.replace(stage, lane_z_m=[])) == pytest.approx([0.02] * 3)
+    assert heights(msgspec.structs.replace(stage, lane_z_m=[5.0])) == pytest.approx([0.02] * 3)
