@@ -51,7 +51,7 @@ def test_the_start_holds_intrinsics_street_and_styles():
 
 
 def test_lines_run_beside_a_lane_that_bends():
-    corner = msgspec.msgspec.structs.replace(
+    corner = msgspec.structs.replace(
         STAGE, lane=[[0.0, 0.0, 0.0], [10.0, 0.0, 0.0], [20.0, 10.0, np.pi / 2]]
     )
     lines = only(CaseConverter(start(stage=corner)).start(), naming.STREET)
@@ -93,7 +93,7 @@ def test_rows_together_are_those_of_each():
 
 
 def test_boxes_have_the_classes_that_the_world_names():
-    found = [detection(20.0), msgspec.msgspec.structs.replace(detection(20.0), label="yeti")]
+    found = [detection(20.0), msgspec.structs.replace(detection(20.0), label="yeti")]
     shown = converted(state(0, controls=controls(False, found)))
     car = SEMANTIC_CLASSES.index("car")
     assert shown[naming.DETECTIONS]["class_ids"] == [[car, 0]]
