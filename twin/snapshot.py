@@ -29,6 +29,7 @@ from twin.render.trace.geometry import Geometry
 from twin.road.opendrive.records import DRIVEN_TYPES
 from twin.road.opendrive.road_frame import RoadPose
 from twin.scenario import families
+from twin.scenario.storyboard.native.document import shipped_scenarios
 from twin.scenario.surroundings import place_before
 from twin.vehicle.columns import COLUMN, TELEMETRY, columns
 from twin.vehicle.vehicle_file import load_vehicle
@@ -44,9 +45,14 @@ from twin.world.street.build import World, build_world
 HOURS = ("00:00", "06:05", "06:50", "09:00", "12:00", "16:00", "18:25", "18:58")
 """Local times of the usual sheet: night, dawn, sunrise, day, sunset and dusk of an equinox."""
 
+ALL = "all"
+"""Stands for all shipped scenarios."""
+
 _PLAIN = Environment()
 _ENCODING = {".png": [], ".jpg": [cv2.IMWRITE_JPEG_QUALITY, 88]}
 _LABEL_PX = 22
+_COLUMNS = 3
+"""Pictures of scenarios in a row."""
 _NIGHT_BELOW_LX = 1000.0
 _INTO_ROAD_M = 20.0
 
@@ -96,9 +102,7 @@ def contact_sheet(
         ValueError: unknown weather, scene, vehicle or device; one line.
         OSError: the file cannot be written.
     """
-    suffix = Path(path).suffix.lower()
-    if suffix not in _ENCODING:
-        raise ValueError(f"snapshot: {path}: give a file that ends in {' or '.join(_ENCODING)}")
+    _suffix(path)
     found = {n: weather_of(n, environment.family, environment.custom) for n in weathers}
     camera = camera or Camera(width=320, height=180)
     street: _Street
@@ -120,6 +124,62 @@ def contact_sheet(
             picture = street.picture(seen, lamps, key)
             pictures.append(_labelled(picture, f"{time}  {name.replace('_', ' ')}"))
         rows.append(np.hstack(pictures))
+    _write(path, rows)
+
+
+def scenario_sheet(
+    path: str | Path,
+    environment: Environment,
+    request: SheetRequest,
+    times: Sequence[str],
+    camera: Camera,
+) -> None:
+    """Render every shipped scenario as its ego sees it at its critical moment
+    (:func:`twin.play.critical_moment.critical_moment_s`), three in a row, and write it to ``path``.
+
+    Args:
+        path: file to write, ``.png`` or ``.jpg``.
+        environment: date, sun, exposure and weathers.
+        request: its first weather counts, by default ``clear``; and its vehicle and device.
+        times: local times ``HH:MM``; the first counts.
+        camera: size and field of view of one picture.
+
+    Raises:
+        ValueError: ``at_s`` is set, or something unknown; one line.
+        OSError: the file cannot be written.
+    """
+    from twin.play.critical_moment import critical_moment_s
+
+    if request.at_s is not None:
+        raise ValueError(f"snapshot: at-s: --scenario {ALL} shows the critical moment of each")
+    _suffix(path)
+    name = (request.weathers or ("clear",))[0]
+    weather = weather_of(name, environment.family, environment.custom)
+    pictures = []
+    for scenario in shipped_scenarios():
+        at_s = critical_moment_s(scenario)
+        street = _Moment(scenario, at_s, request.vehicle, camera, request.device)
+        street.stand(0.0, None)
+        light = light_of(environment, street.place, minutes(times[0]), weather)
+        toward = wind_towards(environment, street.place)
+        lamps = usual_lights(name, light.illuminance_lx)
+        key = stream_key(0, scenario, f"camera/{camera.name}")
+        picture = street.picture(light, weather, toward, lamps, key)
+        pictures.append(_labelled(picture, f"{scenario}, {at_s:.1f} s"))
+    blank = np.zeros_like(pictures[0])
+    pictures += [blank] * (-len(pictures) % _COLUMNS)
+    _write(path, [np.hstack(pictures[k : k + _COLUMNS]) for k in range(0, len(pictures), _COLUMNS)])
+
+
+def _suffix(path: str | Path) -> str:
+    suffix = Path(path).suffix.lower()
+    if suffix not in _ENCODING:
+        raise ValueError(f"snapshot: {path}: give a file that ends in {' or '.join(_ENCODING)}")
+    return suffix
+
+
+def _write(path: str | Path, rows: Sequence[np.ndarray]) -> None:
+    suffix = _suffix(path)
     sheet = cv2.cvtColor(np.vstack(rows), cv2.COLOR_RGB2BGR)
     done, data = cv2.imencode(suffix, sheet, _ENCODING[suffix])
     if not done:
@@ -139,9 +199,11 @@ class SheetRequest:
     """Further keys of :class:`schemas.sections.environment.Environment`."""
     scene: str = "downtown"
     road: str = ""
-    scenario: str = ""
-    at_s: float = 0.0
     """An OpenDRIVE file instead of a scene."""
+    scenario: str = ""
+    """A scenario instead of a scene; :data:`ALL`: a sheet of all that are shipped."""
+    at_s: float | None = None
+    """None: of one scenario its beginning, of all the critical moment of each."""
     vehicle: str = "opencav"
     distance_m: float = 25.0
     at_m: float | None = None
@@ -164,10 +226,14 @@ def write_sheet(path: str | Path, request: SheetRequest) -> None:
     size, wrong = convert_all(
         {"width": request.width_px, "height": request.width_px * 9 // 16}, Camera
     )
-    times, late = convert_all(list(request.times or HOURS), list[TimeOfDay])
+    hours = ("12:00",) if request.scenario == ALL else HOURS
+    times, late = convert_all(list(request.times or hours), list[TimeOfDay])
     mistakes = [*mistakes, *wrong, *(Mistake(f"time{m.path}", m.message) for m in late)]
     if environment is None or size is None or times is None or mistakes:
         raise ValueError(mistakes[0].line("snapshot"))
+    if request.scenario == ALL:
+        scenario_sheet(path, environment, request, times, size)
+        return
     contact_sheet(
         path,
         request.weathers or environment.weathers(),
@@ -179,7 +245,7 @@ def write_sheet(path: str | Path, request: SheetRequest) -> None:
         scene=request.scene,
         road=request.road,
         scenario=request.scenario,
-        at_s=request.at_s,
+        at_s=request.at_s or 0.0,
         vehicle=request.vehicle,
         device=request.device,
     )

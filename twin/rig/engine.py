@@ -39,7 +39,7 @@ from twin.sensors.suite import SensorSuite
 from twin.sensors.vehicle_truth import VehicleTruth
 from twin.vehicle.carry import Carrier
 from twin.vehicle.fleet import Fleet
-from twin.vehicle.ground import drivable
+from twin.vehicle.ground import drivable, height_near
 from twin.vehicle.masses import load_of
 from twin.vehicle.model import PHYSICS_STEP_NS
 from twin.vehicle.nearest import NEAREST
@@ -52,6 +52,7 @@ from twin.world.street.build import World, build_world
 from twin.world.things import Thing
 
 _NO_LIGHTS = Lights()
+_HEIGHT = COLUMN["z_m"]
 _PLACE = [COLUMN["x_m"], COLUMN["y_m"]]
 
 CARRIED = "co-simulated: the stack commanded the car's poses"
@@ -121,7 +122,7 @@ class Engine:
         self._world = build_world(scene, case.rig.bodies)
         self._motion = families.motion_of(case, vehicle, self._world, slots, self._device)
         script = self._motion or self._world.motion
-        self.objects = InterventionMotion(script, self._world.kinds, slots)
+        self.objects = InterventionMotion(script, self._world.kinds, slots, self._motion)
         """Movable objects of all slots."""
         self._origin = scene.origin
         self._street = self._world.lane_known
@@ -244,7 +245,7 @@ class Engine:
             kind.columns,
             target=ground.target is not None,
             nearest=kind.nearest,
-            names=[thing.name for thing in self._things(slot)] if self._motion else None,
+            names=[thing.name for thing in self.things(slot)] if self._motion else None,
         )
         self._limits.begin(slot, case.variation.scenario)
         self.active[slot] = True
@@ -267,11 +268,12 @@ class Engine:
         if self._motion is None:
             scenario = case.variation.scenario
             x_m, y_m, yaw_rad = families.start_of(scenario, ground)
-            return StartPose(x_m, y_m, 0.0, yaw_rad, scenario.ego_speed_mps), ground
+            z_m = self._world.lane_start_z_m
+            return StartPose(x_m, y_m, z_m, yaw_rad, scenario.ego_speed_mps), ground
         start = self._motion.begin(slot, case)
         return start, replace(ground, events=self._motion.events(slot))
 
-    def _things(self, slot: int) -> Sequence[Thing]:
+    def things(self, slot: int) -> Sequence[Thing]:
         """What the hulls of a slot belong to."""
         things = self._world.things
         if self._motion is None:
@@ -358,12 +360,11 @@ class Engine:
         where a robot drives it."""
         if self._robots is not None:
             self._robots.refuse(slot)
-        friction = float(self._vehicles.friction[slot])
-        self._vehicles.place(
-            slot, place.x_m, place.speed_mps, friction, y_m=place.y_m, yaw_rad=place.yaw_rad
-        )
+        friction, x_m, y_m = float(self._vehicles.friction[slot]), place.x_m, place.y_m
+        at = {"y_m": y_m, "z_m": height_near(self._world, x_m, y_m, self.state[slot, _HEIGHT])}
+        self._vehicles.place(slot, x_m, place.speed_mps, friction, yaw_rad=place.yaw_rad, **at)
         run = self._run(slot)
-        run.scenario = families.begin(run.case.variation.scenario, run.ground, place.x_m, place.y_m)
+        run.scenario = families.begin(run.case.variation.scenario, run.ground, x_m, y_m)
         self._exteroceptive.moved(slot)
 
     def sensors_mistake(self, errors: SensorErrors) -> str:
@@ -566,7 +567,7 @@ class Engine:
 
     def _hit(self, slot: int) -> Thing | None:
         """What the ego of a slot hit first."""
-        index, things = self._vehicles.first_hit(slot), self._things(slot)
+        index, things = self._vehicles.first_hit(slot), self.things(slot)
         return things[index] if 0 <= index < len(things) else None
 
     def fail(self, slot: int, reason: str) -> Finished:

@@ -32,7 +32,7 @@ class CaseMotion(Protocol):
     count: int
     """Most bodies of a slot M."""
     actors: Sequence[Any]
-    """Empty: no scene says where they are, and nobody but the scenario moves them."""
+    """Empty: no scene says where they are."""
     steps: int
     """Physics steps of a step."""
 
@@ -78,6 +78,18 @@ class CaseMotion(Protocol):
     def at(self, time_s: np.ndarray, varied: Any = None) -> Placement:
         """Where all bodies are now, whatever the times; see
         :class:`twin.actors.motion.Motion`."""
+
+    def act(self, slot: int, action: Any) -> int:
+        """Carry out an intervention on a body between two steps, one of ``MoveObject``,
+        ``SpawnObject``, ``RemoveObject`` and ``FreeObject`` of
+        :mod:`schemas.wire.interventions`; the body it was done to.
+
+        Raises:
+            ValueError: it cannot be done; one line, and nothing has changed.
+        """
+
+    def moved(self, slot: int) -> frozenset[int]:
+        """Bodies of a slot that an intervention has taken off the scenario."""
 
     def columns(self, slot: int) -> Mapping[str, float]:
         """KPI columns of a slot that it gives, now."""

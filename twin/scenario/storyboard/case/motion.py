@@ -14,7 +14,7 @@ from schemas.kinds.scenarios.storyboard import KIND
 from twin.actors.motion import ObjectKind, Placement
 from twin.actors.palette import nobody
 from twin.road.opendrive.grid import cosine, settled, sine
-from twin.road.tables.road_tables import RoadTables, road_tables
+from twin.road.tables.road_tables import road_tables
 from twin.scenario.case_files import check_scenario_files
 from twin.scenario.case_motion import StartPose
 from twin.scenario.driver import LedPose, RobotLimits
@@ -27,6 +27,7 @@ from twin.scenario.storyboard.case.files import (
     scene_name,
 )
 from twin.scenario.storyboard.case.lamps import SlotLamps
+from twin.scenario.storyboard.case.moved_bodies import BodyAction, MovedBodies
 from twin.scenario.storyboard.case.rig_player import RigPlayer
 from twin.scenario.storyboard.case.signals import ProgramSignals
 from twin.scenario.storyboard.player.columns import Real, Whole
@@ -79,15 +80,17 @@ class StoryboardMotion:
             raise ValueError(f"control_hz {case.rig.control_hz}: no whole steps of 10 ms")
         loaded = _load(case)
         self._scene = scene_file(case)
-        roads = _tables(self._scene)
+        roads = road_map(self._scene) if self._scene else None
+        tables = road_tables(roads.network) if roads else None
         self._step_s = STEP_NS / 1e9
         self._programs: dict[int, tuple[LoadedStoryboard, Program]] = {}
         # On the CPU whatever the rig's device: driver models do not repeat on a GPU (record 0028),
         # and what they say is needed on the host after every step.
-        self._player = RigPlayer(self._program(loaded), roads, slots, self._step_s, "cpu")
+        self._player = RigPlayer(self._program(loaded), tables, slots, self._step_s, "cpu")
         self._player.prepare(loaded.ego)
         self._cases: list[_SlotCase | None] = [None] * slots
         self._bodies = SlotBodies(slots, self.count)
+        self._moved = MovedBodies(self._player, self._bodies, roads, self._step_s)
         self._all = np.arange(slots)[:, None]
         self._way_m = np.zeros((slots, self.count))
         self._yaw_rate = np.zeros((slots, self.count))
@@ -116,6 +119,7 @@ class StoryboardMotion:
         wrong += [f"{name}: {line}" for line in [other_road(self._scene, loaded.road)] if line]
         if wrong:
             raise ValueError(wrong[0])
+        self._moved.clear(slot)
         self._player.begin(slot, self._program(loaded), loaded.ego)
         self._cases[slot] = run = _SlotCase(loaded, self._bodies.begin(slot, loaded))
         run.signals = ProgramSignals(loaded.program, self._signals)
@@ -149,6 +153,7 @@ class StoryboardMotion:
     def clear(self, slot: int) -> None:
         """Nobody is in a slot any more."""
         self._player.end(slot)
+        self._moved.clear(slot)
         self._bodies.clear(slot)
         self._cases[slot] = None
         self._signal_lamps[slot] = 0
@@ -210,7 +215,24 @@ class StoryboardMotion:
         self._yaw_rate = np.where(goes_on, rate, self._yaw_rate)
         self._way_m = np.where(goes_on, self._way_m + ahead, self._way_m)
         self._stale = True
-        self._watch(np.flatnonzero(active).tolist())
+        going = np.flatnonzero(active).tolist()
+        self._moved.step(going)
+        self._watch(going)
+
+    def act(self, slot: int, action: BodyAction) -> int:
+        """Carry out an intervention on a body; the body it was done to.
+
+        Raises:
+            ValueError: no such body, or it cannot be done; one line.
+        """
+        body = self._moved.act(slot, action)
+        self._yaw_rate[slot, body] = 0.0
+        self._stale = True
+        return body
+
+    def moved(self, slot: int) -> frozenset[int]:
+        """Bodies of a slot that an intervention has taken off its storyboard."""
+        return self._moved.rows(slot)
 
     def at(self, time_s: np.ndarray, varied: Any = None) -> Placement:  # noqa: ARG002 - now
         """Where all bodies are now."""
@@ -333,6 +355,8 @@ class StoryboardMotion:
         visible = wholes[self._all, bodies.entity, Whole.VISIBLE]
         modes = wholes[self._all, bodies.entity, Whole.LIGHTS]
         seen = there & (visible & _GRAPHICS != 0)
+        for body in self._moved.away():
+            seen[body] = False
         heading, rate = real[..., Real.HEADING], self._yaw_rate
         ahead, aside = bodies.centre_m[..., 0], bodies.centre_m[..., 1]
         c, s = cosine(heading), sine(heading)
@@ -420,10 +444,6 @@ def scene_file(case: Case) -> str:
 def _load(case: Case) -> LoadedStoryboard:
     config = KIND.config_of(case.variation.scenario)
     return load_storyboard(config.storyboard, config.numbers)
-
-
-def _tables(road: str) -> RoadTables | None:
-    return road_tables(road_map(road).network) if road else None
 
 
 def _with_vehicle(loaded: LoadedStoryboard, vehicle: Vehicle) -> Program:

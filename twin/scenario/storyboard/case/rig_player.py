@@ -17,7 +17,7 @@ from twin.scenario.storyboard.interpreter.arrays import (
     play_arrays,
     program_arrays,
 )
-from twin.scenario.storyboard.player.columns import TRANSITIONS_MAX, SlotColumn
+from twin.scenario.storyboard.player.columns import TRANSITIONS_MAX, SlotColumn, Whole
 from twin.scenario.storyboard.player.storyboard_player import StoryboardPlayer
 from twin.scenario.storyboard.player.tables import pack_programs
 from twin.scenario.storyboard.program.conditions import ElementState
@@ -103,6 +103,20 @@ class RigPlayer(StoryboardPlayer):
             self.bodies,
         ]
         wp.launch(impose_egos_kernel, dim=self.slots, inputs=inputs, device=self.device)
+
+    def jump(self, slot: int, entity: int) -> None:
+        """An entity was put somewhere: the way to there is none that it drove."""
+        self._set_whole(slot, entity, Whole.JUMPED, 1)
+
+    def release(self, slot: int, entity: int) -> None:
+        """Nothing else says any more where an entity is: it goes on from there as its program
+        says."""
+        self._set_whole(slot, entity, Whole.IMPOSED, 0)
+
+    def _set_whole(self, slot: int, entity: int, column: Whole, value: int) -> None:
+        rows = self.bodies.wholes.numpy().copy()
+        rows[slot, entity, column] = value
+        self.bodies.wholes.assign(rows)
 
     def now(self) -> SlotsNow:
         """What the slots are at."""
