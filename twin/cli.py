@@ -226,11 +226,16 @@ def snapshot(
     scene: Annotated[str, typer.Option(help="Shipped scene, or a scene file.")] = "downtown",
     road: Annotated[str, typer.Option(help="OpenDRIVE file instead of a scene.")] = "",
     scenario: Annotated[
-        str, typer.Option(help="Scenario file, or a shipped scenario, instead of a scene.")
+        str,
+        typer.Option(
+            help="Scenario file, or a shipped scenario, instead of a scene; all: every shipped "
+            "one, shortly before its ego would touch somebody."
+        ),
     ] = "",
     at_s: Annotated[
-        float, typer.Option(min=0.0, max=3600.0, help="Time of the scenario [s].")
-    ] = 0.0,
+        float | None,
+        typer.Option(min=0.0, max=3600.0, help="Time of the scenario [s]; default: its beginning."),
+    ] = None,
     vehicle: Annotated[str, typer.Option(help="Shipped vehicle, or a vehicle file.")] = "opencav",
     distance: Annotated[float, typer.Option(help="Distance to the obstacle [m].")] = 25.0,
     at_m: Annotated[
@@ -240,7 +245,11 @@ def snapshot(
     width: Annotated[int, typer.Option(help="Width of one picture [px].")] = 320,
     device: Device = "cpu",
 ) -> None:
-    """Render the street in several weathers and hours as one contact sheet."""
+    """Render a street, road or scenario in several weathers and hours as one contact sheet.
+
+    `twin snapshot --scenario my-cut-in.yaml --at-s 6 --weather clear --time 12:00 --width 960` is
+    one picture of what the ego sees then, if nobody drives it otherwise.
+    """
     from twin.snapshot import SheetRequest, write_sheet
 
     request = SheetRequest(

@@ -27,6 +27,7 @@ from darknet_oracle import random_weights
 from fuzz_target import SEEDS
 from played_files import played
 from road_files import crossing
+from road_furniture import furniture_file
 from road_networks import composed_file, junction_file, shapes_file, turned_file
 from targets_assets import CFG, small_network
 from targets_wire import CONTROL, DRIVE, PART, STEERING, VIEW
@@ -262,10 +263,13 @@ def _roads() -> None:
     _write("opendrive", "turned", turned_file())
     _write("opendrive", "junction", junction_file())
     _write("opendrive", "two-roads", ROADS)
+    _write("opendrive", "furniture", furniture_file())
     data = msgspec.msgpack.encode(read_network(crossing(), "r.xodr"))
     _write("opendrive-answer", "crossing", data)
     data = msgspec.msgpack.encode(read_network(shapes_file(), "r.xodr"))
     _write("opendrive-answer", "shapes", data)
+    data = msgspec.msgpack.encode(read_network(furniture_file(), "r.xodr"))
+    _write("opendrive-answer", "furniture", data)
 
 
 def _scenarios(folder: Path) -> None:

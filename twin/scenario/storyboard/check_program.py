@@ -32,6 +32,7 @@ from twin.scenario.storyboard.program.places import (
     TrajectoryPiece,
 )
 from twin.scenario.storyboard.program.program import (
+    ENVIRONMENT_LIMITS,
     DriverModel,
     ElementKind,
     InitAction,
@@ -50,6 +51,7 @@ WAYS_MAX = 200_000
 NAME_CHARS_MAX = 10_000
 """Longest name or word [characters]."""
 _WHOLE_MAX = 2**31 - 1
+_ANY_FINITE = (-1e300, 1e300)
 _CATEGORY_GROUPS = (-4, -3, -2, -1)
 _FINITE = (FixedPosition, RelativePosition, TrajectoryPiece, RouteLeg, BodyBox)
 """Records in which every number is finite; elsewhere infinite means that there is no limit."""
@@ -250,7 +252,10 @@ class _Check:
     def _environment(self, place: StoryboardEnvironment) -> Iterator[str]:
         for field in fields(place):
             value = getattr(place, field.name)
-            if isinstance(value, float) and not math.isfinite(value):
+            if not isinstance(value, float):
+                continue
+            low, high = ENVIRONMENT_LIMITS.get(field.name, _ANY_FINITE)
+            if not low <= value <= high:
                 yield f"{field.name} is {value:g}"
 
     def _record(self, record: ProgramRecord) -> Iterator[str]:
@@ -292,7 +297,7 @@ class _Check:
             if value not in _CATEGORY_GROUPS and not 0 <= value <= max(EntityCategory):
                 yield f"category is {value}"
         elif isinstance(record, actions.LightAction) and name == "mode":
-            if not 0 <= value <= 2:
+            if value not in (1, 2, 3):
                 yield f"mode is {value}"
         elif kind := REFERENCES.get(name):
             least = -1 if (type(record), name) in _OPTIONAL else 0

@@ -129,11 +129,13 @@ CHILDREN: dict[str, dict[str, RoadElementRule]] = {
     "object": {
         "outlines": _read("outlines"),
         "outline": _read("its outline (OpenDRIVE 1.4)"),
-        "repeat": _noted("repeated objects stand once"),
+        "repeat": _read("rows, and bodies drawn along the road; sizes change linearly"),
         "material": _IGNORED,
         "validity": _noted("lanes that an object is for"),
-        "parkingSpace": _noted("parking spaces"),
-        "markings": _noted("markings of objects"),
+        "parkingSpace": _noted("who may park; spaces are objects of type parkingSpace"),
+        "markings": _noted(
+            "markings of objects; parking spaces and crosswalks have those of their type"
+        ),
         "borders": _noted("borders of objects"),
         "surface": _noted("surfaces of objects"),
         "skeleton": _noted("skeletons of objects"),

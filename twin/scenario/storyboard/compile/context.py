@@ -185,10 +185,11 @@ def as_number(element: ScenarioElement, value: Value) -> float:
     return float(value)
 
 
-def seconds_of(date_time: str) -> float:
-    """Seconds since 1970 of a date and time; UTC where it has no time zone."""
+def seconds_of(date_time: str, *, zone: bool = True) -> float:
+    """Seconds since 1970 of a date and time; UTC where it has no time zone, or ``zone`` is not to
+    count."""
     moment = datetime.fromisoformat(date_time)
-    return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
+    return (moment if moment.tzinfo and zone else moment.replace(tzinfo=UTC)).timestamp()
 
 
 def only_child(element: ScenarioElement, *names: str) -> ScenarioElement:

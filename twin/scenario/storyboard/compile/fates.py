@@ -74,6 +74,9 @@ NO_EFFECT_ATTRIBUTES: Mapping[tuple[str, str], str] = {
     ("TimeToCollisionCondition", "routingAlgorithm"): "distances follow the road",
     ("TransitionDynamics", "followingMode"): "transitions are exact",
     ("LightState", "luminousIntensity"): "lamps are as bright as their kind",
+    ("LightStateAction", "transitionTime"): "lamps change at once",
+    ("Weather", "atmosphericPressure"): "the air is as dense as ever",
+    ("Weather", "temperature"): "nothing freezes or melts",
     ("GeoPosition", "verticalRoadSelection"): "the position is refused",
 }
 """Attributes without effect, with the reason; each is noted."""

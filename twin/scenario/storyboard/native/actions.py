@@ -54,6 +54,11 @@ BEYOND_M = 1.0
 """So far beyond the outermost lane somebody goes who crosses a road without footways."""
 _FLASH_S = 1.0 / 3.0
 """Time on and off of a flashing lamp: 90 flashes per minute (UN Regulation 48, 6.5.9.1)."""
+_LAMP_MODES = {
+    "off": records.LampMode.OFF,
+    "on": records.LampMode.ON,
+    "flash": records.LampMode.FLASHING,
+}
 _LAMPS = {
     "brake": "brakeLights",
     "indicator_left": "indicatorLeft",
@@ -62,6 +67,9 @@ _LAMPS = {
     "low_beam": "lowBeam",
     "high_beam": "highBeam",
     "reversing": "reversingLights",
+    "fog_front": "fogLightsFront",
+    "fog_rear": "fogLightsRear",
+    "daytime": "daytimeRunningLights",
 }
 AT_ONCE = TransitionDynamics(DynamicsShape.STEP, DynamicsDimension.TIME, 0.0)
 """A change in no time."""
@@ -423,9 +431,7 @@ def synchronisation(
 def lamp_actions(lamps: LampOrders) -> list[PrivateAction]:
     """An action per lamp."""
     return [
-        records.LightAction(
-            LIGHTS.index(light), ("off", "on", "flash").index(mode), _FLASH_S, _FLASH_S
-        )
+        records.LightAction(LIGHTS.index(light), _LAMP_MODES[mode], _FLASH_S, _FLASH_S)
         for name, light in _LAMPS.items()
         if (mode := getattr(lamps, name)) is not None
     ]

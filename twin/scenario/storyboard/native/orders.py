@@ -67,7 +67,9 @@ class KeepOrder(_Section, frozen=True, kw_only=True):
 
 
 class LampOrders(_Section, frozen=True, kw_only=True):
-    """Lamps of a vehicle; what is not given stays as it is."""
+    """Lamps of a vehicle; what is not given stays as it is. As long as nothing is said of them, the
+    brake lamps follow the deceleration, reversing lamps are on backwards, and the low beam by
+    night."""
 
     brake: Lamp | None = None
     indicator_left: Lamp | None = None
@@ -77,6 +79,10 @@ class LampOrders(_Section, frozen=True, kw_only=True):
     low_beam: Lamp | None = None
     high_beam: Lamp | None = None
     reversing: Lamp | None = None
+    fog_front: Lamp | None = None
+    fog_rear: Lamp | None = None
+    daytime: Lamp | None = None
+    """Daytime running lamps."""
 
 
 class ActorOrders(_Section, frozen=True, kw_only=True):

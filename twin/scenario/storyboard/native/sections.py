@@ -12,6 +12,7 @@ from typing import Annotated, Literal
 
 from msgspec import Meta, Struct, field
 
+from schemas.names import TimeOfDay, Weather
 from twin.scenario.storyboard.native.orders import ActorOrders
 from twin.scenario.storyboard.native.watches import ActorWatch, ScenarioSpot
 
@@ -25,6 +26,7 @@ Station = Annotated[float, Meta(ge=0, le=1e5)]
 Speed = Annotated[float, Meta(ge=0, le=100)]
 Offset = Annotated[float, Meta(ge=-100, le=100)]
 LaneNumber = Annotated[int, Meta(ge=1, le=20)]
+SignalStateName = Literal["off", "red", "red_amber", "amber", "green"]
 Side = Literal["left", "right"]
 Turn = Literal["left", "straight", "right"]
 KindName = Literal[
@@ -159,8 +161,26 @@ class StoryEvent(_Section, frozen=True, kw_only=True):
     """An event, or several, that must have started."""
     delay_s: Annotated[float, Meta(ge=0, le=3600)] = 0.0
     """It starts so much later than that [s]."""
-    do: Annotated[dict[str, ActorOrders], Meta(min_length=1)]
+    do: dict[str, ActorOrders] = field(default_factory=dict)
     """What who does; the ego only where the scenario drives it."""
+    weather: Weather | None = None
+    """The weather from then on, whatever the campaign says."""
+    time_of_day: TimeOfDay | None = None
+    """The local time from then on, `HH:MM`."""
+    friction_factor: Annotated[float, Meta(ge=0, le=2)] | None = None
+    """Friction of the road from then on, over what it has in its weather [-]."""
+    signals: dict[str, SignalStateName] = field(default_factory=dict)
+    """States of traffic lights from then on, by their ids in the road file."""
+
+    def __post_init__(self) -> None:
+        if not (self.do or self.changes_sky or self.signals):
+            words = "do, weather, time_of_day, friction_factor or signals"
+            raise ValueError(f"nothing happens: give {words}")
+
+    @property
+    def changes_sky(self) -> bool:
+        """Whether weather, hour or road change."""
+        return (self.weather, self.time_of_day, self.friction_factor) != (None, None, None)
 
 
 class ScenarioEnd(_Section, frozen=True, kw_only=True):

@@ -32,6 +32,7 @@ from twin.scenario.storyboard.interpreter.watch import watch_kernel
 from twin.scenario.storyboard.player.columns import (
     HISTORY_MAX,
     TRANSITIONS_MAX,
+    ConditionState,
     Overflow,
     Real,
     SlotColumn,
@@ -225,6 +226,26 @@ class StoryboardPlayer:
         count = min(int(self._slot(slot)[SlotColumn.TRANSITIONS]), TRANSITIONS_MAX)
         rows = self._play.transitions[slot].numpy()[:count].tolist()
         return [Transition(step, element, ElementState(state)) for step, element, state in rows]
+
+    def ended_by(self, slot: int) -> str:
+        """Names of the conditions that stopped a slot's storyboard; empty: it runs, or has none."""
+        program = self.programs[int(self._slot(slot)[SlotColumn.PROGRAM])]
+        trigger = program.elements[0].stop
+        if self.running(slot) or trigger is None:
+            return ""
+        states = self._play.conditions[slot].numpy()
+        held = states[:, ConditionState.HELD] == 1
+        # What counted with a delay may be over again.
+        was = states[:, ConditionState.CHANGES] > 0
+        first = 0  # the storyboard's conditions are the first of a program
+        for group in trigger.groups:
+            rows = range(first, first + len(group))
+            if all(held[k] or (one.delay_s and was[k]) for k, one in zip(rows, group, strict=True)):
+                return " and ".join(
+                    f"{one.name} (+{one.delay_s:g} s)" if one.delay_s else one.name for one in group
+                )
+            first += len(group)
+        return ""
 
     def overflows(self, slot: int) -> tuple[str, ...]:
         """Limits that a slot has met since it was started, each in words."""

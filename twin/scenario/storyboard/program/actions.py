@@ -219,13 +219,23 @@ class VisibilityAction(ProgramRecord, frozen=True):
     traffic: bool
 
 
+class LampMode(IntEnum):
+    """What a lamp of an entity does."""
+
+    UNSAID = 0
+    """The scenario has said nothing of it."""
+    ON = 1
+    FLASHING = 2
+    OFF = 3
+
+
 class LightAction(ProgramRecord, frozen=True):
     """A lamp of the actor."""
 
     light: int
     """Index of :data:`LIGHTS`."""
     mode: int
-    """0 off, 1 on, 2 flashing."""
+    """A :class:`LampMode`."""
     on_s: float
     off_s: float
 
@@ -246,6 +256,8 @@ LIGHTS = (
     "specialPurposeLights",
 )
 """Lamps of vehicles, spelled as in OpenSCENARIO."""
+UNSEEN = ("licensePlateIllumination", "specialPurposeLights")
+"""Of these the ones that no body has."""
 
 
 class EnvironmentAction(ProgramRecord, frozen=True):

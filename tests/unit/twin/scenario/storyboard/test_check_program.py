@@ -222,7 +222,8 @@ WRONG: dict[str, tuple[Callable[[], Program], str]] = {
     "environment": (lambda: with_action(EnvironmentAction(1)), "environment 1 does not exist"),
     "delete": (lambda: with_action(DeleteEntityAction(-1)), "entity -1 does not exist"),
     "light": (lambda: with_action(LightAction(13, 1, 1.0, 1.0)), "light 13 does not exist"),
-    "light mode": (lambda: with_action(LightAction(0, 3, 1.0, 1.0)), "mode is 3"),
+    "light mode": (lambda: with_action(LightAction(0, 4, 1.0, 1.0)), "mode is 4"),
+    "light unsaid": (lambda: with_action(LightAction(0, 0, 1.0, 1.0)), "mode is 0"),
     "relative": (lambda: with_action(behind(7)), "entity 7 does not exist"),
     "routes": (
         lambda: with_action(AcquirePositionAction(HERE, (-1, 1))),

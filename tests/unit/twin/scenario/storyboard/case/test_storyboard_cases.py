@@ -14,7 +14,7 @@ from schemas.case import Case
 from schemas.files.assets import asset_digest
 from schemas.messages import OBJECT_CLASSES, Command
 from schemas.plan import expand, parse_campaign
-from schemas.wire.interventions import MoveObject, PlaceEgo
+from schemas.wire.interventions import PlaceEgo
 from twin.base.errors import RefusedError
 from twin.rig.engine import Engine
 from twin.rig.slot import Finished
@@ -209,13 +209,11 @@ def test_a_case_whose_player_met_a_limit_fails(near):
     assert "TRANSITIONS_MAX" in finished.reasons[0]
 
 
-def test_interventions_place_the_ego_and_leave_the_bodies(near):
+def test_interventions_name_the_bodies_and_place_the_ego(near):
     case = case_of(near)
     engine = Engine(case, 1)
     engine.reset(0, case)
     engine.sense()
-    with pytest.raises(ValueError, match="the scenario of this case moves all of them"):
-        engine.objects.act(0, MoveObject(object=0, x_m=1.0, y_m=2.0), engine.sim_time_ns / 1e9)
     states = engine.objects.states(0, engine.sim_time_ns / 1e9)
     assert [state.kind for state in states] == ["van", "pedestrian"]
     engine.place_ego(0, PlaceEgo(x_m=200.0, y_m=-7.625, yaw_rad=0.0, speed_mps=20.0))
