@@ -13,6 +13,7 @@ from twin.scenario.storyboard.program.actions import (
     PrivateAction,
     VisibilityAction,
 )
+from twin.scenario.storyboard.program.program import Program
 
 ACTION_TYPES: tuple[type, ...] = (*get_args(PrivateAction), *get_args(GlobalAction))
 """Types of actions; a code is an index of it."""
@@ -29,6 +30,7 @@ _LONGITUDINAL = (
     actions.SynchronizeAction,
 )
 _LATERAL = (actions.LaneChangeAction, actions.LaneOffsetAction, actions.LateralDistanceAction)
+_COUPLE = actions.ConnectTrailerAction | actions.DisconnectTrailerAction
 _ROUTING = (actions.AssignRouteAction, actions.AcquirePositionAction)
 
 
@@ -65,7 +67,7 @@ def domains_of(action: Action) -> int:
         return lateral | Domain.LONGITUDINAL if action.timed else lateral
     if isinstance(action, LightAction):
         return Domain.LIGHTS
-    assert isinstance(action, VisibilityAction | actions.ControllerAction | GlobalAction)
+    assert isinstance(action, VisibilityAction | actions.ControllerAction | GlobalAction | _COUPLE)
     return Domain.NONE
 
 
@@ -76,3 +78,10 @@ def lasts(action: Action) -> bool:
     return bool(domains_of(action) & (Domain.LONGITUDINAL | Domain.LATERAL)) and not isinstance(
         action, actions.TeleportAction
     )
+
+
+def tows(program: Program) -> bool:
+    """True if trailers are towed, or may be."""
+    written = [*(init.action for init in program.init), *(e.action for e in program.elements)]
+    connects = any(isinstance(action, actions.ConnectTrailerAction) for action in written)
+    return connects or any(entity.tractor >= 0 for entity in program.entities)

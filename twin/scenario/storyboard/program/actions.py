@@ -248,6 +248,16 @@ LIGHTS = (
 """Lamps of vehicles, spelled as in OpenSCENARIO."""
 
 
+class ConnectTrailerAction(ProgramRecord, frozen=True):
+    """Couple a trailer (index) to the actor's hitch."""
+
+    trailer: int
+
+
+class DisconnectTrailerAction(ProgramRecord, frozen=True):
+    """Let go of the trailer at the actor's hitch, if there is one."""
+
+
 class EnvironmentAction(ProgramRecord, frozen=True):
     """Weather, light and time of day (index of :attr:`Program.environments`)."""
 
@@ -282,6 +292,13 @@ class ModifyVariableAction(ProgramRecord, frozen=True):
     addend: float
 
 
+class SignalPhaseAction(ProgramRecord, frozen=True):
+    """Put a controller of traffic signals (index) into a phase (index), from which it goes on."""
+
+    controller: int
+    phase: int
+
+
 class CommandAction(ProgramRecord, frozen=True):
     """A command of the user; only noted as an event."""
 
@@ -303,6 +320,8 @@ PrivateAction = (
     | ControllerAction
     | VisibilityAction
     | LightAction
+    | ConnectTrailerAction
+    | DisconnectTrailerAction
 )
 GlobalAction = (
     EnvironmentAction
@@ -311,5 +330,6 @@ GlobalAction = (
     | SetVariableAction
     | ModifyVariableAction
     | CommandAction
+    | SignalPhaseAction
 )
 Action = PrivateAction | GlobalAction
