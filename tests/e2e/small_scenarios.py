@@ -305,6 +305,15 @@ def _conditions() -> Iterator[tuple[str, str]]:
     reached = f'<ReachPositionCondition tolerance="2.03">{lane(55)}</ReachPositionCondition>'
     yield "reached", by_entity(reached)
     yield "acceleration", by_entity('<AccelerationCondition value="2" rule="greaterThan"/>')
+    for lanes, others in (("0", ""), ("0", '<EntityRef entityRef="B"/>'), ("1", "")):
+        # Free until B is near; a lane that is always free never stops being so.
+        clear = (
+            '<RelativeClearanceCondition distanceForward="40.05" distanceBackward="10" '
+            f'freeSpace="false" oppositeLanes="false"><RelativeLaneRange from="{lanes}" '
+            f'to="{lanes}"/>{others}</RelativeClearanceCondition>'
+        )
+        yield f"lane {lanes} free of {'B' if others else 'all'}", by_entity(clear, "falling")
+        yield f"lane {lanes} is free of {'B' if others else 'all'}", by_entity(clear)
     for freespace in ("true", "false"):
         gap = f'freespace="{freespace}" rule="lessThan"'
         along = 'coordinateSystem="road" relativeDistanceType="longitudinal"'

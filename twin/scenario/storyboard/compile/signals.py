@@ -68,11 +68,9 @@ def _phase(element: ScenarioElement, context: Compilation) -> SignalPhase:
 
 
 def _controller(element: ScenarioElement, context: Compilation) -> tuple[int, SignalController]:
+    """Number of the controller that an attribute names, and the controller."""
     name = str(element.values["trafficSignalControllerRef"])
-    for number, controller in enumerate(context.controllers.values()):
-        if controller.name == name:
-            return number, controller
-    raise RefusalError(element, f"no traffic signal controller with phases is named '{name}'")
+    return list(context.controllers).index(name), context.controllers[name]
 
 
 def _action(element: ScenarioElement, context: Compilation) -> SignalPhaseAction:

@@ -42,6 +42,8 @@ from twin.scenario.storyboard.player.columns import (
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
 
 _EVERYONE = wp.constant(wp.int32(7))
+_STANDS_M = wp.constant(wp.float64(1e-9))
+"""A hitch that moves by less has no direction [m]: sums of what stands still differ by 1e-16."""
 
 
 @wp.func
@@ -50,7 +52,7 @@ def pulled_heading(
 ) -> wp.float64:
     """Heading of a trailer of that length whose coupler has moved straight by dx, dy."""
     way = wp.sqrt(dx * dx + dy * dy)
-    if way == ZERO:
+    if way < _STANDS_M:
         return heading
     towards = portable_atan2(dy, dx)
     half = HALF * wrapped(heading - towards)
