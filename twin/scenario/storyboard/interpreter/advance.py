@@ -189,7 +189,11 @@ def advance_kernel(
     first = tables.entity_wholes[row, EntityWhole.LIST]
     end = first + tables.entity_wholes[row, EntityWhole.LIST_COUNT]
     inits = tables.programs[program, ProgramColumn.INITS]
-    towed = now.wholes[slot, e, Whole.TRACTOR] >= 0
+    # Who is let go in this step rolls on at once.
+    tractor = now.wholes[slot, e, Whole.TRACTOR]
+    towed = wp.bool(False)
+    if tractor >= 0:
+        towed = now.wholes[slot, tractor, Whole.TOWS] == e
     imposed = towed or now.wholes[slot, e, Whole.IMPOSED] != 0
     controlled = controlled_by(now, slot, e)
     motion = BodyMotion()
