@@ -34,7 +34,6 @@ HANDLERS: Mapping[str, Handler] = {
 REFUSED_TYPES: Mapping[str, str] = {
     **REFUSED,
     "ExternalObjectReference": "objects of other files are not known",
-    "GeoPosition": "positions by latitude and longitude are not played; use WorldPosition",
     "OverrideControllerValueAction": "pedals of a controller are not overridden",
     "PositionOfCurrentEntity": "a place on a route that moves with an entity is not played",
     "RandomRouteAction": "routes are not drawn at random; assign one",
@@ -67,7 +66,7 @@ NO_EFFECT_ATTRIBUTES: Mapping[tuple[str, str], str] = {
     ("TimeToCollisionCondition", "routingAlgorithm"): "distances follow the road",
     ("TransitionDynamics", "followingMode"): "transitions are exact",
     ("LightState", "luminousIntensity"): "lamps are as bright as their kind",
-    ("GeoPosition", "verticalRoadSelection"): "the position is refused",
+    ("GeoPosition", "verticalRoadSelection"): "of roads above one another the nearest counts",
     ("TrailerCoupler", "dz"): "trailers stand on the road",
     ("TrailerHitch", "dz"): "trailers stand on the road",
 }
