@@ -64,6 +64,8 @@ NO_EFFECT_ATTRIBUTES: Mapping[tuple[str, str], str] = {
     ("RelativeDistanceCondition", "routingAlgorithm"): "distances follow the road",
     ("TimeHeadwayCondition", "routingAlgorithm"): "distances follow the road",
     ("TimeToCollisionCondition", "routingAlgorithm"): "distances follow the road",
+    ("Performance", "maxAccelerationRate"): "only actions limit how acceleration changes",
+    ("Performance", "maxDecelerationRate"): "only actions limit how acceleration changes",
     ("TransitionDynamics", "followingMode"): "transitions are exact",
     ("LightState", "luminousIntensity"): "lamps are as bright as their kind",
     ("GeoPosition", "verticalRoadSelection"): "of roads above one another the nearest counts",
