@@ -13,7 +13,7 @@ from __future__ import annotations
 import warp as wp
 
 from twin.scenario.storyboard.interpreter.arrays import BodyArrays, PlayArrays, ProgramArrays
-from twin.scenario.storyboard.interpreter.signals import put_into_phase
+from twin.scenario.storyboard.interpreter.seldom.signals import put_into_phase
 from twin.scenario.storyboard.player.columns import (
     TRANSITIONS_MAX,
     ConditionState,

@@ -7,7 +7,6 @@ import warp as wp
 from twin.road.walk.road_arrays import RoadArrays
 from twin.scenario.storyboard.interpreter.arrays import BodyArrays, ProgramArrays
 from twin.scenario.storyboard.interpreter.boxes import box_of, overlapping
-from twin.scenario.storyboard.interpreter.clearance import clear_beside
 from twin.scenario.storyboard.interpreter.ground import BodyPlace, place_of, resolved_place
 from twin.scenario.storyboard.interpreter.measures import (
     angle_of,
@@ -46,7 +45,6 @@ _REACH = kind_code(records.ReachPositionCondition)
 _DISTANCE = kind_code(records.DistanceCondition)
 _RELATIVE_DISTANCE = kind_code(records.RelativeDistanceCondition)
 _ANGLE = kind_code(records.AngleCondition)
-_CLEARANCE = kind_code(records.RelativeClearanceCondition)
 _RELATIVE_ANGLE = kind_code(records.RelativeAngleCondition)
 
 _COLLISION_ENTITY = whole_column(records.CollisionCondition, "entity")
@@ -266,8 +264,6 @@ def entity_holds(
         angle = angle_of(bodies, slot, e, tables.wholes[wholes + _ANGLE_KIND], on_road)
         apart = turned_from(angle, tables.reals[reals + _ANGLE_VALUE])
         return apart <= tables.reals[reals + _ANGLE_TOLERANCE]
-    if kind == _CLEARANCE:
-        return clear_beside(tables, bodies, roads, slot, base, count, e, reals, wholes)
     if kind == _RELATIVE_ANGLE:
         other = tables.wholes[wholes + _BESIDE_ENTITY]
         which = tables.wholes[wholes + _BESIDE_KIND]

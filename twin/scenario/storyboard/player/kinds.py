@@ -85,3 +85,10 @@ def tows(program: Program) -> bool:
     written = [*(init.action for init in program.init), *(e.action for e in program.elements)]
     connects = any(isinstance(action, actions.ConnectTrailerAction) for action in written)
     return connects or any(entity.tractor >= 0 for entity in program.entities)
+
+
+def watches_lanes(program: Program) -> bool:
+    """True if anything waits for lanes to be free."""
+    triggers = [trigger for e in program.elements for trigger in (e.start, e.stop) if trigger]
+    every = (condition for trigger in triggers for group in trigger.groups for condition in group)
+    return any(isinstance(c.expression, conditions.RelativeClearanceCondition) for c in every)

@@ -29,9 +29,10 @@ from twin.scenario.storyboard.interpreter.reset import (
     open_kernel,
     reset_kernel,
 )
-from twin.scenario.storyboard.interpreter.signals import signals_kernel
-from twin.scenario.storyboard.interpreter.towing import tow_kernel
+from twin.scenario.storyboard.interpreter.seldom.signals import signals_kernel
+from twin.scenario.storyboard.interpreter.seldom.towing import tow_kernel
 from twin.scenario.storyboard.interpreter.watch import watch_kernel
+from twin.scenario.storyboard.interpreter.seldom.watch_lanes import lanes_kernel
 from twin.scenario.storyboard.player.columns import (
     HISTORY_MAX,
     TRANSITIONS_MAX,
@@ -40,7 +41,7 @@ from twin.scenario.storyboard.player.columns import (
     SlotColumn,
     Whole,
 )
-from twin.scenario.storyboard.player.kinds import lasts, tows
+from twin.scenario.storyboard.player.kinds import lasts, tows, watches_lanes
 from twin.scenario.storyboard.player.tables import pack_programs
 from twin.scenario.storyboard.program.conditions import ElementState
 from twin.scenario.storyboard.program.program import Program
@@ -136,6 +137,7 @@ class StoryboardPlayer:
         self._init_lasts = any(lasts(init.action) for p in self.programs for init in p.init)
         self._drivers = any(program.models for program in self.programs)
         self._signals = any(program.controllers for program in self.programs)
+        self._lanes = any(watches_lanes(program) for program in self.programs)
         self._tows = any(tows(program) for program in self.programs)
         if self._drivers and self.device.is_cuda:
             raise UsageError(f"device '{self.device}': {NO_DRIVERS}")
@@ -181,6 +183,8 @@ class StoryboardPlayer:
         conditions = (self.slots, self.tables.most["conditions"])
         self._switch(only)
         self._launch(watch_kernel, conditions, [*model, only, self.step_s, self.bodies, self._play])
+        if self._lanes:
+            self._launch(lanes_kernel, conditions, [*model, only, self.bodies, self._play])
         storyboard = [self._programs, only, self.step_s, self.bodies, self._play]
         self._launch(decide_kernel, self.slots, storyboard)
         self._copy()
