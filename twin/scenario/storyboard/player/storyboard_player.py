@@ -31,8 +31,8 @@ from twin.scenario.storyboard.interpreter.reset import (
 )
 from twin.scenario.storyboard.interpreter.seldom.signals import signals_kernel
 from twin.scenario.storyboard.interpreter.seldom.towing import tow_kernel
-from twin.scenario.storyboard.interpreter.watch import watch_kernel
 from twin.scenario.storyboard.interpreter.seldom.watch_lanes import lanes_kernel
+from twin.scenario.storyboard.interpreter.watch import watch_kernel
 from twin.scenario.storyboard.player.columns import (
     HISTORY_MAX,
     TRANSITIONS_MAX,
