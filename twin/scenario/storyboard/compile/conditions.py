@@ -288,14 +288,16 @@ def _relative_angle(element: ScenarioElement, context: Compilation) -> RelativeA
 
 def _clearance(element: ScenarioElement, context: Compilation) -> RelativeClearanceCondition:
     context.road_map(element)
-    ways = [number_of(element, key, 0.0) for key in ("distanceForward", "distanceBackward")]
-    if any(not 0.0 <= way_m < math.inf for way_m in ways):
+    ahead_m = number_of(element, "distanceForward", 0.0)
+    behind_m = number_of(element, "distanceBackward", 0.0)
+    if not (0.0 <= ahead_m < math.inf and 0.0 <= behind_m < math.inf):
         raise RefusalError(element, "distances must be 0 or more and finite")
     entities: dict[int, None] = {}
     for reference in element.all("EntityRef"):
         entities |= dict.fromkeys(context.members(reference))
     return RelativeClearanceCondition(
-        *ways,
+        ahead_m,
+        behind_m,
         bool(element.values["freeSpace"]),
         bool(element.values["oppositeLanes"]),
         tuple(entities),
