@@ -1,4 +1,4 @@
-"""Latitude and longitude on the map, against the arc of the meridian and what makes it conformal."""
+"""Latitude and longitude on the map, against the arc of the meridian and conformality."""
 
 from __future__ import annotations
 
