@@ -375,7 +375,11 @@ def _signal(element: ScenarioElement, context: Compilation) -> TrafficSignalCond
 
 def signal_variable(element: ScenarioElement, context: Compilation, key: str = "name") -> int:
     """The variable with the state of the traffic signal that an attribute names."""
-    name = str(element.values[key])
+    return signal_named(element, context, str(element.values[key]))
+
+
+def signal_named(element: ScenarioElement, context: Compilation, name: str) -> int:
+    """The variable with the state of a traffic signal."""
     roads = context.road_map(element)
     signals = {signal.id for frame in roads.frames.values() for signal in frame.road.signals}
     if name not in signals:

@@ -39,8 +39,6 @@ REFUSED_TYPES: Mapping[str, str] = {
     "RandomRouteAction": "routes are not drawn at random; assign one",
     "SensorReferenceSet": "visibility for single sensors is not played",
     "TrafficAction": "traffic is not generated; give every entity by name",
-    "TrafficSignalGroupState": "signals have no groups; give the state of each one by "
-    "TrafficSignalState",
     "UserDefinedLight": "only lamps of the standard are known",
 }
 """Element types that are refused where they stand in a scenario, with the reason."""
@@ -87,6 +85,7 @@ STRUCTURE = frozenset(
         *("Maneuver", "ManeuverGroup", "ModifyRule", "MonitorDeclaration", "None"),
         *("ObjectController", "Orientation", "ParameterAddValueRule", "ParameterModifyAction"),
         *("Phase", "RelativeLaneRange", "TrafficSignalController", "TrafficSignalState"),
+        "TrafficSignalGroupState",
         *("TrafficSignals", "Trailer", "TrailerCoupler", "TrailerHitch"),
         *("ParameterMultiplyByValueRule", "ParameterSetAction", "Performance", "Position"),
         *("PositionInLaneCoordinates", "PositionInRoadCoordinates", "Precipitation", "Private"),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from twin.scenario.storyboard.compile.conditions import signal_variable
+from twin.scenario.storyboard.compile.conditions import signal_named, signal_variable
 from twin.scenario.storyboard.compile.context import (
     Compilation,
     Handler,
@@ -22,7 +22,7 @@ def compile_signals(roads: ScenarioElement, context: Compilation) -> None:
     for name, element in elements.items():
         with context.collecting(element):
             delay_s = _delay(element, elements)
-            phases = tuple(_phase(phase, context) for phase in element.all("Phase"))
+            phases = tuple(_phase(phase, name, context) for phase in element.all("Phase"))
             if not phases:
                 context.note(element, "it has no phases and switches nothing")
                 continue
@@ -53,7 +53,7 @@ def _delay(element: ScenarioElement, elements: dict[str, ScenarioElement]) -> fl
         at = elements[str(reference)]
 
 
-def _phase(element: ScenarioElement, context: Compilation) -> SignalPhase:
+def _phase(element: ScenarioElement, controller: str, context: Compilation) -> SignalPhase:
     duration = float(element.values["duration"])
     if not duration >= 0.0:
         raise RefusalError(element, f"duration is {duration:g} s, it must be 0 or more")
@@ -64,7 +64,19 @@ def _phase(element: ScenarioElement, context: Compilation) -> SignalPhase:
         )
         for state in element.all("TrafficSignalState")
     ]
+    for group in element.all("TrafficSignalGroupState", "TrafficeSignalGroupState"):
+        states = [*_group(group, controller, context), *states]
     return SignalPhase(context.word(element.label), duration, tuple(states))
+
+
+def _group(element: ScenarioElement, controller: str, context: Compilation) -> list[SignalState]:
+    """The state of all signals of the controller of the same id in the road file."""
+    signals = context.road_map(element).network.controllers.get(controller, ())
+    if not signals:
+        words = f"the road network has no controller '{controller}' with signals"
+        raise RefusalError(element, words)
+    state = context.word(str(element.values["state"]))
+    return [SignalState(signal_named(element, context, name), state) for name in signals]
 
 
 def _controller(element: ScenarioElement, context: Compilation) -> tuple[int, SignalController]:

@@ -9,7 +9,7 @@ import pytest
 
 pytest.importorskip("lxml", reason="lxml is not installed")
 
-from compiled_text import VEHICLE, by_entity, compiled, scenario_text
+from compiled_text import ROADS, VEHICLE, by_entity, compiled, scenario_text
 
 from twin.scenario.storyboard.check_program import program_mistakes
 from twin.scenario.storyboard.program.actions import (
@@ -89,6 +89,23 @@ def test_a_controller_without_phases_is_noted(tmp_path: Path) -> None:
     assert "it has no phases" in result.notes[0]
 
 
+GROUP = '<Phase name="p" duration="1"><TrafficSignalGroupState state="off;on"/></Phase>'
+
+
+def test_states_of_groups(tmp_path: Path) -> None:
+    """The controller of the same id in the road file says which signals they are."""
+    signals = '<controller id="a"><control signalId="light" type="0"/></controller></OpenDRIVE>'
+    roads = ROADS.replace("</OpenDRIVE>", signals)
+    program = compiled(tmp_path, with_controllers(controller("a", phases=GROUP)), roads).program
+    (phase,) = program.controllers[0].phases
+    (state,) = phase.states
+    assert program.variables[state.variable].name == "signal light"
+    assert program.words[int(state.value)] == "off;on"
+    stray = roads.replace('"light" type="0"', '"lamp" type="0"')
+    with pytest.raises(ValueError, match="the road network has no signal 'lamp'"):
+        compiled(tmp_path, with_controllers(controller("a", phases=GROUP)), stray)
+
+
 BROKEN_SIGNALS = {
     "no such signal": (
         controller("a", phases=PHASES.replace("light", "lamp", 1)),
@@ -104,10 +121,8 @@ BROKEN_SIGNALS = {
         "controllers a, b refer to one another",
     ),
     "group": (
-        controller(
-            "a", phases='<Phase name="p" duration="1"><TrafficSignalGroupState state="x"/></Phase>'
-        ),
-        "TrafficSignalGroupState is refused",
+        controller("a", phases=GROUP),
+        "the road network has no controller 'a' with signals",
     ),
 }
 
