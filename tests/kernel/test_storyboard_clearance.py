@@ -103,8 +103,17 @@ def is_clear(network, places, *ranges, ahead_m=30.0, behind_m=0.0, **changes):
     )
     init = [item for number, place in enumerate(places) for item in start_at(number, place, 0.0)]
     events = [EventPlan(trigger(when(condition, 0)), [SetVariableAction(0, 1.0)])]
+    towed = changes.pop("towed", ())
     plan = program(
-        [car(f"car{number}") for number in range(len(places))],
+        [
+            car(
+                f"car{number}",
+                hitch_x_m=-1.0,
+                coupler_x_m=4.0,
+                tractor=0 if number in towed else -1,
+            )
+            for number in range(len(places))
+        ],
         init,
         [GroupPlan((0,), events)],
         variables=[ProgramVariable("variable v", 0.0)],
@@ -227,3 +236,10 @@ def test_lanes_are_followed_over_roads(turned):
 def test_who_is_on_no_road_is_in_no_lane(straight):
     away = at(60.0, 500.0)
     assert is_clear(straight, [on_lane(straight, 50.0, -1), away])
+
+
+def test_the_own_trailer_takes_no_room(straight):
+    places = [on_lane(straight, s_m, -1) for s_m in (50.0, 45.0, 35.0)]
+    assert is_clear(straight, places[:2], OWN, towed=(1,), behind_m=20.0)
+    assert not is_clear(straight, places[:2], OWN, behind_m=20.0)
+    assert not is_clear(straight, places, OWN, towed=(1,), behind_m=20.0)

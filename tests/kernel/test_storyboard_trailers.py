@@ -21,6 +21,8 @@ from storyboard_programs import (
     program,
     speed_at_once,
     start_at,
+    trigger,
+    when,
 )
 
 from twin.road.opendrive.reading.reader import read_network
@@ -30,10 +32,12 @@ from twin.scenario.storyboard.player.storyboard_player import StoryboardPlayer
 from twin.scenario.storyboard.program.actions import (
     ConnectTrailerAction,
     DisconnectTrailerAction,
+    SetVariableAction,
     TeleportAction,
 )
+from twin.scenario.storyboard.program.conditions import CollisionCondition
 from twin.scenario.storyboard.program.places import FixedPosition
-from twin.scenario.storyboard.program.program import InitAction
+from twin.scenario.storyboard.program.program import InitAction, ProgramVariable
 
 HITCH_M, COUPLER_M = -1.0, 4.0
 
@@ -196,3 +200,22 @@ def test_an_imposed_tractor_pulls_its_trailer():
         states = player.states()
         assert states.x_m[0, 1] == pytest.approx(x_m + HITCH_M - COUPLER_M, abs=1e-12)
     assert states.speed_mps[0, 1] == pytest.approx(5.0, abs=1e-9)
+
+
+def test_a_train_does_not_collide_with_itself():
+    """A semi-trailer lies above its tractor; another car does not."""
+    above = trailer("semi", hitch_x_m=-2.0, coupler_x_m=1.0)
+    touch = trigger(when(CollisionCondition(-1, -1), 0, 1, 2))
+    events = [EventPlan(touch, [SetVariableAction(0, 1.0)])]
+    entities = [truck(), above, trailer("last", tractor=1)]
+    init = start_at(0, at(20.0), 5.0)
+    for others, hit in (([], 0.0), ([car("other")], 1.0)):
+        more = start_at(3, at(22.0, 1.5), 0.0) if others else []
+        plan = program(
+            [*entities, *others],
+            init + more,
+            [GroupPlan((0,), events)],
+            variables=[ProgramVariable("variable hit", 0.0)],
+        )
+        run = played(plan, 3)
+        assert run.player.variables(0)["variable hit"] == hit

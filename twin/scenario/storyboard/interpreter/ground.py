@@ -92,6 +92,18 @@ def controlled_by(bodies: BodyArrays, slot: wp.int32, e: wp.int32) -> wp.int32:
 
 
 @wp.func
+def front_of(bodies: BodyArrays, slot: wp.int32, e: wp.int32) -> wp.int32:
+    """Who is at the front of the train of an entity; itself if nobody tows it."""
+    at = wp.int32(e)
+    tractor = bodies.wholes[slot, at, Whole.TRACTOR]
+    for _ahead in range(bodies.wholes.shape[1]):
+        if tractor >= 0:
+            at = tractor
+            tractor = bodies.wholes[slot, at, Whole.TRACTOR]
+    return at
+
+
+@wp.func
 def place_of(bodies: BodyArrays, slot: wp.int32, e: wp.int32) -> BodyPlace:
     """Where an entity stands."""
     place = BodyPlace()

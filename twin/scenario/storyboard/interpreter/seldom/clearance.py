@@ -22,7 +22,7 @@ from twin.road.walk.road_arrays import RoadArrays
 from twin.road.walk.spots import line_row, line_spot, road_length
 from twin.scenario.storyboard.interpreter.arrays import BodyArrays, ProgramArrays
 from twin.scenario.storyboard.interpreter.boxes import box_of, reach_of
-from twin.scenario.storyboard.interpreter.ground import direction_of, lane_counted
+from twin.scenario.storyboard.interpreter.ground import direction_of, front_of, lane_counted
 from twin.scenario.storyboard.interpreter.transition import CLOSE, ZERO
 from twin.scenario.storyboard.player.columns import Real, Whole
 from twin.scenario.storyboard.player.layout import layout_of, real_column, whole_column
@@ -127,9 +127,9 @@ def steps_between(
     if road == other_road:
         steps = steps_to(lane, other_lane)
     for turn in range(2):
-        # On one road lanes keep their ids unless a section lies between; then the walk knows.
+        # On one road ids tell where no walk comes through; those of other sections may differ.
         back = turn == 0
-        if turn == 0 or (steps == _NOWHERE and turn == 1):
+        if back or steps == _NOWHERE:
             from_road = wp.where(back, other_road, road)
             from_lane = wp.where(back, other_lane, lane)
             from_s = wp.where(back, other_s, s)
@@ -262,12 +262,13 @@ def clear_beside(
     reals: wp.int32,
     wholes: wp.int32,
 ) -> wp.bool:
-    """True if the lanes that a condition asks for are free of all whom it means; never of an entity
-    that is on no lane."""
+    """True if the lanes that a condition asks for are free of all whom it means, but for the
+    entity's own train; never of an entity that is on no lane."""
     if not lane_there(tables, bodies, roads, slot, e, wholes):
         return False
     for other in range(count):
         meant = other != e and bodies.wholes[slot, other, Whole.PRESENT] != 0
+        meant = meant and front_of(bodies, slot, e) != front_of(bodies, slot, other)
         if meant and is_meant(tables, wholes, other):
             if occupies(tables, bodies, roads, slot, base, e, other, reals, wholes):
                 return False
