@@ -12,6 +12,8 @@ pytest.importorskip("lxml", reason="lxml is not installed")
 from compiled_text import ROADS, VEHICLE, by_entity, compiled, scenario_text
 
 from twin.scenario.storyboard.check_program import program_mistakes
+from twin.scenario.storyboard.openscenario.outline import outline
+from twin.scenario.storyboard.openscenario.scenario import read_scenario
 from twin.scenario.storyboard.program.actions import (
     ConnectTrailerAction,
     DisconnectTrailerAction,
@@ -263,3 +265,18 @@ def test_free_lanes_need_roads(tmp_path: Path) -> None:
     text = scenario_text(condition=by_entity(CLEAR.format("", ""))).replace(ROAD, "")
     with pytest.raises(ValueError, match="no road network"):
         compiled(tmp_path, text)
+
+
+def test_the_outline_tells_of_trains_and_phases(tmp_path: Path) -> None:
+    reference = '<Trailer><TrailerRef entityRef="Box"/></Trailer>'
+    for entities, words in (
+        (towing(), ["entity Truck: Vehicle car", "entity Box: Vehicle car, towed by Truck"]),
+        (loose() + towing(held=reference), ["entity Truck: Vehicle car", "entity Truck tows Box"]),
+    ):
+        path = tmp_path / "s.xosc"
+        text = with_controllers(controller("a"), entities=entities)
+        (tmp_path / "roads.xodr").write_text(ROADS)
+        path.write_text(text)
+        lines = outline(read_scenario(path), [])
+        assert [line for line in lines if line in words] == words
+        assert "traffic signal controller a: stop 3 s, go 2 s" in lines

@@ -15,6 +15,8 @@ from twin.road.opendrive.reading.load import load_network
 from twin.road.opendrive.road_map import RoadMap
 from twin.road.shipped.library import road_path
 from twin.scenario.storyboard.native.bodies import BODIES
+from twin.scenario.storyboard.native.document import load_native
+from twin.scenario.storyboard.native.outline import native_outline
 
 CAR = BODIES["car"]
 
@@ -227,6 +229,8 @@ def test_a_towed_trailer_begins_straight_behind(tmp_path):
     front = middle_x(trailer.start, BODIES["trailer"]) + 0.5 * BODIES["trailer"].length_m
     rear = middle_x(truck.start, BODIES["truck"]) - 0.5 * BODIES["truck"].length_m
     assert 1.0 < rear - front < 2.0
+    lines = native_outline(load_native(tmp_path / "scenario.yaml"), program)
+    assert [line.rpartition(", ")[2] for line in lines[2:4]] == ["towed by truck", "20 m/s"]
 
 
 def test_a_trailer_of_its_own_is_an_actor_like_others(tmp_path):
