@@ -384,6 +384,9 @@ class StoryboardMotion:
         ahead, aside = bodies.centre_m[..., 0], bodies.centre_m[..., 1]
         c, s = cosine(heading), sine(heading)
         off_x, off_y = ahead * c - aside * s, ahead * s + aside * c
+        # Bodies stand level; the middle of a box stands on the slope that its origin stands on.
+        pitch, roll = real[..., Real.PITCH], real[..., Real.ROLL]
+        off_z = aside * sine(roll) * cosine(pitch) - ahead * sine(pitch)
         phase = np.floor(self._way_m / bodies.way_m * bodies.phases).astype(np.int64)
         moving = (np.abs(real[..., Real.SPEED]) > _STILL_MPS) & (bodies.phases > 0)
         kind = bodies.kind + np.where(moving, 1 + phase % np.maximum(bodies.phases, 1), 0)
@@ -399,7 +402,7 @@ class StoryboardMotion:
         )
         return Placement(
             kind=np.where(seen, kind, -1).astype(np.int32),
-            position_m=_vectors(there, *place, real[..., Real.Z]),
+            position_m=_vectors(there, *place, real[..., Real.Z] + settled(off_z)),
             yaw_rad=np.where(there, heading, 0.0),
             velocity_mps=_vectors(there, *velocity, still),
             yaw_rate_radps=np.where(there, rate, 0.0),

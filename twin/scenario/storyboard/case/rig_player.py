@@ -188,7 +188,7 @@ class RigPlayer(StoryboardPlayer):
                 _copy_into(getattr(old, name), getattr(new, name))
 
 
-_WIDE = ("entities", "elements", "conditions", "instances", "variables")
+_WIDE = ("entities", "elements", "conditions", "instances", "variables", "controllers")
 
 
 def _copy_into(old: Any, new: Any) -> None:

@@ -267,6 +267,7 @@ ACTIONS: dict[str, Handler] = {
     "AppearanceAction": _inner,
     "InfrastructureAction": _inner,
     "TrafficSignalAction": _inner,
+    "TrailerAction": _inner,
     "SynchronizeAction": _synchronize,
     "TeleportAction": _teleport,
     "FollowTrajectoryAction": _follow_trajectory,

@@ -21,6 +21,7 @@ from twin.scenario.storyboard.program.places import (
     Trajectory,
 )
 from twin.scenario.storyboard.program.program import ProgramVariable, StoryboardEnvironment
+from twin.scenario.storyboard.program.signals import SignalController
 
 Handler = Callable[[ScenarioElement, "Compilation"], Any]
 """Compiles one element; raises :class:`RefusalError` where it cannot be expressed."""
@@ -60,6 +61,8 @@ class Compilation:
     trajectories: dict[Trajectory, int] = field(default_factory=dict)
     routes: dict[RoadRoute, int] = field(default_factory=dict)
     environments: dict[StoryboardEnvironment, int] = field(default_factory=dict)
+    controllers: dict[str, SignalController] = field(default_factory=dict)
+    """Of traffic signals, by name, in the order of the file."""
 
     @contextmanager
     def collecting(self, element: ScenarioElement) -> Iterator[None]:

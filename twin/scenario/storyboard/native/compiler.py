@@ -109,6 +109,7 @@ def compile_native(document: NativeDocument) -> Program:
     assert ground is not None
     places = places_of(scenario, ground, mistakes)
     _check_order(scenario, mistakes)
+    _check_towed(scenario, mistakes)
     _face(scenario, ground, places)
     names = ["ego", *scenario.actors]
     numbers = {name: number for number, name in enumerate(names)}
@@ -120,6 +121,9 @@ def compile_native(document: NativeDocument) -> Program:
     stop = _stop(scenario.end, ground, places, mistakes, bool(scenario.events))
     raise_mistakes(document.file, mistakes.mistakes)
     kinds = {name: start.kind for name, start in scenario.actors.items()}
+    tractors = {
+        name: numbers[start.towed_by] for name, start in scenario.actors.items() if start.towed_by
+    }
     program = Program(
         name=scenario.scenario,
         entities=tuple(
@@ -129,6 +133,7 @@ def compile_native(document: NativeDocument) -> Program:
                 place.body,
                 place.origin,
                 ego=name == "ego",
+                tractor=tractors.get(name, -1),
             )
             for name, place in places.items()
         ),
@@ -201,6 +206,21 @@ def _check_order(scenario: NativeScenario, mistakes: NativeMistakes) -> None:
             words = " -> ".join(circle)
             mistakes.add(f"events.{name}.after", f"events wait for each other: {words}")
             return
+
+
+def _check_towed(scenario: NativeScenario, mistakes: NativeMistakes) -> None:
+    """Orders to trailers that would move them."""
+    towed = {name: start.towed_by for name, start in scenario.actors.items() if start.towed_by}
+    for name, tractor in towed.items():
+        first = next(other for other, its_tractor in towed.items() if its_tractor == tractor)
+        if first != name:
+            mistakes.add(f"actors.{name}.towed_by", f"'{first}' hangs there already")
+    for event, what in scenario.events.items():
+        for actor, orders in what.do.items():
+            moves = {key for key in orders.__struct_fields__ if getattr(orders, key)}
+            if actor in towed and moves - {"lamps", "visible", "at_end"}:
+                words = f"a towed trailer goes where '{towed[actor]}' goes: give the orders to that"
+                mistakes.add(f"events.{event}.do.{actor}", words)
 
 
 def _endless(event: StoryEvent) -> bool:

@@ -33,6 +33,7 @@ KindName = Literal[
     "car",
     "van",
     "truck",
+    "trailer",
     "bus",
     "motorcycle",
     "bicycle",
@@ -114,6 +115,8 @@ class ActorStart(_Section, frozen=True, kw_only=True):
     """Along: gap behind `of` [m]."""
     of: str = "ego"
     """Whom `ahead_m`, `ahead_s` and `behind_m` count from: the ego or an actor."""
+    towed_by: str = ""
+    """Of a trailer: who tows it, the ego or an actor; it begins straight behind."""
     road: str = ""
     """Id or name of the road; not given: that of `of`, the first of the file with `s_m`."""
     oncoming: bool = False
@@ -140,6 +143,9 @@ class ActorStart(_Section, frozen=True, kw_only=True):
     """Height [m]; not given: that of its kind."""
 
     def __post_init__(self) -> None:
+        if self.towed_by:
+            _only_behind(self)
+            return
         _exactly_one(self, ("lane", "footway", "parked", "shoulder", "lateral_m"))
         _exactly_one(self, ("s_m", "ahead_m", "ahead_s", "behind_m"))
         if self.idm is not None and self.behaviour != "idm":
@@ -229,3 +235,14 @@ def _exactly_one(start: ActorStart, names: tuple[str, ...]) -> None:
     if len(chosen) != 1:
         words = " and ".join(chosen) if chosen else "none of them"
         raise ValueError(f"given {words}, exactly one needed of {', '.join(names)}")
+
+
+def _only_behind(start: ActorStart) -> None:
+    """A towed trailer begins, and goes, where its tractor does."""
+    if start.kind != "trailer":
+        raise ValueError(f"towed_by is for `kind: trailer`, not for {start.kind}")
+    names = ("lane", "footway", "parked", "shoulder", "lateral_m", "s_m", "ahead_m", "behind_m")
+    more = ("heading_deg", "speed_mps", "turns", "behaviour", "idm", "offset_m", "road", "oncoming")
+    for name in (*names, *more):
+        if getattr(start, name):
+            raise ValueError(f"{name} has no effect beside towed_by: leave it out")

@@ -260,6 +260,16 @@ UNSEEN = ("licensePlateIllumination", "specialPurposeLights")
 """Of these the ones that no body has."""
 
 
+class ConnectTrailerAction(ProgramRecord, frozen=True):
+    """Couple a trailer (index) to the actor's hitch."""
+
+    trailer: int
+
+
+class DisconnectTrailerAction(ProgramRecord, frozen=True):
+    """Let go of the trailer at the actor's hitch, if there is one."""
+
+
 class EnvironmentAction(ProgramRecord, frozen=True):
     """Weather, light and time of day (index of :attr:`Program.environments`)."""
 
@@ -294,6 +304,13 @@ class ModifyVariableAction(ProgramRecord, frozen=True):
     addend: float
 
 
+class SignalPhaseAction(ProgramRecord, frozen=True):
+    """Put a controller of traffic signals (index) into a phase (index), from which it goes on."""
+
+    controller: int
+    phase: int
+
+
 class CommandAction(ProgramRecord, frozen=True):
     """A command of the user; only noted as an event."""
 
@@ -315,6 +332,8 @@ PrivateAction = (
     | ControllerAction
     | VisibilityAction
     | LightAction
+    | ConnectTrailerAction
+    | DisconnectTrailerAction
 )
 GlobalAction = (
     EnvironmentAction
@@ -323,5 +342,6 @@ GlobalAction = (
     | SetVariableAction
     | ModifyVariableAction
     | CommandAction
+    | SignalPhaseAction
 )
 Action = PrivateAction | GlobalAction

@@ -10,6 +10,7 @@ from twin.scenario.storyboard.program.conditions import Trigger
 from twin.scenario.storyboard.program.entities import StoryboardEntity
 from twin.scenario.storyboard.program.places import RoadRoute, Trajectory
 from twin.scenario.storyboard.program.record import ProgramRecord
+from twin.scenario.storyboard.program.signals import SignalController
 
 
 class ElementKind(IntEnum):
@@ -153,3 +154,5 @@ class Program(ProgramRecord, frozen=True):
     models: tuple[DriverModel, ...] = ()
     network: RoadNetwork | None = None
     """The roads; None: open ground."""
+    controllers: tuple[SignalController, ...] = ()
+    """Of traffic signals."""

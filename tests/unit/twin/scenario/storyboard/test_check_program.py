@@ -317,6 +317,7 @@ def test_every_reference_is_checked() -> None:
         *("CollisionCondition.category", "DriverModel.exponent", "StoryElement.line"),
         *("StoryElement.executions_max", "StoryElement.parent", "InitAction.actor"),
         *("FixedPosition.road", "RouteLeg.road", "LightAction.mode"),
+        *("LaneRange.first", "LaneRange.last", "SignalPhaseAction.phase"),
     }
     from twin.scenario.storyboard.program.record import ProgramRecord
 

@@ -18,6 +18,8 @@ from schemas.wire.interventions import PlaceEgo
 from twin.base.errors import RefusedError
 from twin.rig.engine import Engine
 from twin.rig.slot import Finished
+from twin.road.shipped.library import road_path
+from twin.world.road_scene import road_map
 
 pytestmark = pytest.mark.slow
 """Kernels of storyboards are compiled first."""
@@ -241,4 +243,29 @@ def test_bodies_move_between_the_ticks(near):
     engine.sense()
     ahead = engine.placement.position_m[0, 0] - before
     assert np.allclose(ahead, (15.0 * 0.05, 0.0, 0.0), atol=1e-3)
+    engine.close()
+
+
+def test_the_middle_of_a_body_stands_on_its_slope(tmp_path: Path):
+    """A bus has its origin on the rear axle, 2.7 m behind the middle of its box."""
+    path = tmp_path / "climb.yaml"
+    path.write_text(
+        "scenario: climb\nroad: rural\nego: {lane: 1, s_m: 20, speed_mps: 1}\nactors:\n"
+        + "".join(f"  bus{s}: {{kind: bus, lane: 1, s_m: {s}}}\n" for s in (150, 350, 600, 900))
+        + "end: {after_s: 1}\n"
+    )
+    case = case_of(path)
+    engine = Engine(case, 1)
+    engine.reset(0, case)
+    engine.sense()
+    roads = road_map(str(road_path("rural", Path())))
+    apart, steep = [], []
+    for x, y, z in engine.placement.position_m[0].tolist()[:4]:
+        under = roads.lane_under(x, y)
+        frame = list(roads.frames.values())[int(under.road)]
+        pose = frame.pose(float(under.s_m), float(under.t_m))
+        apart.append(abs(z - float(pose.z_m)))
+        steep.append(abs(float(pose.pitch_rad)))
+    assert max(steep) > 0.02
+    assert max(apart) < 0.01
     engine.close()
