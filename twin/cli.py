@@ -215,9 +215,7 @@ def snapshot(
             "cloud, fog, rain, snow and wind from 0 to 1, as in sleet:rain=0.4,snow=0.3."
         ),
     ] = None,
-    family: Annotated[
-        str, typer.Option(help="Weather family: physical or autodrive.")
-    ] = "physical",
+    family: Annotated[str, typer.Option(help="Weather: physical or autodrive.")] = "physical",
     sun: Annotated[str, typer.Option(help="almanac, or autodrive: overhead at noon.")] = "almanac",
     date: Annotated[str, typer.Option(help="Day of sun and moon, YYYY-MM-DD.")] = "2025-03-20",
     ev100: Annotated[
@@ -239,8 +237,7 @@ def snapshot(
     vehicle: Annotated[str, typer.Option(help="Shipped vehicle, or a vehicle file.")] = "opencav",
     distance: Annotated[float, typer.Option(help="Distance to the obstacle [m].")] = 25.0,
     at_m: Annotated[
-        float | None,
-        typer.Option(help="Stand so far along the lane instead, from the road's start [m]."),
+        float | None, typer.Option(help="Stand so far along the lane instead [m].")
     ] = None,
     width: Annotated[int, typer.Option(help="Width of one picture [px].")] = 320,
     device: Device = "cpu",

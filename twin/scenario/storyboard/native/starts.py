@@ -101,11 +101,11 @@ def _attempt(
             f"given {start.speed_mps:g}, kind {start.kind} goes at most {body.speed_max_mps:g} m/s",
         )
     if start.ahead_s is not None:
-        other = scenario.actors.get(start.of, scenario.ego)
+        ahead_of = scenario.actors.get(start.of, scenario.ego)
         along = math.cos(math.radians(start.heading_deg or 0.0))
-        if start.oncoming is not other.oncoming:
+        if start.oncoming is not ahead_of.oncoming:
             along = -along
-        closing_mps = other.speed_mps - along * start.speed_mps
+        closing_mps = ahead_of.speed_mps - along * start.speed_mps
         if closing_mps <= 0.0:
             words = f"'{start.of}' does not come nearer, as both move: give ahead_m"
             mistakes.add(f"{path}.ahead_s", words)

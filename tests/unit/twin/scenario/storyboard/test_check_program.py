@@ -284,6 +284,14 @@ WRONG: dict[str, tuple[Callable[[], Program], str]] = {
         lambda: replace(GOOD, environments=(StoryboardEnvironment("e", rain_mm_per_h=math.inf),)),
         "environment 0: rain_mm_per_h is inf",
     ),
+    "clock": (
+        lambda: replace(GOOD, environments=(StoryboardEnvironment("e", clock_s=1e300),)),
+        "environment 0: clock_s is 1e+300",
+    ),
+    "snow": (
+        lambda: replace(GOOD, environments=(StoryboardEnvironment("e", snow_mm_per_h=-1.0),)),
+        "environment 0: snow_mm_per_h is -1",
+    ),
     "word": (
         lambda: replace(GOOD, variables=(GOOD.variables[0], ProgramVariable("y", 1.0, True))),
         "variable 1: its value names no word",
