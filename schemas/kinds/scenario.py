@@ -190,6 +190,7 @@ def scenario_kinds() -> Kinds[ScenarioKind]:
     """All scenario families, the shipped ones first."""
     kinds = read_kinds(GROUP, ScenarioKind, OURS)
     taken = {"type", "scene", "vehicle", "ego_speed_mps", "duration_s", "standstill_s"}
+    taken |= {"load_kg", "load_x_m", "load_y_m", "load_z_m"}
     broken, good = dict(kinds.broken), []
     for kind in kinds.declared:
         if mistake := _mistake(kind, taken):

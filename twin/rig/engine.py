@@ -40,6 +40,7 @@ from twin.sensors.vehicle_truth import VehicleTruth
 from twin.vehicle.carry import Carrier
 from twin.vehicle.fleet import Fleet
 from twin.vehicle.ground import drivable, height_near
+from twin.vehicle.masses import load_of
 from twin.vehicle.model import PHYSICS_STEP_NS
 from twin.vehicle.nearest import NEAREST
 from twin.vehicle.state import COLUMN
@@ -222,6 +223,7 @@ class Engine:
         ground = self._ground(slot, case)
         start, ground = self._start(slot, case, ground)
         x_m, y_m, z_m, yaw_rad, speed_mps = start
+        self._vehicles.load(slot, load_of(case.variation.scenario))
         self._vehicles.place(
             slot, x_m, speed_mps, 1.0, y_m=y_m, z_m=z_m, yaw_rad=yaw_rad, refresh=False
         )
@@ -515,15 +517,20 @@ class Engine:
     def _record(self, slots: list[int], commands: Sequence[Command | None]) -> None:
         if not slots:
             return
-        given = [self._columns(slot) for slot in slots]
+        given = [
+            self._columns(slot, command) for slot, command in zip(slots, commands, strict=True)
+        ]
         self._recorder.add(
             slots, self.tick, self.sim_time_ns, self.state, commands, given, self._nearest
         )
 
-    def _columns(self, slot: int) -> Mapping[str, float]:
-        """KPI columns that the scenario of a slot gives."""
+    def _columns(self, slot: int, command: Command | None) -> Mapping[str, float]:
+        """KPI columns that only some families have."""
         columns = self._run(slot).scenario.columns()
-        return columns if self._motion is None else {**columns, **self._motion.columns(slot)}
+        if self._motion is None:
+            return columns
+        warning = {} if command is None else {"warning": float(command.warning)}
+        return {**columns, **self._motion.columns(slot), **warning}
 
     def _survey(self) -> None:
         """Begin to measure what every ego is nearest to at the current ticks, see

@@ -48,7 +48,7 @@ class DrivingRobots:
         wp.load_module(carry_kernel, device=self._device)  # not in the middle of a case
         led = self._motion.led_pose(slot)
         row = self._fleet.state[slot, 0]
-        row[columns("com")], row[columns("orientation")] = self._carrier.body(led.pose)
+        row[columns("com")], row[columns("orientation")] = self._carrier.body(slot, led.pose)
         self._fleet.roll(slot, led.speed_mps, 0.0)
         self._turns[slot] = False
 

@@ -43,7 +43,7 @@ _REPORT = ScenarioReport(
     table=(
         *("dtc_min_m", "impact_speed_mps", "aeb_time_s", "aeb_ttc_s", "events_started"),
         *("intervention_time_s", "intervention_kind", "intervention_speed_mps"),
-        *("intervention_dtc_m", "intervention_ttc_s"),
+        *("intervention_dtc_m", "intervention_ttc_s", "warning_time_s", "warning_ttc_s"),
         *("event_last_s", "decel_peak_mps2", "speed_max_mps", "sim_time_s"),
     ),
     beside=(("AEB at [s]", "aeb_time_s"), ("last event [s]", "event_last_s")),
@@ -78,6 +78,7 @@ KIND = ScenarioKind(
         *("storyboard_running", "events_started", "event_last", "event_last_s"),
         *("storyboard_end_s", "robot_drives", "intervention_kind", "intervention_time_s"),
         *("intervention_speed_mps", "intervention_dtc_m", "intervention_ttc_s"),
+        *("warning", "warning_time_s", "warning_ttc_s", "warning_before_braking_s"),
     ),
     files=("storyboard",),
     brings_scene="storyboard",

@@ -48,6 +48,7 @@ class StoryboardFamily:
             "event_last": int(rows.column("event_last")[-1]) if begun else None,
             "event_last_s": float(rows.column("event_last_s")[-1]) if begun else None,
             **_intervention(rows),
+            **_warning(rows),
         }
 
     def judge(self, rows: Rows, moved: bool) -> Verdict:
@@ -84,6 +85,23 @@ def _intervention(rows: Rows) -> Scalars:
     for name in ("dtc_m", "ttc_s"):
         if rows.valid(name)[first]:
             values[f"intervention_{name}"] = float(rows.column(name)[first])
+    return values
+
+
+def _warning(rows: Rows) -> Scalars:
+    """When the stack first warned of a collision; None: it did not."""
+    values: Scalars = {f"warning_{name}_s": None for name in ("time", "ttc", "before_braking")}
+    time_s = rows.column("sim_time_ns") / 1e9
+    warned = np.flatnonzero(rows.column("warning"))
+    if not len(warned):
+        return values
+    first = int(warned[0])
+    values["warning_time_s"] = float(time_s[first])
+    if rows.valid("ttc_s")[first]:
+        values["warning_ttc_s"] = float(rows.column("ttc_s")[first])
+    braked = np.flatnonzero(rows.column("brake") > 0.0)
+    if len(braked):
+        values["warning_before_braking_s"] = float(time_s[braked[0]] - time_s[first])
     return values
 
 
