@@ -198,6 +198,15 @@ def judge(
     raise typer.Exit(judge_folder(folder, attempt or [], as_json=output is Output.json))
 
 
+ScenarioOption = Annotated[
+    str,
+    typer.Option(
+        help="Scenario file, or a shipped scenario, instead of a scene; all: every shipped one, "
+        "shortly before its ego would touch somebody."
+    ),
+]
+
+
 @app.command()
 def snapshot(
     out: Annotated[Path, typer.Option(help="File to write, .png or .jpg.")] = Path("snapshot.png"),
@@ -223,13 +232,7 @@ def snapshot(
     ] = None,
     scene: Annotated[str, typer.Option(help="Shipped scene, or a scene file.")] = "downtown",
     road: Annotated[str, typer.Option(help="OpenDRIVE file instead of a scene.")] = "",
-    scenario: Annotated[
-        str,
-        typer.Option(
-            help="Scenario file, or a shipped scenario, instead of a scene; all: every shipped "
-            "one, shortly before its ego would touch somebody."
-        ),
-    ] = "",
+    scenario: ScenarioOption = "",
     at_s: Annotated[
         float | None,
         typer.Option(min=0.0, max=3600.0, help="Time of the scenario [s]; default: its beginning."),

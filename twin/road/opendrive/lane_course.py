@@ -15,6 +15,8 @@ from twin.road.opendrive.road_map import RoadMap
 
 COURSE_MAX_M = 100_000.0
 """How far a lane is followed [m]."""
+STRETCHES_MAX = 10_000
+"""Lanes of sections that one course follows."""
 WIDTH_MIN_M = 2.0
 """Where it is narrower a lane ends [m]."""
 GAP_MAX_M = 0.05
@@ -49,7 +51,7 @@ def lane_course(roads: RoadMap, graph: LaneGraph, first: DrivenLane) -> LaneCour
     """The course of a lane and of those that it leads to, at forks the one that turns least.
 
     It ends where no lane follows, where a lane is too narrow or does not continue the one before,
-    and where it comes near to itself.
+    where it comes near to itself, and at its limits.
 
     Args:
         roads: coordinates of the network.
@@ -58,14 +60,16 @@ def lane_course(roads: RoadMap, graph: LaneGraph, first: DrivenLane) -> LaneCour
     """
     rows: list[np.ndarray] = []
     lane, length, closed = first, 0.0, False
-    while True:
-        stretch, whole = _stretch(roads, lane)
+    followed: set[DrivenLane] = set()
+    while lane not in followed and len(followed) < STRETCHES_MAX:
+        followed.add(lane)
+        stretch, whole = _stretch(roads, lane, COURSE_MAX_M - length)
         if rows and not _continues(rows[-1], stretch):
             break
         length += float(_ways(stretch)[-1])
         rows.append(stretch[:, 1:] if rows else stretch)
         after = [one for one in graph.successors(lane) if _driven(roads, one)]
-        if not whole or not after or length > COURSE_MAX_M:
+        if not whole or not after:
             break
         lane = min(after, key=lambda one: abs(_bend_rad(roads, one)))
         if lane == first:
@@ -82,13 +86,18 @@ def lane_course(roads: RoadMap, graph: LaneGraph, first: DrivenLane) -> LaneCour
     return LaneCourse(x, y, z, heading, width, closed)
 
 
-def _stretch(roads: RoadMap, driven: DrivenLane) -> tuple[np.ndarray, bool]:
-    """Places of a lane of one section [5, P], and whether it is wide enough to its end."""
+def _stretch(roads: RoadMap, driven: DrivenLane, length_max_m: float) -> tuple[np.ndarray, bool]:
+    """Places of a lane of one section [5, P], and whether they reach its end: it may be longer than
+    there is room for, or too narrow."""
     key, sign = driven
     frame = roads.frames[key.road]
     section = frame.sections[key.section].section
     # Stations of a section's end belong to the next one.
     low, high = section.start_m, float(np.nextafter(section.end_m, -np.inf))
+    room_m = max(length_max_m, _STEP_M)
+    whole = high - low <= room_m
+    if not whole:
+        low, high = (low, low + room_m) if sign > 0 else (high - room_m, high)
     count = max(2, math.ceil((high - low) / _STEP_M) + 1)
     s = np.linspace(low, max(high, low), count)[::sign]
     pose = frame.lane_pose(key.lane, s)
@@ -97,7 +106,7 @@ def _stretch(roads: RoadMap, driven: DrivenLane) -> tuple[np.ndarray, bool]:
     rows = np.stack([pose.x_m, pose.y_m, pose.z_m, heading, width])
     narrow = np.flatnonzero(width < WIDTH_MIN_M)
     if not len(narrow):
-        return rows, True
+        return rows, whole
     return rows[:, : max(2, int(narrow[0]))], False
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from road_files import LINE, WIDTH, crossing, end, geometry, lane, link, road, section, xodr
 
+from twin.road.opendrive import lane_course as module
 from twin.road.opendrive.lane_course import LaneCourse, lane_course
 from twin.road.opendrive.lane_graph import DrivenLane, LaneKey, lane_graph
 from twin.road.opendrive.reading.reader import read_network
@@ -76,6 +77,30 @@ def test_a_road_round_is_closed() -> None:
     assert course.closed
     assert (course.x_m[0], course.y_m[0]) == (course.x_m[-1], course.y_m[-1])
     assert way_m(course) == pytest.approx(2.0 * math.pi * 51.75, abs=0.05)
+
+
+def test_a_ring_that_it_enters_is_driven_once() -> None:
+    """A road that leads into a circle, which leads to itself and not back."""
+    round_m = 2.0 * math.pi * 50.0
+    inside = section(left="", right=lane(-1, link((-1,), (-1,)) + WIDTH))
+    into = road(30.0, geometry(LINE, 30.0, at=(-30.0, 0.0, 0.0)), inside, road_id="0",
+                link=end("successor", "road", "1", "start"))  # fmt: skip
+    joined = end("predecessor", "road", "1", "end") + end("successor", "road", "1", "start")
+    arc = geometry('<arc curvature="0.02"/>', round_m)
+    course = course_of(xodr(into, road(round_m, arc, inside, road_id="1", link=joined)))
+    assert not course.closed
+    assert 30.0 + 300.0 < way_m(course) < 30.0 + 2.0 * math.pi * 51.75
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_lane_is_followed_so_far(monkeypatch: pytest.MonkeyPatch, sign: int) -> None:
+    monkeypatch.setattr(module, "COURSE_MAX_M", 60.0)
+    course = course_of(xodr(road(200.0)), lane_id=-sign, sign=sign)
+    assert way_m(course) == pytest.approx(60.0)
+    assert course.x_m[0] == pytest.approx(0.0 if sign > 0 else 200.0)
+    assert way_m(course_of(chain())) == pytest.approx(60.0, abs=1.1)
+    monkeypatch.setattr(module, "STRETCHES_MAX", 1)
+    assert way_m(course_of(chain())) == pytest.approx(50.0, abs=0.01)
 
 
 def test_it_ends_before_it_comes_over_itself() -> None:
