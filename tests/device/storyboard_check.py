@@ -2,8 +2,8 @@
 
     PYTHONPATH=tests python tests/device/storyboard_check.py --device cuda:0
 
-Plays 1,000 steps of four programs of 32 actors, one of them with driver models, with 1, 5, 64 and
-256 slots on the CPU and on the device, and prints a digest of each program's states and
+Plays 1,000 steps of five programs of 32 actors, one of them with driver models, one with trains and
+traffic signals, with 1, 5, 64 and 256 slots on the CPU and on the device, and prints a digest of each program's states and
 transitions; where a program's bytes differ, it says at which step and in which columns they did
 first. Then it measures a step of 256 slots of 16 actors on the device. Exit code 1: bytes differ,
 or the step takes longer than the target.
@@ -16,6 +16,7 @@ import hashlib
 import sys
 
 import numpy as np
+from train_traffic import train_traffic
 
 from twin.bench.storyboard import lines, measure
 from twin.bench.storyboard_traffic import driver_traffic, reacting_traffic, ring_network
@@ -24,7 +25,7 @@ from twin.scenario.storyboard.player.columns import Real, Whole
 from twin.scenario.storyboard.player.storyboard_player import StoryboardPlayer
 
 ACTORS = 32
-PROGRAMS = 4
+PROGRAMS = 5
 """The last one has driver models."""
 SLOTS = (1, 5, 64, 256)
 STEPS = 1000
@@ -32,8 +33,8 @@ STEPS = 1000
 
 def begun_player(device: str, slots: int, first: int = 0) -> StoryboardPlayer:
     """Slots at the beginning of one program after the other, from ``first`` on."""
-    programs = [reacting_traffic(ACTORS, variant) for variant in range(PROGRAMS - 1)]
-    programs.append(driver_traffic(ACTORS))
+    programs = [reacting_traffic(ACTORS, variant) for variant in range(PROGRAMS - 2)]
+    programs += [driver_traffic(ACTORS), train_traffic(ACTORS)]
     player = StoryboardPlayer(programs, road_tables(ring_network()), slots, device=device)
     for slot in range(slots):
         player.start(slot, (first + slot) % PROGRAMS)
