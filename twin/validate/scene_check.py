@@ -92,9 +92,9 @@ def _check_files(scene: Scene) -> SceneFindings:
     """What was found in the files of a scene; the first of them that cannot be used."""
     if scene.opendrive:
         # Roads take libraries that are slow to load, and most scenes have none.
-        from twin.world.road_scene import road_mistake
+        from twin.world.roadside.roadside import road_mistake
 
-        if mistake := road_mistake(scene.opendrive):
+        if mistake := road_mistake(scene):
             return SceneFindings([mistake], [])
     if not scene.meshes and scene.terrain is None:
         return SceneFindings([], [])

@@ -28,6 +28,10 @@ class StoryboardConfig(Struct, frozen=True, forbid_unknown_fields=True):
     """Steering of the stack from which on the robot lets go: angle of the road wheels outside of
     what lies between straight ahead and the robot's path. A stack that keeps the lane in which the
     robot drives stays below it, and so does one that never steers [deg]; storyboard only."""
+    environment: Literal["file", "campaign"] = "file"
+    """Weather, light and friction where the scenario file has environment actions: ``file``, as
+    they say, with the campaign's for what they leave open; ``campaign``: they count for nothing but
+    the file's own conditions; storyboard only."""
     numbers: dict[str, float] = {}
     """Numbers of the scenario file that are others than it says, by their names there:
     ``actors.van.ahead_m``, or a parameter of OpenSCENARIO; storyboard only."""

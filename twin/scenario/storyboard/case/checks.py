@@ -12,7 +12,7 @@ from schemas.kinds.scenarios.storyboard import KIND
 from schemas.sections.trial import Trial
 from schemas.validation import suggest
 from twin.scenario.storyboard.case.files import LoadedStoryboard, load_storyboard
-from twin.world.road_scene import road_mistake
+from twin.world.roadside.roadside import road_mistake
 from twin.world.scene import load_scene
 from twin.world.things import NAME_MAX
 
@@ -87,7 +87,7 @@ def _place_mistakes(case: Case, name: str, loaded: LoadedStoryboard) -> Iterator
     if case.rig.scene == name:
         if not loaded.road:
             yield f"{name}: it has no road; name a scene in scenario.scene"
-        elif mistake := road_mistake(loaded.road):
+        elif mistake := road_mistake(load_scene(loaded.road)):
             yield mistake
         return
     try:
