@@ -272,6 +272,20 @@ def _roads() -> None:
     _write("opendrive-answer", "furniture", data)
 
 
+_LAMP = (
+    "<AppearanceAction><LightStateAction><LightType><VehicleLight "
+    'vehicleLightType="indicatorLeft"/></LightType><LightState mode="flashing" '
+    'flashingOnDuration="0.4" flashingOffDuration="0.6"/></LightStateAction></AppearanceAction>'
+)
+_SKY = (
+    '<EnvironmentAction><Environment name="e"><TimeOfDay animation="false" '
+    'dateTime="2026-01-31T22:30:00"/><Weather fractionalCloudCover="sixOktas"><Sun azimuth="1" '
+    'elevation="0.5" illuminance="900"/><Fog visualRange="80"/><Precipitation '
+    'precipitationType="rain" precipitationIntensity="4"/><Wind direction="2" speed="7"/></Weather>'
+    '<RoadCondition frictionScaleFactor="0.6" wetness="moist"/></Environment></EnvironmentAction>'
+)
+
+
 def _scenarios(folder: Path) -> None:
     lane = '<LanePosition roadId="b" laneId="-1" s="{}" offset="0.5"/>'
     place = f"<Position>{lane}</Position>"
@@ -313,6 +327,10 @@ def _scenarios(folder: Path) -> None:
         "acquire": scenario_text(
             init=moved,
             action=f"<PrivateAction><RoutingAction>{acquired}</RoutingAction></PrivateAction>",
+        ),
+        "surroundings": scenario_text(
+            init=f"<PrivateAction>{_LAMP}</PrivateAction>",
+            action=f"<GlobalAction>{_SKY}</GlobalAction>",
         ),
         "expression": scenario_text(
             before=declared,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -87,6 +87,20 @@ class Motion(Protocol):
 
     def at(self, time_s: np.ndarray, varied: Variations | None = None) -> Placement:
         """Places of all objects at the sim times ``time_s`` [S]; None: as the scene says."""
+
+
+class InterventionTarget(Protocol):
+    """What moves the objects of slots that say themselves what an intervention does to them."""
+
+    def act(self, slot: int, action: Any) -> int:
+        """Carry out an action; the object it was done to.
+
+        Raises:
+            ValueError: it cannot be done; one line.
+        """
+
+    def moved(self, slot: int) -> frozenset[int]:
+        """Objects that an intervention has taken off."""
 
 
 class Still:

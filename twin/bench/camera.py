@@ -15,6 +15,7 @@ import numpy as np
 import warp as wp
 
 from schemas.campaign import WEATHERS, Camera
+from twin.actors.motion import Placement
 from twin.bench import newton_peer
 from twin.bench.lambert import LambertCamera
 from twin.render.build import Tuning
@@ -187,9 +188,10 @@ class CameraBench:
     ) -> None:
         car = load_vehicle(VEHICLE)
         scene = load_scene(SCENE)
-        self._device = wp.get_device(device)
+        self.device = wp.get_device(device)
+        """Device that it renders on."""
         self._slots = size.slots
-        geometry = Geometry(world, size.slots, self._device)
+        geometry = Geometry(world, size.slots, self.device)
         camera = Camera(
             width=size.width,
             height=size.height,
@@ -210,9 +212,14 @@ class CameraBench:
         self._picture = picture
         at = views(world, size.slots)
         poses = np.stack([at.x_m, at.y_m, at.yaw_rad], axis=1)
-        self._poses = wp.array(poses, dtype=wp.float64, device=self._device)
-        geometry.place(world.motion.at(np.arange(size.slots) * 0.37))
+        self._poses = wp.array(poses, dtype=wp.float64, device=self.device)
+        self._geometry = geometry
+        self.place(world.motion.at(np.arange(size.slots) * 0.37))
         self.light()
+
+    def place(self, placement: Placement) -> None:
+        """Put the movable objects of all views where ``placement`` says."""
+        self._geometry.place(placement)
 
     def light(self, weather: str = "", minute_of_day: int = -1) -> None:
         """Light the views: all weathers and hours in turn, or one for all."""
@@ -236,9 +243,9 @@ class CameraBench:
     def kernel_ms(self) -> dict[str, float]:
         """Time of every kernel in one picture of all views, by its name; on a CPU of all [ms]."""
         self.launch()
-        if self._device.is_cpu:
-            return {"all": round(1e3 / best_rate(self.launch, self._device, 2), 3)}
-        wp.synchronize_device(self._device)
+        if self.device.is_cpu:
+            return {"all": round(1e3 / best_rate(self.launch, self.device, 2), 3)}
+        wp.synchronize_device(self.device)
         wp.timing_begin(cuda_filter=wp.TIMING_KERNEL)
         self.launch()
         total: dict[str, float] = {}
@@ -257,10 +264,10 @@ class CameraBench:
 
     def rate(self, rounds: int) -> Rate:
         """Rate of the camera, the best of ``rounds``."""
-        frames = best_rate(self.launch, self._device, rounds) * self._slots
+        frames = best_rate(self.launch, self.device, rounds) * self._slots
         copied = frames
-        if not self._device.is_cpu:
-            copied = best_rate(self.render, self._device, max(2, rounds // 2)) * self._slots
+        if not self.device.is_cpu:
+            copied = best_rate(self.render, self.device, max(2, rounds // 2)) * self._slots
         rays = self.camera.rays_per_frame()
         return Rate(self._picture, frames, copied, rays)
 

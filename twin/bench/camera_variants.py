@@ -48,7 +48,9 @@ WAYS: dict[str, Way] = {
 """What is tried on a GPU; on a CPU the hierarchies' shape is fixed by the vector code."""
 TUNINGS: dict[str, Tuning] = {
     "usual": CUDA,
-    "exact": Tuning(KernelOptions(blocks=8), KernelOptions(), KernelOptions(blocks=4)),
+    "exact": Tuning(
+        KernelOptions(blocks=8), KernelOptions(), KernelOptions(), KernelOptions(blocks=4)
+    ),
     **{
         f"picture {blocks} blocks": replace(
             CUDA, picture=KernelOptions(fast_math=True, blocks=blocks)

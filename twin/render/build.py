@@ -50,16 +50,18 @@ class Tuning:
     """Compile options of a camera's kernels."""
 
     visibility: KernelOptions
+    look: KernelOptions
     mirror: KernelOptions
     picture: KernelOptions
     without: frozenset[str] = frozenset()
     """Parts of :data:`twin.render.picture.PARTS` to leave out, to see what they cost."""
 
 
-CPU = Tuning(KernelOptions(block=1), KernelOptions(block=1), KernelOptions(block=1))
+CPU = Tuning(*(KernelOptions(block=1) for _ in range(4)))
 """Exact functions: a vector unit has no quick ones."""
 CUDA = Tuning(
     visibility=KernelOptions(blocks=8),
+    look=KernelOptions(fast_math=True),
     mirror=KernelOptions(fast_math=True, blocks=4),
     picture=KernelOptions(fast_math=True, blocks=4),
 )

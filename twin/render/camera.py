@@ -19,6 +19,7 @@ from twin.render.light.lamps import BEAMS_MAX, LampBeams
 from twin.render.light.light import SlotLight
 from twin.render.light.sky import SKY_COLUMNS, SKY_ROWS
 from twin.render.light.street_lamps import street_lamps
+from twin.render.look_kernel import look_kernel
 from twin.render.mirror import STRIDE, mirror_kernel
 from twin.render.outputs import OUTPUTS, Buffers, Wanted
 from twin.render.picture import picture_kernel
@@ -92,14 +93,16 @@ class RayCamera:
         self._wanted = wanted_of(camera)
         objects = geometry.poses.device if self._wanted.flow else None
         self._before = PictureBefore(self._poses, objects, 1.0 / camera.hz)
+        size = camera.height, camera.width
         self._seen = visibility.allocate_seen(
-            self._chunk, camera.height, camera.width, device, self._wanted.second
+            self._chunk, *size, device, self._wanted.second, geometry.features
         )
         self._effects = _effects_of(camera, mount, slots, device)
         self._tuning = tuning or tuning_for(device)
         features = geometry.features
         self._kernels = (
             self._first_kernel(mount, table, camera.hfov_deg),
+            look_kernel(self._tuning.look, self._wanted.second) if features.looks else None,
             mirror_kernel(self._tuning.mirror, features) if self._wanted.second else None,
             picture_kernel(self._wanted, self._tuning.picture, self._tuning.without, features),
         )
@@ -121,9 +124,10 @@ class RayCamera:
         return visibility.sun_kernel(build, self._wanted.second, features)
 
     def _launches(self) -> tuple[tuple[wp.Kernel | None, KernelOptions], ...]:
-        """What goes over all pixels, in order: visibility, second rays if asked for, shading."""
+        """What goes over all pixels, in order: visibility, what materials from files say and second
+        rays if there are any, shading."""
         tuning = self._tuning
-        builds = (tuning.visibility, tuning.mirror, tuning.picture)
+        builds = (tuning.visibility, tuning.look, tuning.mirror, tuning.picture)
         return tuple(zip(self._kernels, builds, strict=True))
 
     def _allocate(
@@ -212,6 +216,7 @@ class RayCamera:
             before = self._before.handle
             arguments = (
                 ([scene, optics, self._rays, lights, poses, first], [seen]),
+                ([scene, optics, self._rays, lights, poses, first, stride], [seen]),
                 ([*own, lights, sky, poses, beams, first, stride], [seen]),
                 (
                     [*shade, lights, sky, poses, before, beams, seen, first],
@@ -220,6 +225,8 @@ class RayCamera:
             )
             chunk = min(self._chunk, slots - first)
             count = visibility.threads(chunk, height, width)
+            seen.listed_count.zero_()
+            seen.detailed_count.zero_()
             if self._raster is not None:
                 wp.launch(
                     raster.raster_kernel(self.geometry.features),
@@ -228,8 +235,7 @@ class RayCamera:
                     outputs=[seen],
                     device=self._device,
                 )
-            sizes = (count, stride, count)
-            seen.listed_count.zero_()
+            sizes = (count, stride, stride, count)
             for (kernel, build), (inputs, outputs), size in zip(
                 self._launches(), arguments, sizes, strict=True
             ):

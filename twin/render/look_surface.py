@@ -171,6 +171,7 @@ def look_point(
     face: wp.int32,
     m: wp.int32,
     flat: wp.vec3,
+    curved: wp.vec3,
     u: wp.float32,
     v: wp.float32,
     uv: wp.vec2,
@@ -185,6 +186,7 @@ def look_point(
         face: row of the table of faces.
         m: object that it belongs to; -1: static.
         flat: normal of the face on the side of the viewer.
+        curved: that of the curved surface, of :func:`smooth_point`.
         u: weight of the first corner.
         v: weight of the second one.
         uv: texture coordinates there.
@@ -230,7 +232,7 @@ def look_point(
                 metallic = metallic * texel[2]
     at.emission = emission
     at = divided(at, base, metallic, roughness)
-    n = smooth_point(scene, slot, face, m, u, v, flat).n
+    n = curved
     if bumpy:
         # In the mesh's axes, before it: objects only turn about z.
         own = n

@@ -167,11 +167,11 @@ def material_bytes(world: World) -> int:
 
 
 def _with_halves(height: int, width: int) -> int:
-    total = 3 * height * width
+    total = height * width
     while max(height, width) > 1:
         height, width = -(-height // 2), -(-width // 2)
-        total += 3 * height * width
-    return total
+        total += height * width
+    return 4 * total
 
 
 def camera_rows(camera: Camera, *, instances: int, sky_bytes: int = _SKY_BYTES) -> list[MemoryRow]:

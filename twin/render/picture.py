@@ -15,10 +15,10 @@ from twin.render.light.lamps import WARM_WHITE, LampBeams, StreetLamps, headlamp
 from twin.render.light.light import SlotLight
 from twin.render.light.precipitation import cover
 from twin.render.light.sky import sky, smooth_sky, sun_through_clouds
-from twin.render.look_surface import bent_normal, bounced
+from twin.render.look_surface import LookPoint, bent_normal, bounced
 from twin.render.outputs import Buffers, Wanted
 from twin.render.sensor_noise import sensor_noise
-from twin.render.shading import ShadedPoint, fresnel_of, place_of, surface_functions
+from twin.render.shading import ShadedPoint, fresnel_of, look_seen, place_of, surface_functions
 from twin.render.surface import SurfacePoint
 from twin.render.tone import tone
 from twin.render.trace.geometry import DECAL_TAG, RayScene
@@ -130,7 +130,7 @@ def picture_kernel(
     ``without``: parts of :data:`PARTS` that are left out to see what they cost.
     """
     surfaces, skies = "surface" not in without, "sky" not in without
-    second = wanted.second
+    second, looks = wanted.second, features.looks
     lamp_air, tones_on = "air" not in without, "tone" not in without
     hdr, depth, instance = wanted.hdr, wanted.depth, wanted.instance
     semantic, normal, flow = wanted.semantic, wanted.normal, wanted.flow
@@ -207,7 +207,10 @@ def picture_kernel(
                     at.lit = sun_through_clouds(at.p, light)
                 s = SurfacePoint()
                 if wp.static(surfaces):
-                    s = surface_of(scene, slot, optics, at, direction, light)
+                    own = LookPoint()
+                    if wp.static(looks):
+                        own = look_seen(seen, thread)
+                    s = surface_of(scene, slot, optics, at, direction, light, own)
                     color = matt_light(scene, slot, lamps, beams, optics, pose, at, s, light)
                 followed = wp.bool(False)
                 if wp.static(second):

@@ -24,7 +24,7 @@ from twin.render.texture import texture_at
 from twin.render.trace import traverse
 from twin.render.trace.geometry import Face, RayScene, turned
 from twin.render.trace.rays import Optics, SlotPose
-from twin.render.trace.visibility import LIT, OBJECT_MASK, PixelsSeen
+from twin.render.trace.visibility import DETAILED, LIT, OBJECT_MASK, PixelsSeen
 from twin.world.meshes import materials
 from twin.world.meshes.mesh import UV_METRES
 
@@ -88,6 +88,34 @@ def place_of(
 
 
 @wp.func
+def look_seen(seen: PixelsSeen, thread: wp.int32) -> LookPoint:
+    """What the material of the face that a thread's pixel sees says, if the face has details."""
+    own = LookPoint()
+    if (seen.flags[thread] & DETAILED) != 0:
+        own = seen.look[thread]
+    return own
+
+
+@wp.func
+def look_of(
+    scene: RayScene,
+    slot: wp.int32,
+    optics: Optics,
+    at: ShadedPoint,
+    curved: wp.vec3,
+    direction: wp.vec3,
+) -> LookPoint:
+    """What the material of a face with details says of a place seen along ``direction``;
+    ``curved``: normal of the curved surface."""
+    slope = wp.max(0.2, wp.abs(wp.dot(at.n, direction)))
+    footprint = at.distance * optics.pixel / slope * -scene.faces[at.face].uv_per_m
+    uv = uv_at(scene, at.face, at.u, at.v)
+    return look_point(
+        scene, slot, at.face, at.object, at.n, curved, at.u, at.v, uv, footprint, direction
+    )
+
+
+@wp.func
 def fresnel_of(normal: wp.float32, cosine: wp.float32) -> wp.float32:
     """Share that is mirrored at an angle, from that at ``normal`` incidence (Schlick 1994)."""
     grazing = 1.0 - cosine
@@ -97,7 +125,8 @@ def fresnel_of(normal: wp.float32, cosine: wp.float32) -> wp.float32:
 
 
 @wp.func
-def _uv_at(scene: RayScene, row: wp.int32, u: wp.float32, v: wp.float32) -> wp.vec2:
+def uv_at(scene: RayScene, row: wp.int32, u: wp.float32, v: wp.float32) -> wp.vec2:
+    """Texture coordinates at weights ``u``, ``v`` of the first two corners of a face."""
     first = 3 * row
     return scene.uv[first] * u + scene.uv[first + 1] * v + scene.uv[first + 2] * (1.0 - u - v)
 
@@ -109,7 +138,7 @@ def albedo_at(
     """Colour of a face, times its image if it has one; ``footprint``: width of the pixel [m]."""
     if face.texture < 0:
         return face.color
-    at = _uv_at(scene, row, u, v)
+    at = uv_at(scene, row, u, v)
     texel = texture_at(scene.textures, face.texture, at, footprint * face.uv_per_m)
     return wp.cw_mul(face.color, texel)
 
@@ -213,21 +242,16 @@ def surface_functions(features: Features, copy: int = 0) -> tuple[Any, Any]:
         at: ShadedPoint,
         direction: wp.vec3,
         light: SlotLight,
+        own: LookPoint,
     ) -> SurfacePoint:
-        """Reflectance and own light at a place seen along ``direction``."""
+        """Reflectance and own light at a place seen along ``direction``; ``own``: what the material
+        says of a face with details."""
         face = scene.faces[at.face]
         slope = wp.max(0.2, wp.abs(wp.dot(at.n, direction)))
         footprint = at.distance * optics.pixel / slope
         if wp.static(looks):
-            own = LookPoint()
-            if face.uv_per_m < 0.0:
-                uv = _uv_at(scene, at.face, at.u, at.v)
-                texels = footprint * -face.uv_per_m
-                own = look_point(
-                    scene, slot, at.face, at.object, at.n, at.u, at.v, uv, texels, direction
-                )
-                albedo = own.albedo
-            else:
+            albedo = own.albedo
+            if face.uv_per_m >= 0.0:
                 albedo = albedo_at(scene, face, at.face, at.u, at.v, footprint)
         else:
             albedo = albedo_at(scene, face, at.face, at.u, at.v, footprint)
@@ -237,7 +261,7 @@ def surface_functions(features: Features, copy: int = 0) -> tuple[Any, Any]:
         if wp.abs(at.n[0]) > 0.7:
             along = at.p[1] + 0.7
         if face.texture == _UV_METRES:
-            ground = _uv_at(scene, at.face, at.u, at.v)
+            ground = uv_at(scene, at.face, at.u, at.v)
             along = ground[0]
         s = surface_at(face, albedo, on, ground, along, at.p, at.n, at.distance, light)
         if wp.static(looks):

@@ -242,11 +242,12 @@ def _plain_surface(s: SurfacePoint, m: wp.int32, on: wp.vec3, light: SlotLight):
         s.emission = wp.vec3(1.0, 0.03, 0.02) * (250.0 * dark + 2500.0 * on[1])
     elif m == _HEAD_LAMP:
         s.mirror = 0.04
-        head = wp.max(wp.where(light.lamps_on > 0.0, 9000.0 * on[0], 0.0), 9000.0 * on[2])
-        s.emission = wp.vec3(1.0, 0.95, 0.85) * head
+        lit = wp.where(light.lamps_on > 0.0, 9000.0 * wp.max(on[0], on[2]), 40000.0 * on[2])
+        s.emission = wp.vec3(1.0, 0.95, 0.85) * lit
     elif m == _VEHICLE_LAMP:
-        s.retro = 4.0
-        s.emission = s.albedo * (4000.0 * on[2])
+        # Of UN R6 and R23, about 10 kcd/m^2 by day; squared and dimmed as traffic lights are.
+        bright = wp.where(light.lamps_on > 0.0, 150.0, 25000.0)
+        s.emission = wp.cw_mul(s.albedo, s.albedo) * (bright * on[2])
     elif m == _SIGNAL_LAMP:
         bright = wp.where(light.lamps_on > 0.0, 120.0, 4000.0)
         s.emission = wp.cw_mul(s.albedo, s.albedo) * (bright * on[2])

@@ -1,4 +1,4 @@
-"""Image textures: every image of a world with its halves in one array of bytes."""
+"""Image textures: every image of a world with its halves in one array, a word per texel."""
 
 from __future__ import annotations
 
@@ -20,10 +20,13 @@ class TextureImage:
     """Place of an image in the array."""
 
     first: wp.int32
-    """Place of its first byte; the halves follow, each half as wide and high (rounded up)."""
+    """Place of its first texel; the halves follow, each half as wide and high (rounded up)."""
     width: wp.int32
     height: wp.int32
     levels: wp.int32
+    kind: wp.int32
+    """What it does beyond its borders and what its bytes are, see
+    :func:`twin.world.meshes.details.texture_kind`; 0: it repeats and is sRGB."""
 
 
 @wp.struct
@@ -31,13 +34,11 @@ class Textures:
     """All images."""
 
     images: wp.array(dtype=TextureImage)
-    texels: wp.array(dtype=wp.uint8)
+    texels: wp.array(dtype=wp.uint32)
+    """Red in the lowest byte, then green and blue."""
     linear: wp.array(dtype=wp.float32)
     """Linear light of an sRGB byte [256]; where there are kinds, also the share of 255 of a byte
     that is a number [512]."""
-    kinds: wp.array(dtype=wp.int32)
-    """What each image does beyond its borders and what its bytes are, see
-    :func:`twin.world.meshes.details.texture_kind`; empty: all repeat and are sRGB."""
 
 
 def srgb_to_linear() -> np.ndarray:
@@ -61,26 +62,33 @@ def pack_textures(
         key = (id(texture), data)
         if key in places:  # the same image, which goes on otherwise beyond its borders
             rows[number] = places[key]
+            rows[number]["kind"] = kinds[number]
             continue
         row["first"], row["height"], row["width"] = first, *texture.shape[:2]
+        row["kind"] = kinds[number] if kinds else 0
         level = texture
         while True:
             row["levels"] += 1
-            parts.append(level.ravel())
-            first += level.size
+            parts.append(_words(level))
+            first += parts[-1].size
             if max(level.shape[:2]) == 1:
                 break
             level = _half_numbers(level) if data else _half(level, values)
         places[key] = row.copy()
     packed = Textures()
     packed.images = wp.array(rows, dtype=TextureImage, device=device)
-    texels = np.concatenate(parts) if parts else np.zeros(3, np.uint8)
-    packed.texels = wp.array(texels, dtype=wp.uint8, device=device)
+    texels = np.concatenate(parts) if parts else np.zeros(1, np.uint32)
+    packed.texels = wp.array(texels, dtype=wp.uint32, device=device)
     if kinds:
         values = np.concatenate([values, numbers])
-        packed.kinds = wp.array(np.array(kinds, np.int32), dtype=wp.int32, device=device)
     packed.linear = wp.array(values, dtype=wp.float32, device=device)
     return packed
+
+
+def _words(level: np.ndarray) -> np.ndarray:
+    """Texels uint8 [h, w, 3] as :attr:`Textures.texels` has them."""
+    red, green, blue = level.reshape(-1, 3).T.astype(np.uint32)
+    return np.asarray(red | green << np.uint32(8) | blue << np.uint32(16), np.uint32)
 
 
 def _half(level: np.ndarray, values: np.ndarray) -> np.ndarray:
@@ -101,11 +109,7 @@ def _means(light: np.ndarray) -> np.ndarray:
 
 @wp.func
 def _texel(textures: Textures, place: wp.int32) -> wp.vec3:
-    return wp.vec3(
-        textures.linear[wp.int32(textures.texels[place])],
-        textures.linear[wp.int32(textures.texels[place + 1])],
-        textures.linear[wp.int32(textures.texels[place + 2])],
-    )
+    return _value(textures, place, 0)
 
 
 @wp.func
@@ -124,7 +128,7 @@ def texture_at(
     texels = footprint * wp.float32(wp.max(width, height))
     level = wp.int32(1)
     while texels > 1.5 and level < image.levels:
-        first += width * height * 3
+        first += width * height
         width = (width + 1) / 2
         height = (height + 1) / 2
         texels = texels * 0.5
@@ -139,10 +143,10 @@ def texture_at(
     right = (i + 1) % width
     top = (j + height) % height * width
     bottom = (j + 1) % height * width
-    upper = _texel(textures, first + 3 * (top + left)) * (1.0 - a)
-    upper += _texel(textures, first + 3 * (top + right)) * a
-    lower = _texel(textures, first + 3 * (bottom + left)) * (1.0 - a)
-    lower += _texel(textures, first + 3 * (bottom + right)) * a
+    upper = _texel(textures, first + top + left) * (1.0 - a)
+    upper += _texel(textures, first + top + right) * a
+    lower = _texel(textures, first + bottom + left) * (1.0 - a)
+    lower += _texel(textures, first + bottom + right) * a
     return upper * (1.0 - b) + lower * b
 
 
@@ -170,19 +174,18 @@ def _neighbour(i: wp.int32, size: wp.int32, mode: wp.int32) -> wp.int32:
 
 @wp.func
 def _value(textures: Textures, place: wp.int32, table: wp.int32) -> wp.vec3:
+    word = wp.int32(textures.texels[place])
     return wp.vec3(
-        textures.linear[table + wp.int32(textures.texels[place])],
-        textures.linear[table + wp.int32(textures.texels[place + 1])],
-        textures.linear[table + wp.int32(textures.texels[place + 2])],
+        textures.linear[table + (word & 255)],
+        textures.linear[table + ((word >> 8) & 255)],
+        textures.linear[table + (word >> 16)],
     )
 
 
 @wp.func
 def sample(textures: Textures, texture: wp.int32, uv: wp.vec2, footprint: wp.float32) -> wp.vec3:
     """What :func:`texture_at` gives, of images of any kind: linear RGB, or numbers 0..1."""
-    kind = wp.int32(0)
-    if textures.kinds.shape[0] > 0:
-        kind = textures.kinds[texture]
+    kind = textures.images[texture].kind
     across = kind & 3
     down = (kind >> 2) & 3
     table = wp.where((kind & _DATA) != 0, 256, 0)
@@ -193,7 +196,7 @@ def sample(textures: Textures, texture: wp.int32, uv: wp.vec2, footprint: wp.flo
     texels = footprint * wp.float32(wp.max(width, height))
     level = wp.int32(1)
     while texels > 1.5 and level < levels:
-        first += width * height * 3
+        first += width * height
         width = (width + 1) / 2
         height = (height + 1) / 2
         texels = texels * 0.5
@@ -208,8 +211,8 @@ def sample(textures: Textures, texture: wp.int32, uv: wp.vec2, footprint: wp.flo
     right = _neighbour(i + 1, width, across)
     top = _neighbour(j, height, down) * width
     bottom = _neighbour(j + 1, height, down) * width
-    upper = _value(textures, first + 3 * (top + left), table) * (1.0 - a)
-    upper += _value(textures, first + 3 * (top + right), table) * a
-    lower = _value(textures, first + 3 * (bottom + left), table) * (1.0 - a)
-    lower += _value(textures, first + 3 * (bottom + right), table) * a
+    upper = _value(textures, first + top + left, table) * (1.0 - a)
+    upper += _value(textures, first + top + right, table) * a
+    lower = _value(textures, first + bottom + left, table) * (1.0 - a)
+    lower += _value(textures, first + bottom + right, table) * a
     return upper * (1.0 - b) + lower * b

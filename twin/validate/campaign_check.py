@@ -54,5 +54,6 @@ def _of_families(cases: Sequence[Case]) -> list[Mistake]:
         own = [case for case in cases if case.variation.scenario.type == kind.name]
         if own and kind.checks:
             lines: list[str] = implementation(kind.checks)(own)
-            mistakes += [Mistake(f"scenario.{kind.files[0]}", line) for line in lines]
+            key = kind.files[0] if kind.files else "scene"
+            mistakes += [Mistake(f"scenario.{key}", line) for line in lines]
     return mistakes

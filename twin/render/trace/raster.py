@@ -20,7 +20,15 @@ from twin.render.light.light import SlotLight
 from twin.render.trace.cutouts import HOLE
 from twin.render.trace.geometry import RayScene, turned
 from twin.render.trace.rays import Optics, SlotPose
-from twin.render.trace.visibility import NOTHING, TILE_COLUMNS, TILE_ROWS, PixelsSeen
+from twin.render.trace.visibility import (
+    DETAILED,
+    NOTHING,
+    TILE_COLUMNS,
+    TILE_ROWS,
+    PixelsSeen,
+    pixel_of,
+    put_on_list,
+)
 
 wp.set_module_options({"enable_backward": False})
 
@@ -183,7 +191,7 @@ _DRAW = """
                     j8* kept = (j8*)(seen.face.data + at);
                     *kept = wins ? (i8)face : (i8)*kept;
                     kept = (j8*)(seen.flags.data + at);
-                    *kept = wins ? (i8)(thing + 1) : (i8)*kept;
+                    *kept = wins ? (i8)(thing + 1 /* MARK */) : (i8)*kept;
                     const f8 scale = 65535.0f / (U + V + W);
                     const i8 u = __builtin_convertvector(W * scale + 0.5f, i8);
                     const i8 v = __builtin_convertvector(U * scale + 0.5f, i8);
@@ -210,17 +218,21 @@ _PUNCH = """
 _HOLES = """
                     const b8 nearer = __builtin_convertvector(wins, b8);
                     if (!__builtin_bit_cast(unsigned char, nearer)) continue;
-                    if (__builtin_expect(cuts.of_face.data[face] >= 0, 0))
+                    if (cuts.of_face.data && __builtin_expect(cuts.of_face.data[face] >= 0, 0))
                         wins = punch(face, U, V, W, wins);"""
+# Pixels that see a face with details are marked as it is drawn.
+_MARK = f"+ (rows && rows[face] >= 0 ? {int(DETAILED)} : 0)"
 
 
 def _for_cpu(text: str) -> str:
     return f"#if !defined(__CUDA_ARCH__)\n{text}\n#endif\n"
 
 
-def _drawn_with_holes() -> str:
+def _drawn_with_details() -> str:
     names = "const auto& cuts = scene.cuts;\nconst auto& corners = scene.uv;\n"
+    names += "const int* rows = scene.looks.row.data;\n"
     text = _DRAW.replace("    // PUNCH\n", _PUNCH).replace("// HOLES", _HOLES)
+    text = text.replace("/* MARK */", _MARK)
     return names + HOLE + text
 
 
@@ -243,8 +255,8 @@ def draw_faces(
     the axes of the hierarchy."""
 
 
-@wp.func_native(_for_cpu(_drawn_with_holes()))
-def draw_faces_with_holes(
+@wp.func_native(_for_cpu(_drawn_with_details()))
+def draw_detailed_faces(
     scene: RayScene,
     raster: Raster,
     optics: Optics,
@@ -258,13 +270,15 @@ def draw_faces_with_holes(
     first_pixel: wp.int32,
     seen: PixelsSeen,
 ):
-    """Draw faces as :func:`draw_faces` does, but not where they have holes."""
+    """Draw faces as :func:`draw_faces` does, but not where they have holes, and mark pixels that
+    see faces with details."""
 
 
 @cache
 def raster_kernel(features: Features = NONE) -> wp.Kernel:
     """The kernel for worlds with such ``features``."""
-    draw = draw_faces_with_holes if features.holes else draw_faces
+    looks = features.looks
+    draw = draw_detailed_faces if looks or features.holes else draw_faces
 
     @wp.kernel(module="unique", enable_backward=False)
     def draw_kernel(
@@ -280,7 +294,7 @@ def raster_kernel(features: Features = NONE) -> wp.Kernel:
         # out
         seen: PixelsSeen,
     ):
-        """Draw the slots from ``first_slot`` on, one per thread."""
+        """Draw the slots from ``first_slot`` on, one per thread, and list what has details."""
         place = wp.tid()
         slot = first_slot + place
         if lights[slot].active == 0:
@@ -324,5 +338,10 @@ def raster_kernel(features: Features = NONE) -> wp.Kernel:
                     first,
                     seen,
                 )
+        if wp.static(looks):
+            for thread in range(first, first + count):
+                if seen.face[thread] >= 0 and (seen.flags[thread] & DETAILED) != 0:  # noqa: SIM102
+                    if pixel_of(thread, first_slot, optics).inside:  # seldom asked
+                        put_on_list(seen.detailed, seen.detailed_count, thread)
 
     return draw_kernel

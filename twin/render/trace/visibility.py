@@ -14,7 +14,7 @@ import warp as wp
 
 from twin.render.build import NONE, Features, KernelOptions
 from twin.render.light.light import SlotLight
-from twin.render.look_surface import look_mirrors, smooth_point
+from twin.render.look_surface import LookPoint, smooth_point
 from twin.render.surface import is_ground, may_mirror
 from twin.render.trace.geometry import RayScene, rays_of, turned
 from twin.render.trace.rays import Optics, SlotPose
@@ -43,6 +43,8 @@ ASKED = wp.constant(1 << 17)
 """Flag: a ray to the sun was traced."""
 MIRRORED = wp.constant(1 << 18)
 """Flag: second rays were followed."""
+DETAILED = wp.constant(1 << 19)
+"""Flag: the face has details."""
 OBJECT_MASK = wp.constant((1 << 16) - 1)
 """Bits of the flags that hold the object + 1; 0: static."""
 
@@ -68,6 +70,12 @@ class PixelsSeen:
     """Number of listed pixels [1]."""
     second: wp.array2d(dtype=wp.float16)
     """Luminance that comes by mirrors and through glass, RGB, where flagged [cd/m^2]."""
+    detailed: wp.array(dtype=wp.int32)
+    """Threads whose pixels see faces with details, in any order."""
+    detailed_count: wp.array(dtype=wp.int32)
+    """Number of these pixels [1]."""
+    look: wp.array(dtype=LookPoint)
+    """What the materials of such faces say."""
 
 
 @wp.struct
@@ -87,7 +95,12 @@ def threads(slots: int, height: int, width: int) -> int:
 
 
 def allocate_seen(
-    slots: int, height: int, width: int, device: wp.Device, second: bool = True
+    slots: int,
+    height: int,
+    width: int,
+    device: wp.Device,
+    second: bool = True,
+    features: Features = NONE,
 ) -> PixelsSeen:
     """Buffers for ``slots`` at once; ``second``: for second rays as well."""
     count = threads(slots, height, width)
@@ -100,6 +113,10 @@ def allocate_seen(
     seen.listed = wp.empty(listed, dtype=wp.int32, device=device)
     seen.listed_count = wp.zeros(1, dtype=wp.int32, device=device)
     seen.second = wp.empty((listed, 3), dtype=wp.float16, device=device)
+    detailed = count if features.looks else 1
+    seen.detailed = wp.empty(detailed, dtype=wp.int32, device=device)
+    seen.detailed_count = wp.zeros(1, dtype=wp.int32, device=device)
+    seen.look = wp.empty(detailed, dtype=LookPoint, device=device)
     return seen
 
 
@@ -215,12 +232,17 @@ def visibility_kernel(build: KernelOptions, second: bool, features: Features = N
             seen.face[thread] = NOTHING
             return
         flags = hit.object + 1
+        if wp.static(looks):
+            detailed = scene.faces[hit.face].uv_per_m < 0.0
+            if detailed:
+                flags = flags | DETAILED
+                put_on_list(seen.detailed, seen.detailed_count, thread)
         if lights[slot].shadows != 0:
             sun = lights[slot].sun_direction
             facing = hit.normal
             start = eye + direction * hit.t + hit.normal * 0.02
             if wp.static(looks):  # noqa: SIM102 (resolved before the kernel is compiled)
-                if scene.faces[hit.face].uv_per_m < 0.0:
+                if detailed:
                     smooth = smooth_point(
                         scene, slot, hit.face, hit.object, hit.u, hit.v, hit.normal
                     )
@@ -238,7 +260,7 @@ def visibility_kernel(build: KernelOptions, second: bool, features: Features = N
             cosine = -wp.dot(hit.normal, direction)
             needs = needs_second_rays(material, lights[slot].wetness, cosine, hit.t)
             if wp.static(looks):
-                needs = needs or (hit.t < SECOND_RANGE_M and look_mirrors(scene, hit.face))
+                needs = needs and not detailed
             if needs:
                 put_on_list(seen.listed, seen.listed_count, thread)
         u = wp.int32(wp.clamp(hit.u, 0.0, 1.0) * 65535.0 + 0.5)
@@ -286,6 +308,8 @@ def sun_kernel(build: KernelOptions, second: bool, features: Features = NONE) ->
         ray = rays[pixel.row, pixel.column]
         direction = pose.right * ray[0] + pose.down * ray[1] + pose.ahead * ray[2]
         flags = seen.flags[thread]
+        if wp.static(looks):
+            detailed = (flags & DETAILED) != 0
         normal = scene.faces[face].normal
         m = (flags & OBJECT_MASK) - 1
         if m >= 0:
@@ -298,7 +322,7 @@ def sun_kernel(build: KernelOptions, second: bool, features: Features = NONE) ->
             cosine = -wp.dot(normal, direction)
             needs = needs_second_rays(material, lights[slot].wetness, cosine, seen.t[thread])
             if wp.static(looks):
-                needs = needs or (seen.t[thread] < SECOND_RANGE_M and look_mirrors(scene, face))
+                needs = needs and not detailed
             if needs:
                 put_on_list(seen.listed, seen.listed_count, thread)
         if lights[slot].shadows == 0:
@@ -307,7 +331,7 @@ def sun_kernel(build: KernelOptions, second: bool, features: Features = NONE) ->
         facing = normal
         start = pose.eye + direction * seen.t[thread] + normal * 0.02
         if wp.static(looks):  # noqa: SIM102 (resolved before the kernel is compiled)
-            if scene.faces[face].uv_per_m < 0.0:
+            if detailed:
                 bary = seen.bary[thread]
                 u = wp.float32((bary >> 16) & 65535) * 1.5259022e-5
                 v = wp.float32(bary & 65535) * 1.5259022e-5

@@ -57,7 +57,9 @@ class World:
     lane: LanePath = field(default_factory=lambda: straight(0.0, 1.0))
     """Centre line of the ego's lane."""
     lane_known: bool = True
-    """The lane is known as far as it goes; False: it says where an ego starts, and no more."""
+    """There is a lane, of a street or a road; False: it says where an ego starts, and no more."""
+    lane_start_z_m: float = 0.0
+    """Height at which the lane begins [m]."""
     kinds: tuple[ObjectKind, ...] = ()
     """Meshes of movable objects."""
     motion: Motion = field(default_factory=Still)
@@ -170,6 +172,7 @@ class _Parts:
     things: list[Thing]
     lane: LanePath
     lane_known: bool
+    lane_start_z_m: float = 0.0
     others: list[Hull] = field(default_factory=list)
     lamps_right: tuple[float, float] = _NO_LAMPS
     lamps_left: tuple[float, float] = _NO_LAMPS
@@ -207,6 +210,7 @@ def _build(scene: Scene, bodies: int = 0) -> World:
         lamps=parts.lamps,
         lane=parts.lane,
         lane_known=parts.lane_known,
+        lane_start_z_m=parts.lane_start_z_m,
         kinds=tuple(replace(kind, mesh=own) for kind, own in kinds),
         motion=cast.motion,
         textures=imported.textures,
@@ -255,7 +259,9 @@ def _add_street(mesh: MeshBuilder, scene: Scene, layout: Layout, parts: _Parts) 
 def _add_roads(mesh: MeshBuilder, scene: Scene, parts: _Parts) -> None:
     """Add the roads of a file and what stands beside them."""
     add_roads(mesh, scene.opendrive)
-    parts.lane, parts.lane_known = road_lane(scene.opendrive)
+    lane = road_lane(scene.opendrive)
+    parts.lane, parts.lane_known = lane.path, True
+    parts.lane_start_z_m = float(lane.course.z_m[0])
     beside = add_roadside(mesh, scene, len(parts.classes))
     parts.classes += ["traffic_sign"] * beside.plates
     parts.others += beside.hulls

@@ -150,6 +150,7 @@ def example(tmp_path):
     return copy, validate
 
 
+@pytest.mark.slow
 def test_an_implementation_that_cannot_be_imported_is_one_line_with_its_distribution(example):
     copy, validate = example
     assert validate()[0] == 0

@@ -46,10 +46,11 @@ CHILDREN: dict[str, dict[str, RoadElementRule]] = {
         "header": _read("version, name, geographic reference"),
         "road": _read("roads"),
         "junction": _read("junctions"),
-        "controller": _noted("traffic lights do not switch"),
+        "controller": _read("signals that a scenario switches together"),
         "junctionGroup": _IGNORED,
         "station": _noted("stops of trams and buses"),
     },
+    "controller": {"control": _read("one of its signals")},
     "header": {
         "geoReference": _read("kept as text; coordinates stay those of the file"),
         "offset": _read("kept; coordinates stay those of the file"),
@@ -164,7 +165,7 @@ CHILDREN: dict[str, dict[str, RoadElementRule]] = {
     "junction": {
         "connection": _read("ways through it"),
         "priority": _read("which road goes first"),
-        "controller": _noted("traffic lights do not switch"),
+        "controller": _noted("which controllers belong to a junction"),
         "surface": _refused("surfaces of OpenCRG"),
         "boundary": _noted("boundaries of junctions"),
         "elevationGrid": _refused("an elevation grid bends the surface"),

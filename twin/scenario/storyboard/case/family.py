@@ -8,7 +8,8 @@ import numpy as np
 
 from schemas.kinds.scenarios.storyboard import StoryboardConfig
 from twin.scenario.driver import BRAKED
-from twin.scenario.protocol import Rows, Scalars, Verdict
+from twin.scenario.protocol import FirstContact, Rows, Scalars, Verdict
+from twin.scenario.storyboard.case.trial import TRIAL_SCALARS, TrialRun
 from twin.scenario.surroundings import Surroundings
 
 
@@ -16,9 +17,10 @@ class StoryboardFamily:
     """One case of a storyboard, as far as its rows tell it; the bodies move elsewhere."""
 
     def __init__(
-        self, _config: StoryboardConfig, ground: Surroundings, _x_m: float, _y_m: float
+        self, config: StoryboardConfig, ground: Surroundings, _x_m: float, _y_m: float
     ) -> None:
         self._events = ground.events
+        self._trial = TrialRun(config, ground) if config.trial is not None else None
 
     @classmethod
     def start(cls, _config: StoryboardConfig, ground: Surroundings) -> tuple[float, float, float]:
@@ -60,6 +62,18 @@ class StoryboardFamily:
             return Verdict("pass", [*reasons, *_intervention_words(rows)])
         reasons = [f"time is up at {speed_mps:.2f} m/s, and the storyboard still runs"]
         return Verdict("time_up", [*reasons, *self.before_end(rows)])
+
+    def trial_scalars(self, rows: Rows, contact: FirstContact | None) -> Scalars:
+        """Scalars of the trial; None without one."""
+        none: Scalars = dict.fromkeys(TRIAL_SCALARS)
+        return none if self._trial is None else self._trial.scalars(rows, contact)
+
+    def trial_verdict(self, rows: Rows, contact: FirstContact | None) -> Verdict | None:
+        """The verdict of the trial; None: the case is none."""
+        if self._trial is None:
+            return None
+        verdict = self._trial.verdict(rows, contact)
+        return Verdict(verdict.verdict, [*verdict.reasons, *_intervention_words(rows)])
 
     def before_end(self, rows: Rows) -> list[str]:
         """The last event before a case's end and the stack's intervention, in words."""
