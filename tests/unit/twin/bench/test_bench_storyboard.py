@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import pytest
 
+from twin.bench import moving_bodies
+from twin.bench.camera import Size
+from twin.bench.moving_bodies import MovingBodies
 from twin.bench.storyboard import StoryboardFigures, as_json, lines, measure
 
 
@@ -35,3 +38,40 @@ def test_measure():
     figures = measure("cpu", 1, 2, demo=False, cameras=False)
     assert figures.step_ms > 0.0
     assert figures.share is None
+
+
+def moving(standing, moving_ones):
+    return MovingBodies(Size(1, 320, 180), 16, 60.0, standing, moving_ones)
+
+
+@pytest.mark.parametrize(
+    ("standing", "moving_ones", "missed"),
+    [
+        (50.0, 45.0, []),
+        (50.0, 44.9, ["10.2% of 10% slower pictures with moving bodies"]),
+        (50.0, 51.0, []),
+    ],
+)
+def test_moving_bodies_have_a_target(standing, moving_ones, missed):
+    cameras = moving(standing, moving_ones)
+    figures = StoryboardFigures("cpu", 1, 16, 0.25, None, cameras)
+    assert cameras.missed == figures.missed == missed
+    assert as_json(figures)["slower"] == pytest.approx(1.0 - moving_ones / standing)
+
+
+def test_a_slow_step_and_slow_pictures_are_two_misses():
+    late = StoryboardFigures("cuda:0", 256, 16, 0.31, None, moving(50.0, 40.0))
+    assert len(late.missed) == 2
+
+
+def test_lines_say_what_moving_bodies_cost():
+    said = lines(StoryboardFigures("cpu", 1, 16, 0.25, None, moving(50.0, 48.0)))
+    assert "50.0 frames/s of 320x180 with 16 standing bodies in each of 1 views" in said[-1]
+    assert "48.0 with moving ones (+4.0% slower, target 10%)" in said[-1]
+
+
+@pytest.mark.slow
+def test_measure_of_moving_bodies_renders_them():
+    figures = moving_bodies.measure("cpu", Size(1, 64, 36), 2)
+    assert min(figures.empty_frames_per_s, figures.moving_frames_per_s) > 0.0
+    assert figures.bodies == moving_bodies.BODIES
