@@ -30,8 +30,10 @@ from conductor.commands.options import (
     Metrics,
     OneCase,
     OnOff,
+    Quick,
     RecordDrive,
     Render,
+    Rows,
     RunFolder,
     Seed,
     Slots,
@@ -87,6 +89,8 @@ def run_command(
     seed: Seed = None,
     case: OneCase = "",
     cases: FirstCases = None,
+    rows: Rows = "",
+    quick: Quick = False,
     by_batch: ByBatch = False,
     listen: Listen = LOOPBACK,
     key: KeyOption = None,
@@ -106,13 +110,10 @@ def run_command(
     from conductor.run.gpu_turns import turns
     from conductor.run.models import models_checked
     from conductor.run.places import parse_workers, where
-    from conductor.run.source import load, only_case, with_drive
+    from conductor.run.source import chosen, load, with_drive
 
     plan = load(campaign, seed=seed, render=None if render is None else render is OnOff.on)
-    if case:
-        plan = only_case(plan, case)
-    if cases is not None:
-        plan = plan.first(cases)
+    plan = chosen(plan, case, cases, rows, quick=quick)
     loaded = plan.campaign
     if workers is None and loaded.clock == "realtime":
         workers = "1"  # two would take the processor from each other
@@ -234,6 +235,8 @@ def submit(
         Path | None, typer.Option(help="Campaign folder, as the conductor sees it.")
     ] = None,
     seed: Seed = None,
+    rows: Rows = "",
+    quick: Quick = False,
     priority: Annotated[
         int, typer.Option(help="Higher ones are served first; equals share the workers.")
     ] = 0,
@@ -243,9 +246,10 @@ def submit(
     Workers run what a campaign names, so an invitation of role admin does not open this.
     """
     from conductor.commands.client import client_of
+    from conductor.run.source import of_rows
     from twin.fabric.keys.roles import Role
 
-    loaded = _checked(campaign, seed=seed).campaign
+    loaded = of_rows(_checked(campaign, seed=seed), rows, quick=quick).campaign
     with client_of(conductor, Role.submitter) as client:
         folder = client.submit(loaded, str(out.absolute()) if out else "", priority)
     print(f"submitted {loaded.campaign}: results in {folder}")
@@ -328,14 +332,18 @@ def validate(
         bool,
         typer.Option("--fetch", help="Also fetch its stack's repository and run the set-up."),
     ] = False,
+    rows: Rows = "",
+    quick: Quick = False,
     output: OutputOption = Output.human,
 ) -> None:
     """Check a campaign file, and tell in one line what is wrong with it; lists its cases.
 
     Nothing of it is run: a repository's set-up is only told.
     """
+    from conductor.run.source import of_rows
+
     try:
-        plan = _checked(campaign, fetch=fetch)
+        plan = of_rows(_checked(campaign, fetch=fetch), rows, quick=quick)
     except UsageError as error:
         if output is Output.json:
             print(json.dumps({"valid": False, "mistakes": str(error).splitlines()}))

@@ -154,6 +154,7 @@ class AebStack(Stack):
             lights=lights.choose(car.surroundings, plan.aeb),
             detections=detections or [],
             trigger=plan.trigger,
+            warning=plan.warning,
         )
 
     def _car(self, slot: int, now: _Instant) -> _Car:

@@ -39,6 +39,7 @@ _SECTIONS: dict[str, type[Struct]] = {
 _NO_AXES = (
     *("scenario.type", "camera.name"),
     *(f"scenario.{kind.numbers}" for kind in scenario_kinds().declared if kind.numbers),
+    *(f"scenario.{kind.trial}" for kind in scenario_kinds().declared if kind.trial),
     *(f"sensors.{kind.name}.{key}" for kind in sensor_kinds().declared for key in kind.no_axes),
     *("environment.custom", "environment.timeline", "camera.effects", "camera.outputs"),
     # Which stack it is decides which cases may share a rig.
@@ -200,9 +201,12 @@ def sensors_of(
     return (msgspec.structs.replace(sensors, **changed) if changed else sensors), mistakes
 
 
-def case_id(model: str, time_of_day: str, weather: str, point: dict[str, Any]) -> str:
-    """Known axes first, in a fixed order; the rest by name: the file's order does not matter."""
-    parts = []
+def case_id(
+    model: str, time_of_day: str, weather: str, point: dict[str, Any], row: str = ""
+) -> str:
+    """The row of a rulebook first, then known axes in a fixed order; the rest by name: the file's
+    order does not matter."""
+    parts = [row] if row else []
     if "model" in point:
         parts.append(model)
     if "time_of_day" in point:

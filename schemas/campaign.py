@@ -9,17 +9,19 @@ from __future__ import annotations
 import math
 from typing import Annotated, Any, Literal
 
-from msgspec import Meta, Struct
+from msgspec import UNSET, Meta, Struct, UnsetType
 
 from schemas.axes import axes_allowed, is_axis
 from schemas.case import Clock
 from schemas.names import WEATHERS as WEATHERS
 from schemas.names import Name as Name
+from schemas.rulebook_rows import ROW_AXIS, rows_given, rulebook_mistakes
 from schemas.sections.autonomy import Autonomy, driver_mistakes
 from schemas.sections.camera import Camera as Camera
 from schemas.sections.environment import Environment, environment_mistakes
 from schemas.sections.lidar import Lidar
 from schemas.sections.objects import ObjectVariation
+from schemas.sections.rulebook import Rulebook
 from schemas.sections.scenario import Scenario as Scenario
 from schemas.sections.sensors import Sensors
 from schemas.sections.stack_identity import StackIdentity
@@ -104,9 +106,12 @@ class Campaign(_Spec, frozen=True, kw_only=True):
     matrix: dict[str, Annotated[list[bool | int | float | str], Meta(min_length=1)]] = {}
     """Axis -> values; the cases are the cross product, last axis fastest."""
     cases: list[dict[str, bool | int | float | str]] = []
-    """Further cases, one point each."""
+    """Further cases, one point each. With a rulebook: points of it, which are run instead of
+    all."""
     exclude: list[dict[str, bool | int | float | str]] = []
     """Points removed from the matrix; an axis left out matches every value."""
+    rulebook: Rulebook | UnsetType = UNSET
+    """Rows of a test protocol, from which cases are made; each for every point of the matrix."""
     batch: Batch | None = None
     files: dict[str, str] = {}
     """SHA-256 of scene, vehicle and model files given by path, with the files that those name;
@@ -121,7 +126,7 @@ class Campaign(_Spec, frozen=True, kw_only=True):
 def campaign_mistakes(campaign: Campaign) -> list[Mistake]:
     """What is wrong with a campaign beside the types of its values, before cases are made."""
     mistakes = environment_mistakes(campaign.environment)
-    allowed = axes_allowed()
+    allowed = [*axes_allowed(), *([] if campaign.rulebook is UNSET else [ROW_AXIS])]
     named = [("matrix", campaign.matrix)]
     named += [(f"cases[{i}]", point) for i, point in enumerate(campaign.cases)]  # type: ignore[misc]
     named += [(f"exclude[{i}]", point) for i, point in enumerate(campaign.exclude)]  # type: ignore[misc]
@@ -134,7 +139,11 @@ def campaign_mistakes(campaign: Campaign) -> list[Mistake]:
     for axis, values in campaign.matrix.items():
         if len({repr(v) for v in values}) != len(values):
             mistakes.append(Mistake(f"matrix.{axis}", "a value appears twice; list each once"))
-    if not campaign.matrix and not campaign.cases:
+    if campaign.rulebook is not UNSET:
+        mistakes += rulebook_mistakes(
+            campaign.rulebook, campaign.scenario, campaign.matrix, campaign.cases
+        )
+    elif not campaign.matrix and not campaign.cases:
         mistakes.append(Mistake("matrix", "no cases; give a matrix, a list of cases, or both"))
     for where, camera in (
         ("camera", campaign.camera),
@@ -156,7 +165,10 @@ def campaign_mistakes(campaign: Campaign) -> list[Mistake]:
 
 def count_of(campaign: Campaign) -> int:
     """Cases before any is excluded."""
-    return _counted(campaign.matrix, campaign.cases)
+    count = _counted(campaign.matrix, campaign.cases)
+    if campaign.rulebook is UNSET or campaign.cases:
+        return count
+    return sum(row.count for row in campaign.rulebook.rows) * max(1, count)
 
 
 def cases_given(data: dict[str, Any]) -> int:
@@ -164,10 +176,11 @@ def cases_given(data: dict[str, Any]) -> int:
     tell."""
     matrix, cases = data.get("matrix"), data.get("cases")
     axes = matrix if isinstance(matrix, dict) else {}
-    return _counted(
-        {axis: values for axis, values in axes.items() if isinstance(values, list)},
-        cases if isinstance(cases, list) else [],
-    )
+    listed = cases if isinstance(cases, list) else []
+    count = _counted({axis: v for axis, v in axes.items() if isinstance(v, list)}, listed)
+    if "rulebook" not in data or listed:
+        return count
+    return rows_given(data["rulebook"]) * max(1, count)
 
 
 def _counted(matrix: dict[Any, list[Any]], cases: list[Any]) -> int:

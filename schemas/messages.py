@@ -326,6 +326,8 @@ class Command(Struct, frozen=True):
     reverse: bool = False
     """The selector is in reverse: the throttle drives backwards once the car is as slow as a walk;
     a faster one coasts. Since 1.3."""
+    warning: bool = False
+    """The driver is warned of a collision; only noted. Since 1.4."""
 
 
 class Commands(Struct, frozen=True):

@@ -7,6 +7,7 @@ from collections.abc import Hashable, Iterable, Sequence
 from typing import Any
 
 import msgspec
+from msgspec import UNSET
 
 from schemas.campaign import CASES_MAX, Campaign, campaign_mistakes, count_of
 from schemas.case import Case, RigSpec, Variation
@@ -14,6 +15,7 @@ from schemas.kinds.perception import perception_kind
 from schemas.kinds.plugins import ForeignKind, foreign_kinds
 from schemas.kinds.scenario import kind_of
 from schemas.points import Point, points_of
+from schemas.rulebook_rows import rows_called
 from schemas.sections.autonomy import DELAYS, driver
 from schemas.sections.camera import Camera
 from schemas.sections.perception import file_fields
@@ -23,7 +25,10 @@ from schemas.validation import Mistake, convert_all
 AMENDABLE = frozenset(
     {"seed", "view", "render", "recording", "autonomy", "files", "stack_identity"}
 )
-"""Fields of a campaign that decide no point, so that :meth:`Plan.amended` may change them."""
+"""Fields of a campaign that decide no point, so that :meth:`Plan.amended` may change them; the seed
+decides what repetitions of a rulebook's rows draw, which are drawn again."""
+NO_RULEBOOK = "the campaign has no rulebook, so it has no rows; choose cases with --case or --cases"
+"""Why nothing can be chosen by rows."""
 
 
 class Plan:
@@ -67,6 +72,8 @@ class Plan:
         for name in DELAYS:
             assert getattr(campaign.autonomy, name) == getattr(before.autonomy, name), name
         assert list(campaign.autonomy.perception) == list(before.autonomy.perception)
+        if campaign.rulebook is not UNSET and campaign.seed != before.seed:
+            return plan_of(campaign)  # repetitions of rows draw by the seed
         return Plan(campaign, self._points)
 
     def kinds_of_others(self) -> list[ForeignKind]:
@@ -82,6 +89,42 @@ class Plan:
     def first(self, count: int) -> Plan:
         """The plan with its first ``count`` cases, which keep their ids."""
         return self._restricted(self._points[:count])
+
+    @property
+    def points(self) -> Sequence[Point]:
+        """The points of its cases, in their order; values of a rulebook's as its rows have them."""
+        return self._points
+
+    def rows(self, words: Sequence[str]) -> Plan:
+        """The plan with the cases of those rows of its rulebook that are called by their names,
+        groups or tests; they keep their ids.
+
+        Raises:
+            ValueError: it has no rulebook, or nothing is called so; one line.
+        """
+        rulebook = self.campaign.rulebook
+        if rulebook is UNSET:
+            raise ValueError(NO_RULEBOOK)
+        names = rows_called(rulebook, words)
+        return self._restricted([point for point in self._points if point.row in names])
+
+    def quick(self) -> Plan:
+        """The plan with the first and the last point of each row of its rulebook, once each; they
+        keep their ids.
+
+        Raises:
+            ValueError: it has no rulebook; one line.
+        """
+        if self.campaign.rulebook is UNSET:
+            raise ValueError(NO_RULEBOOK)
+        firsts: dict[str, Point] = {}
+        lasts: dict[str, Point] = {}
+        for point in self._points:
+            firsts.setdefault(point.row, point)
+            if point.repeat <= lasts.get(point.row, point).repeat:
+                lasts[point.row] = point
+        kept = {point.id for point in (*firsts.values(), *lasts.values())}
+        return self._restricted([point for point in self._points if point.id in kept])
 
     def _restricted(self, points: Sequence[Point]) -> Plan:
         listed = [point.values for point in points]
@@ -112,7 +155,10 @@ def examine(data: Any) -> tuple[Plan | None, list[Mistake]]:
         return None, mistakes
     mistakes = campaign_mistakes(campaign)
     points: list[Point] = []
-    if campaign.autonomy.perception and 0 < count_of(campaign) <= CASES_MAX:
+    # Rows with mistakes of their own have no points.
+    rows = ("rulebook", "scenario", "matrix", "cases")
+    readable = campaign.rulebook is UNSET or not any(m.path.startswith(rows) for m in mistakes)
+    if readable and campaign.autonomy.perception and 0 < count_of(campaign) <= CASES_MAX:
         points, point_mistakes = points_of(campaign)
         known = [mistake.path for mistake in mistakes]
         mistakes += [

@@ -5,6 +5,9 @@ from __future__ import annotations
 import itertools
 from typing import Any, NamedTuple
 
+import msgspec
+from msgspec import UNSET
+
 from schemas.axes import (
     Memo,
     case_id,
@@ -16,14 +19,30 @@ from schemas.axes import (
     value_of,
 )
 from schemas.campaign import ID_CHARS_MAX, Campaign
+from schemas.identity import stream_key
+from schemas.kinds.scenario import kind_of
 from schemas.names import minutes
+from schemas.rulebook_rows import (
+    REPEAT_AXIS,
+    ROW_AXIS,
+    base_of_varied,
+    constants_of_row,
+    grid_of_rows,
+    prefix_of,
+    trial_of_point,
+    with_file,
+)
 from schemas.sections.autonomy import Autonomy
 from schemas.sections.camera import Camera
 from schemas.sections.environment import Environment
 from schemas.sections.objects import ObjectVariation
+from schemas.sections.rulebook import RulebookRow
 from schemas.sections.scenario import Scenario
 from schemas.sections.sensors import Sensors
 from schemas.validation import MISTAKES_MAX, Mistake, suggest
+
+DRAWN_DIGITS = 6
+"""Digits behind the point of a value that a repetition has drawn."""
 
 
 class Point(NamedTuple):
@@ -51,15 +70,22 @@ class Point(NamedTuple):
     parameters: dict[str, Any]
     """Parameters of the stack that axes name."""
     objects: dict[str, ObjectVariation]
+    row: str = ""
+    """Its row of the rulebook; empty: there is no rulebook."""
 
 
 def points_of(campaign: Campaign) -> tuple[list[Point], list[Mistake]]:
     """Every point in file order, those with mistakes left out, and the mistakes."""
     kept, mistakes = _grid(campaign)
     points: dict[str, Point] = {}
-    memo: Memo = {}
+    memos: dict[str, Memo] = {}
     for where, values in kept:
-        point, point_mistakes = _point(campaign, values, where, memo)
+        row, point_mistakes = _row(campaign, values, where)
+        # Another row is another scenario, of which the same value of an axis makes another.
+        memo = memos.setdefault(row.row if row else "", {})
+        point = None
+        if not point_mistakes:
+            point, point_mistakes = _point(campaign, values, where, memo, row)
         mistakes += [m for m in point_mistakes if m not in mistakes]
         if len(mistakes) > MISTAKES_MAX:
             mistakes[MISTAKES_MAX:] = [Mistake("", "and more; correct these first")]
@@ -77,7 +103,10 @@ def points_of(campaign: Campaign) -> tuple[list[Point], list[Mistake]]:
 def _grid(campaign: Campaign) -> tuple[list[tuple[str, dict[str, Any]]], list[Mistake]]:
     """Where each case stands in the file, and its values; in file order."""
     points: list[tuple[str, dict[str, Any]]] = []
-    if campaign.matrix:
+    if campaign.rulebook is not UNSET:
+        if not campaign.cases:
+            points += grid_of_rows(campaign.rulebook, campaign.scenario, campaign.matrix)
+    elif campaign.matrix:
         for values in itertools.product(*campaign.matrix.values()):
             points.append(("matrix", dict(zip(campaign.matrix, values, strict=True))))
     excluded = [False] * len(campaign.exclude)
@@ -113,8 +142,108 @@ def _model(campaign: Campaign, point: dict[str, Any], where: str) -> tuple[str, 
     return model, []
 
 
+def _row(
+    campaign: Campaign, point: dict[str, Any], where: str
+) -> tuple[RulebookRow | None, list[Mistake]]:
+    """The row of the rulebook that a point is one of."""
+    if campaign.rulebook is UNSET:
+        return None, []
+    name = point.get(ROW_AXIS)
+    row = campaign.rulebook.row(name) if isinstance(name, str) else None
+    if row is None:
+        names = [row.row for row in campaign.rulebook.rows]
+        return None, [
+            Mistake(f"{where}.{ROW_AXIS}", f"given {name!r}; {suggest(str(name), names)}")
+        ]
+    if not isinstance(point.get(REPEAT_AXIS, 0), int):
+        return row, []  # said where its value is looked at
+    return row, _range_mistakes(campaign, row, point, where)
+
+
+def _range_mistakes(
+    campaign: Campaign, row: RulebookRow, point: dict[str, Any], where: str
+) -> list[Mistake]:
+    """Ends of the ranges from which a row's repetitions draw, where they are not allowed."""
+    if point.get(REPEAT_AXIS, 0) != 0:
+        return []
+    mistakes = list[Mistake]()
+    for name, ends in row.varied.items():
+        for end in ends:
+            _, wrong = _scenario(campaign, point, f"{where}.varied.{name}", {}, row, {name: end})
+            mistakes += wrong
+    return mistakes
+
+
+def _scenario(
+    campaign: Campaign,
+    point: dict[str, Any],
+    where: str,
+    memo: Memo,
+    row: RulebookRow | None,
+    drawn: dict[str, float],
+) -> tuple[Any, list[Mistake]]:
+    """The scenario of a point; of a rulebook, with what its repetition adds to the row's values."""
+    scenario = campaign.scenario
+    if row is None:
+        return scenario_of(scenario, point, where, memo)
+    if not kind_of(scenario).trial:
+        return None, []  # said where the rulebook is looked at
+    changed = dict(point)
+    before = dict[str, float]()
+    for name, added in drawn.items():
+        axis = base_of_varied(row, name, scenario)
+        if axis is None:
+            return None, []  # the same
+        value = point.get(axis, getattr(scenario, axis.partition(".")[2], None))
+        if isinstance(value, int | float):
+            before[axis] = value
+            changed[axis] = round(value + added, DRAWN_DIGITS)
+    made, mistakes = scenario_of(with_file(scenario, row), changed, where, memo)
+    if made is None:
+        return None, mistakes
+    trial = msgspec.structs.replace(trial_of_point(scenario, row, point), written=before)
+    return msgspec.structs.replace(made, **{kind_of(scenario).trial: trial}), mistakes
+
+
+def _drawn(
+    seed: int, row: RulebookRow, point: dict[str, Any], shared: tuple[str, str, str]
+) -> dict[str, float]:
+    """What a repetition adds to the values of its row, by name; the first adds nothing.
+
+    Uniform in each range; nothing but the seed, the row's name, the values of the point, the number
+    of the repetition and the name of what is varied decides it.
+    """
+    repeat = point.get(REPEAT_AXIS, 0)
+    if not repeat:
+        return {}
+    values = {axis: value for axis, value in point.items() if axis not in (ROW_AXIS, REPEAT_AXIS)}
+    name = case_id(*shared, values, row.row)
+    drawn = {}
+    for varied, (low, high) in row.varied.items():
+        share = stream_key(seed, name, f"repetition {repeat} of {varied}") / 2**64
+        drawn[varied] = low + share * (high - low)
+    return drawn
+
+
+def _name(
+    campaign: Campaign, row: RulebookRow | None, point: dict[str, Any], shared: tuple[str, str, str]
+) -> str:
+    """The name of a case; ``shared``: its perception variant, time and weather."""
+    if row is None:
+        return case_id(*shared, point)
+    constants = constants_of_row(row, prefix_of(campaign.scenario))
+    said = (ROW_AXIS, REPEAT_AXIS)
+    rest = {
+        axis: value
+        for axis, value in point.items()
+        if axis not in said and not (axis in constants and constants[axis] == value)
+    }
+    name = case_id(*shared, rest, row.row) if rest else row.row
+    return f"{name}-r{point[REPEAT_AXIS]}" if REPEAT_AXIS in point else name
+
+
 def _point(
-    campaign: Campaign, point: dict[str, Any], where: str, memo: Memo
+    campaign: Campaign, point: dict[str, Any], where: str, memo: Memo, row: RulebookRow | None
 ) -> tuple[Point | None, list[Mistake]]:
     model, mistakes = _model(campaign, point, where)
     time_of_day, axis_mistakes = value_of(point, "time_of_day", where, memo)
@@ -127,7 +256,10 @@ def _point(
         mistakes.append(Mistake(f"{where}.weather", problem))
     repeat, axis_mistakes = value_of(point, "repeat", where, memo)
     mistakes += axis_mistakes
-    scenario, axis_mistakes = scenario_of(campaign.scenario, point, where, memo)
+    shared = (model, str(time_of_day), str(weather))
+    name = _name(campaign, row, point, shared)
+    drawn = _drawn(campaign.seed, row, point, shared) if row and repeat else {}
+    scenario, axis_mistakes = _scenario(campaign, point, where, memo, row, drawn)
     mistakes += axis_mistakes
     camera, axis_mistakes = section_of(campaign.camera, "camera", point, where, memo)
     mistakes += axis_mistakes
@@ -143,7 +275,6 @@ def _point(
         return None, mistakes
     sensor_hz = sensors.rates(campaign.control_hz)
     mistakes = _rates(campaign, camera, sensor_hz, autonomy)
-    name = case_id(model, time_of_day, weather, point)
     if len(name) > ID_CHARS_MAX:
         problem = f"case '{name[:40]}...' would have a name of {len(name)} characters, at most"
         mistakes.append(Mistake(where, f"{problem} {ID_CHARS_MAX} are allowed; shorten its values"))
@@ -164,6 +295,7 @@ def _point(
         autonomy=autonomy,
         parameters=parameters_of(point),
         objects=objects,
+        row=row.row if row else "",
     )
     return found_point, []
 

@@ -123,6 +123,7 @@ class Script:
             "yaw_rate_radps": (float, ()),
             "brake": (np.float32, ()),
             "lamps": (np.float32, ()),
+            "lights": (np.int32, ()),
         }
         values = {}
         for name, (dtype, inner) in shapes.items():

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import atexit
 import os
+import shutil
 import subprocess
 import sys
+import tempfile
 import tomllib
 import zipfile
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -23,12 +27,22 @@ def install_example(folder: Path) -> tuple[Path, dict[str, str]]:
         where it lies, and the environment in which it is found.
     """
     site = folder / "site"
+    shutil.copytree(_installed(), site)
+    path = os.pathsep.join([str(site), str(ROOT)])
+    return site, {**os.environ, "PYTHONPATH": path, "DRIVETWIN_HOME": str(folder / "home")}
+
+
+@cache
+def _installed() -> Path:
+    """The example as pip installs it, once for this process: pip takes a second."""
+    folder = Path(tempfile.mkdtemp(prefix="plugin-example-"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    site = folder / "site"
     command = [sys.executable, "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
     command += ["--no-deps", "--no-index", "--target", str(site), str(_wheel(folder))]
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    path = os.pathsep.join([str(site), str(ROOT)])
-    return site, {**os.environ, "PYTHONPATH": path, "DRIVETWIN_HOME": str(folder / "home")}
+    return site
 
 
 def beside(folder: Path, version: str) -> dict[str, str]:

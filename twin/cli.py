@@ -198,6 +198,15 @@ def judge(
     raise typer.Exit(judge_folder(folder, attempt or [], as_json=output is Output.json))
 
 
+ScenarioOption = Annotated[
+    str,
+    typer.Option(
+        help="Scenario file, or a shipped scenario, instead of a scene; all: every shipped one, "
+        "shortly before its ego would touch somebody."
+    ),
+]
+
+
 @app.command()
 def snapshot(
     out: Annotated[Path, typer.Option(help="File to write, .png or .jpg.")] = Path("snapshot.png"),
@@ -215,9 +224,7 @@ def snapshot(
             "cloud, fog, rain, snow and wind from 0 to 1, as in sleet:rain=0.4,snow=0.3."
         ),
     ] = None,
-    family: Annotated[
-        str, typer.Option(help="Weather family: physical or autodrive.")
-    ] = "physical",
+    family: Annotated[str, typer.Option(help="Weather: physical or autodrive.")] = "physical",
     sun: Annotated[str, typer.Option(help="almanac, or autodrive: overhead at noon.")] = "almanac",
     date: Annotated[str, typer.Option(help="Day of sun and moon, YYYY-MM-DD.")] = "2025-03-20",
     ev100: Annotated[
@@ -225,22 +232,24 @@ def snapshot(
     ] = None,
     scene: Annotated[str, typer.Option(help="Shipped scene, or a scene file.")] = "downtown",
     road: Annotated[str, typer.Option(help="OpenDRIVE file instead of a scene.")] = "",
-    scenario: Annotated[
-        str, typer.Option(help="Scenario file, or a shipped scenario, instead of a scene.")
-    ] = "",
+    scenario: ScenarioOption = "",
     at_s: Annotated[
-        float, typer.Option(min=0.0, max=3600.0, help="Time of the scenario [s].")
-    ] = 0.0,
+        float | None,
+        typer.Option(min=0.0, max=3600.0, help="Time of the scenario [s]; default: its beginning."),
+    ] = None,
     vehicle: Annotated[str, typer.Option(help="Shipped vehicle, or a vehicle file.")] = "opencav",
     distance: Annotated[float, typer.Option(help="Distance to the obstacle [m].")] = 25.0,
     at_m: Annotated[
-        float | None,
-        typer.Option(help="Stand so far along the lane instead, from the road's start [m]."),
+        float | None, typer.Option(help="Stand so far along the lane instead [m].")
     ] = None,
     width: Annotated[int, typer.Option(help="Width of one picture [px].")] = 320,
     device: Device = "cpu",
 ) -> None:
-    """Render the street in several weathers and hours as one contact sheet."""
+    """Render a street, road or scenario in several weathers and hours as one contact sheet.
+
+    `twin snapshot --scenario my-cut-in.yaml --at-s 6 --weather clear --time 12:00 --width 960` is
+    one picture of what the ego sees then, if nobody drives it otherwise.
+    """
     from twin.snapshot import SheetRequest, write_sheet
 
     request = SheetRequest(

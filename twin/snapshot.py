@@ -7,7 +7,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -29,6 +29,7 @@ from twin.render.trace.geometry import Geometry
 from twin.road.opendrive.records import DRIVEN_TYPES
 from twin.road.opendrive.road_frame import RoadPose
 from twin.scenario import families
+from twin.scenario.storyboard.native.document import shipped_scenarios
 from twin.scenario.surroundings import place_before
 from twin.vehicle.columns import COLUMN, TELEMETRY, columns
 from twin.vehicle.vehicle_file import load_vehicle
@@ -36,6 +37,7 @@ from twin.world.kernel_cache import prepare_kernels
 from twin.world.road_scene import road_map
 from twin.world.scene import Scene, load_scene
 from twin.world.sky.environment import light_of, wind_towards
+from twin.world.sky.scripted import ScriptedEnvironment
 from twin.world.sky.sun import Daylight
 from twin.world.sky.weather import WeatherParameters, weather_of
 from twin.world.street.build import World, build_world
@@ -43,9 +45,14 @@ from twin.world.street.build import World, build_world
 HOURS = ("00:00", "06:05", "06:50", "09:00", "12:00", "16:00", "18:25", "18:58")
 """Local times of the usual sheet: night, dawn, sunrise, day, sunset and dusk of an equinox."""
 
+ALL = "all"
+"""Stands for all shipped scenarios."""
+
 _PLAIN = Environment()
 _ENCODING = {".png": [], ".jpg": [cv2.IMWRITE_JPEG_QUALITY, 88]}
 _LABEL_PX = 22
+_COLUMNS = 3
+"""Pictures of scenarios in a row."""
 _NIGHT_BELOW_LX = 1000.0
 _INTO_ROAD_M = 20.0
 
@@ -95,9 +102,7 @@ def contact_sheet(
         ValueError: unknown weather, scene, vehicle or device; one line.
         OSError: the file cannot be written.
     """
-    suffix = Path(path).suffix.lower()
-    if suffix not in _ENCODING:
-        raise ValueError(f"snapshot: {path}: give a file that ends in {' or '.join(_ENCODING)}")
+    _suffix(path)
     found = {n: weather_of(n, environment.family, environment.custom) for n in weathers}
     camera = camera or Camera(width=320, height=180)
     street: _Street
@@ -113,13 +118,68 @@ def contact_sheet(
     for time in times:
         pictures = []
         for name, weather in found.items():
-            light = light_of(environment, street.place, minutes(time), weather)
-            toward = wind_towards(environment, street.place)
-            lamps = lights or usual_lights(name, light.illuminance_lx)
+            seen = street.conditions(environment, minutes(time), weather)
+            lamps = lights or usual_lights(name, seen.light.illuminance_lx)
             key = stream_key(0, f"{time}-{name}", f"camera/{camera.name}")
-            picture = street.picture(light, weather, toward, lamps, key)
+            picture = street.picture(seen, lamps, key)
             pictures.append(_labelled(picture, f"{time}  {name.replace('_', ' ')}"))
         rows.append(np.hstack(pictures))
+    _write(path, rows)
+
+
+def scenario_sheet(
+    path: str | Path,
+    environment: Environment,
+    request: SheetRequest,
+    times: Sequence[str],
+    camera: Camera,
+) -> None:
+    """Render every shipped scenario as its ego sees it at its critical moment
+    (:func:`twin.play.critical_moment.critical_moment_s`), three in a row, and write it to ``path``.
+
+    Args:
+        path: file to write, ``.png`` or ``.jpg``.
+        environment: date, sun, exposure and weathers.
+        request: its first weather counts, by default ``clear``; and its vehicle and device.
+        times: local times ``HH:MM``; the first counts.
+        camera: size and field of view of one picture.
+
+    Raises:
+        ValueError: ``at_s`` is set, or something unknown; one line.
+        OSError: the file cannot be written.
+    """
+    from twin.play.critical_moment import critical_moment_s
+
+    if request.at_s is not None:
+        raise ValueError(f"snapshot: at-s: --scenario {ALL} shows the critical moment of each")
+    _suffix(path)
+    name = (request.weathers or ("clear",))[0]
+    weather = weather_of(name, environment.family, environment.custom)
+    pictures = []
+    for scenario in shipped_scenarios():
+        at_s = critical_moment_s(scenario)
+        street = _Moment(scenario, at_s, request.vehicle, camera, request.device)
+        street.stand(0.0, None)
+        light = light_of(environment, street.place, minutes(times[0]), weather)
+        toward = wind_towards(environment, street.place)
+        lamps = usual_lights(name, light.illuminance_lx)
+        key = stream_key(0, scenario, f"camera/{camera.name}")
+        picture = street.picture(light, weather, toward, lamps, key)
+        pictures.append(_labelled(picture, f"{scenario}, {at_s:.1f} s"))
+    blank = np.zeros_like(pictures[0])
+    pictures += [blank] * (-len(pictures) % _COLUMNS)
+    _write(path, [np.hstack(pictures[k : k + _COLUMNS]) for k in range(0, len(pictures), _COLUMNS)])
+
+
+def _suffix(path: str | Path) -> str:
+    suffix = Path(path).suffix.lower()
+    if suffix not in _ENCODING:
+        raise ValueError(f"snapshot: {path}: give a file that ends in {' or '.join(_ENCODING)}")
+    return suffix
+
+
+def _write(path: str | Path, rows: Sequence[np.ndarray]) -> None:
+    suffix = _suffix(path)
     sheet = cv2.cvtColor(np.vstack(rows), cv2.COLOR_RGB2BGR)
     done, data = cv2.imencode(suffix, sheet, _ENCODING[suffix])
     if not done:
@@ -139,9 +199,11 @@ class SheetRequest:
     """Further keys of :class:`schemas.sections.environment.Environment`."""
     scene: str = "downtown"
     road: str = ""
-    scenario: str = ""
-    at_s: float = 0.0
     """An OpenDRIVE file instead of a scene."""
+    scenario: str = ""
+    """A scenario instead of a scene; :data:`ALL`: a sheet of all that are shipped."""
+    at_s: float | None = None
+    """None: of one scenario its beginning, of all the critical moment of each."""
     vehicle: str = "opencav"
     distance_m: float = 25.0
     at_m: float | None = None
@@ -164,10 +226,14 @@ def write_sheet(path: str | Path, request: SheetRequest) -> None:
     size, wrong = convert_all(
         {"width": request.width_px, "height": request.width_px * 9 // 16}, Camera
     )
-    times, late = convert_all(list(request.times or HOURS), list[TimeOfDay])
+    hours = ("12:00",) if request.scenario == ALL else HOURS
+    times, late = convert_all(list(request.times or hours), list[TimeOfDay])
     mistakes = [*mistakes, *wrong, *(Mistake(f"time{m.path}", m.message) for m in late)]
     if environment is None or size is None or times is None or mistakes:
         raise ValueError(mistakes[0].line("snapshot"))
+    if request.scenario == ALL:
+        scenario_sheet(path, environment, request, times, size)
+        return
     contact_sheet(
         path,
         request.weathers or environment.weathers(),
@@ -179,7 +245,7 @@ def write_sheet(path: str | Path, request: SheetRequest) -> None:
         scene=request.scene,
         road=request.road,
         scenario=request.scenario,
-        at_s=request.at_s,
+        at_s=request.at_s or 0.0,
         vehicle=request.vehicle,
         device=request.device,
     )
@@ -200,8 +266,19 @@ def _custom(text: str) -> tuple[str, dict[str, Any]]:
     return name, values
 
 
+class _Conditions(NamedTuple):
+    """What a picture is taken in."""
+
+    light: Daylight
+    weather: WeatherParameters
+    wind_towards: tuple[float, float]
+
+
 class _Street:
     """One camera behind a windscreen, in a street."""
+
+    said: ScriptedEnvironment | None = None
+    """What a scenario says of weather and light, in place of the sheet's."""
 
     def __init__(
         self, target: Scene, world: World, vehicle: str, camera: Camera, device: str
@@ -252,18 +329,23 @@ class _Street:
         state[0, columns("orientation")] = _quaternion(*(float(angle) for angle in pose[3:]))
         self._pose = wp.array(state, dtype=wp.float64, device=self._pose.device)
 
-    def picture(
-        self,
-        light: Daylight,
-        weather: WeatherParameters,
-        toward: tuple[float, float],
-        lamps: Lights,
-        key: int,
-    ) -> np.ndarray:
+    def conditions(
+        self, environment: Environment, minute: float, weather: WeatherParameters
+    ) -> _Conditions:
+        """A weather at a local time [minutes after midnight], or what a scenario has said since."""
+        said, toward = self.said, None
+        if said is not None:
+            weather = said.on_road(said.weather(weather, environment.family))
+            minute = minute if said.minute is None else said.minute
+            toward = said.wind_towards
+        light = light_of(environment, self.place, minute, weather, said)
+        return _Conditions(light, weather, toward or wind_towards(environment, self.place))
+
+    def picture(self, seen: _Conditions, lamps: Lights, key: int) -> np.ndarray:
         """uint8 [H, W, 3], valid until the next."""
         row = self._eye.lights.host[0]
-        fill_light(row, light, weather, toward)
-        fill_sky(self._eye.sky_table.host[0], light)
+        fill_light(row, *seen)
+        fill_sky(self._eye.sky_table.host[0], seen.light)
         self._eye.sky_stale = True
         switch_lamps(row, lamps)
         row["active"], row["hazard"], row["noise"], row["key"] = 1, 1.0, self._noise, key
@@ -312,6 +394,7 @@ class _Moment(_Street):
         assert self._motion is not None
         self._motion.begin(0, self._case)
         ego = self._motion.alone(0, self._at_s)
+        self.said = self._motion.environment(0)
         self._geometry.place(self._motion.at(np.array([self._at_s])))
         x, y, z, heading, _ = ego
         zero = np.zeros(())

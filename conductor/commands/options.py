@@ -63,6 +63,21 @@ OneCase = Annotated[str, typer.Option(help="Only this case; choose another --out
 FirstCases = Annotated[
     int | None, typer.Option(min=1, help="Only so many, the first; choose another --out.")
 ]
+Rows = Annotated[
+    str,
+    typer.Option(
+        help="Only these rows of its rulebook: names of rows, groups or tests, with commas "
+        "between; choose another --out for them."
+    ),
+]
+Quick = Annotated[
+    bool,
+    typer.Option(
+        "--quick",
+        help="Only the first and the last point of each row of its rulebook, once each: the "
+        "easiest and the hardest; choose another --out for them.",
+    ),
+]
 RecordDrive = Annotated[
     bool,
     typer.Option(

@@ -475,7 +475,9 @@ def count_outcomes(outcomes: Outcomes) -> dict[str, int]:
         "cases": len(outcomes.cases),
         "committed": sum(row.outcome in ("verdict", "failed") for row in rows),
         "passed": sum(row.passed for row in rows),
-        "no_collision": sum(no_collision(row.outcome, row.verdict) is True for row in rows),
+        "no_collision": sum(
+            no_collision(row.outcome, row.verdict, row.scalars) is True for row in rows
+        ),
         "failed": sum(row.outcome in ("verdict", "failed") and not row.passed for row in rows),
         "unresolved": sum(row.outcome == "unresolved" for row in rows),
         "cancelled": sum(row.outcome == "cancelled" for row in rows),

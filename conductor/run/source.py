@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import importlib.util
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import msgspec
+from msgspec import UNSET
 
 from conductor.run.stack_check import stack_mistakes
 from conductor.run.twin_check import twin_mistakes
@@ -103,10 +105,8 @@ def _identity(campaign: Campaign, shown: str) -> StackIdentity:
     driven = driver(autonomy)
     named = Named(driven["stack"], driven.get("foreign"), autonomy.files)
     prefix = "autonomy.parameters."
-    points = [{axis: value} for axis, values in campaign.matrix.items() for value in values]
-    points += campaign.cases
     parameters = list(autonomy.parameters.values())
-    parameters += [v for point in points for axis, v in point.items() if axis.startswith(prefix)]
+    parameters += [value for axis, value in _axis_values(campaign) if axis.startswith(prefix)]
     try:
         identity = find_stack(named).identity
         return msgspec.structs.replace(identity, named=named_files(parameters))
@@ -115,14 +115,27 @@ def _identity(campaign: Campaign, shown: str) -> StackIdentity:
         raise UsageError(Mistake(f"autonomy.{key}", str(error)).line(shown)) from None
 
 
+def _axis_values(campaign: Campaign) -> Iterator[tuple[str, Any]]:
+    """Every value that matrix, cases and rulebook give an axis."""
+    for axis, values in campaign.matrix.items():
+        yield from ((axis, value) for value in values)
+    for point in campaign.cases:
+        yield from point.items()
+    if campaign.rulebook is not UNSET:
+        file_axis = f"scenario.{kind_of(campaign.scenario).brings_scene}"
+        for row in campaign.rulebook.rows:
+            yield from row.conditions.items()
+            if row.storyboard:
+                yield file_axis, row.storyboard
+
+
 def _digests(campaign: Campaign) -> dict[str, str]:
     """SHA-256 of every scene, vehicle, scenario and model file that the campaign names by path."""
     named = set()
     for field in ("scene", "vehicle", *kind_of(campaign.scenario).files):
         axis = f"scenario.{field}"
         named.add(getattr(campaign.scenario, field))
-        named.update(str(value) for value in campaign.matrix.get(axis, ()))
-        named.update(str(point[axis]) for point in campaign.cases if axis in point)
+        named.update(str(value) for other, value in _axis_values(campaign) if other == axis)
     paths = [name for name in sorted(named) if is_path(name) and Path(name).is_file()]
     variants = campaign.autonomy.perception.values()
     models = {name for variant in variants for name in file_fields(variant).values()}
@@ -149,6 +162,34 @@ def only_case(plan: Plan, case: str) -> Plan:
             "`conductor validate FILE --output json` lists them"
         )
     return chosen
+
+
+def of_rows(plan: Plan, rows: str, *, quick: bool) -> Plan:
+    """The plan with the rows of its rulebook that ``rows`` names, with commas between; of them only
+    the first and the last point, if ``quick``. Without either, the plan as it is.
+
+    Raises:
+        UsageError: it has no rulebook, or no row that is called so.
+    """
+    option = "--rows" if rows else "--quick"
+    try:
+        if rows:
+            plan = plan.rows(rows.split(","))
+        return plan.quick() if quick else plan
+    except ValueError as error:
+        raise UsageError(f"{option}: {error}") from None
+
+
+def chosen(plan: Plan, case: str, cases: int | None, rows: str, *, quick: bool) -> Plan:
+    """The plan with the cases that options of a command choose.
+
+    Raises:
+        UsageError: there are none.
+    """
+    plan = of_rows(plan, rows, quick=quick)
+    if case:
+        plan = only_case(plan, case)
+    return plan if cases is None else plan.first(cases)
 
 
 def with_drive(plan: Plan) -> Plan:

@@ -56,6 +56,7 @@ def twin_mistakes(plan: Plan) -> list[Mistake]:
         is_path(c.rig.scene)
         or is_path(c.rig.vehicle)
         or c.variation.objects
+        or c.variation.scenario.load_kg is not msgspec.UNSET
         or kind_of(c.variation.scenario).checks
         for c in cases
     ):
@@ -112,6 +113,7 @@ def _identity(cases: Sequence[Case], kinds: Sequence[ForeignKind]) -> str:
         parts = _checked(checked)
         content = {name: asset_digest(Path(name)) if is_path(name) else name for name in scenes}
         cars = sorted(asset_digest(Path(name)) for name in vehicles)
+        cars += sorted({_load(case) for case in cases})
         parts += [software_digest(), *cars, *(_code(kinds) if kinds else ())]
     except (OSError, YamlError, UsageError):
         return ""
@@ -129,6 +131,12 @@ def _checked(cases: Sequence[Case]) -> list[str]:
         for case in cases
     }
     return [*content, *sorted(rigs)]
+
+
+def _load(case: Case) -> str:
+    """What a vehicle carries in a case."""
+    names = ("load_kg", "load_x_m", "load_y_m", "load_z_m")
+    return " ".join([case.rig.vehicle, *(repr(getattr(_scenario(case), name)) for name in names)])
 
 
 def _scenario(case: Case) -> Scenario:

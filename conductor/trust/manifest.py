@@ -24,6 +24,7 @@ from schemas.escape import escape
 from schemas.files.json_text import JsonError, decode_json
 from schemas.files.regular_file import read_regular
 from schemas.files.resources import PARTS_FOLDER
+from schemas.files.rulebook_result import FILE_NAME as RULEBOOK_FILE
 from twin.base.errors import InfrastructureError, storage_error
 from twin.base.files import write_atomic
 from twin.fabric.discovery import FILE_NAME as CONDUCTOR_FILE
@@ -37,7 +38,7 @@ MANIFEST_BYTES_MAX = 1 << 30
 DERIVED = frozenset(
     {
         *("report.html", "summary.csv", "summary.parquet", "resources.parquet"),
-        *("plots", ".report"),
+        *(RULEBOOK_FILE, "plots", ".report"),
     }
 )
 """Files and folders in a run folder that are made of the others, by their first name."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated, Literal, NamedTuple
 
 from msgspec import Meta, Struct
@@ -58,6 +58,9 @@ class Planner(Struct, frozen=True, forbid_unknown_fields=True):
     ttc_max_s: Annotated[float, Meta(gt=0, le=60)] = 3.5
     """Time to collision that triggers [s], above 0 to 60; objects are taken to stand. A stop
     from 8 m/s on packed snow (friction 0.2) takes 2.0 s of it, reaction and bonnet the rest."""
+    warning_ttc_s: Annotated[float, Meta(ge=0, le=60)] = 0.0
+    """Time to collision from which on the driver is warned [s], 0 to 60; never later than the first
+    frame that shows a threat."""
     frames_min: Annotated[int, Meta(ge=1, le=100)] = 2
     """Frames that must agree of the last ``frames_window``, 1 to 100: a flash of one
     frame does not brake, a miss of one frame does not start the count again."""
@@ -90,6 +93,8 @@ class Cruise:
     """The car drives; ``recent``: whether the last camera frames showed a threat, newest last."""
 
     recent: tuple[bool, ...] = ()
+    warns: bool = field(default=False, compare=False)
+    """Whether the last frame showed something within the warning time; decides nothing else."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,6 +128,13 @@ class DrivePlan:
     trigger: int | None = None
     """Place of the detection that triggers it, in the tick in which it does; None: no trigger in
     this tick."""
+    warns: bool = False
+    """Something is within the warning time."""
+
+    @property
+    def warning(self) -> bool:
+        """The driver is warned."""
+        return self.aeb or self.warns
 
 
 def plan(
@@ -146,7 +158,8 @@ def plan(
     """
     state, trigger = _next_state(state, detections, speed_mps, view, planner, curvature_per_m)
     if isinstance(state, Cruise) or (isinstance(state, React) and not state.aeb):
-        return state, DrivePlan(planner.cruise_speed_mps, aeb=False)
+        warns = isinstance(state, Cruise) and state.warns
+        return state, DrivePlan(planner.cruise_speed_mps, aeb=False, warns=warns)
     return state, DrivePlan(0.0, aeb=True, trigger=trigger)
 
 
@@ -172,9 +185,11 @@ def _next_state(
         return state, None
     ahead = nearest(detections, view, planner, curvature_per_m)
     threat = ahead is not None and ahead.ahead_m <= planner.ttc_max_s * speed_mps
+    early_s = max(planner.warning_ttc_s, planner.ttc_max_s)
+    warns = ahead is not None and ahead.ahead_m <= early_s * speed_mps
     recent = (*state.recent, threat)[-planner.frames_window :]
     if sum(recent) < planner.frames_min:
-        return Cruise(recent), None
+        return Cruise(recent, warns), None
     # The window was not full a frame ago, so this frame's object has filled it.
     return Brake(), ahead.place if ahead else None
 

@@ -16,8 +16,8 @@ NUMBERS = ("throttle", "brake", "steering_rad", "handbrake")
 """Fields whose difference is that of two numbers."""
 
 FIELDS = (*NUMBERS, "reverse", "pose", "aeb", "lights", "detections", "sensors")
-"""All fields that are compared; slot, token and tick say which attempt it was, and ``trigger``
-marks a box in pictures."""
+"""All fields that are compared; slot, token and tick say which attempt it was, ``trigger`` marks a
+box in pictures, and records of earlier versions have no ``warning``."""
 
 TOLERANT = (*NUMBERS, "pose", "detections")
 """Fields that may have a tolerance."""

@@ -70,6 +70,8 @@ class JudgeRecord(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True)
     """Hulls of the scenario's further targets, like ``target``."""
     hit: HitRecord | None = None
     """First thing that was hit; None: nothing, or the case failed."""
+    target_name: str = ""
+    """Name of the target, where a trial is about one; its hull is that at the start."""
     events: list[str] = []
     """Names of what may happen in the case; columns of events count them from 1."""
 

@@ -134,6 +134,9 @@ class ScenarioKind:
     """``module:attribute`` of a function that says which scene it is: config -> name or path."""
     numbers: str = ""
     """Key with numbers of the file by name, which axes of a matrix set as ``FAMILY.NAME``."""
+    trial: str = ""
+    """Key with the :class:`schemas.sections.trial.Trial` of a run, which rows of a rulebook set;
+    empty: the family knows none."""
     motion: str = ""
     """``module:attribute`` of its :class:`twin.scenario.case_motion.CaseMotionMaker`, if its cases
     bring bodies that move; empty: what moves stands in the scene."""
@@ -190,6 +193,7 @@ def scenario_kinds() -> Kinds[ScenarioKind]:
     """All scenario families, the shipped ones first."""
     kinds = read_kinds(GROUP, ScenarioKind, OURS)
     taken = {"type", "scene", "vehicle", "ego_speed_mps", "duration_s", "standstill_s"}
+    taken |= {"load_kg", "load_x_m", "load_y_m", "load_z_m"}
     broken, good = dict(kinds.broken), []
     for kind in kinds.declared:
         if mistake := _mistake(kind, taken):
@@ -222,6 +226,13 @@ def kind_of(scenario: NamesFamily) -> ScenarioKind:
     return _by_name()[scenario.type]
 
 
+def trial_of(scenario: NamesFamily) -> Any:
+    """The :class:`schemas.sections.trial.Trial` of a scenario's runs; None: it has none."""
+    key = kind_of(scenario).trial
+    trial = getattr(scenario, key) if key else UNSET
+    return None if trial is UNSET else trial
+
+
 @cache
 def _by_name() -> dict[str, ScenarioKind]:
     return {kind.name: kind for kind in scenario_kinds().declared}
@@ -235,3 +246,9 @@ def verdict_kinds() -> tuple[VerdictKind, ...]:
         for verdict in kind.verdicts:
             words.setdefault(verdict.name, verdict)
     return tuple(words.values())
+
+
+@cache
+def passing_words() -> frozenset[str]:
+    """Verdict words with which a case has passed."""
+    return frozenset(verdict.name for verdict in verdict_kinds() if verdict.passes)

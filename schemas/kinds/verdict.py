@@ -21,10 +21,14 @@ class VerdictKind:
     """One character that says it without colour."""
     mark: str = ""
     """Mark in pictures of maps, whose fonts have letters alone."""
+    passes: bool = False
+    """Whether a case with it has passed."""
+    conclusive: bool = True
+    """Whether it counts where shares of failed runs are looked at."""
 
 
 VERDICTS = (
-    VerdictKind(name="pass", tone="good", rank=9, color="#0072B2", symbol="✓"),
+    VerdictKind(name="pass", tone="good", rank=9, color="#0072B2", symbol="✓", passes=True),
     VerdictKind(
         name="false_braking", tone="doubtful", rank=8, color="#E69F00", symbol="◐", mark="!"
     ),
@@ -33,3 +37,21 @@ VERDICTS = (
     VerdictKind(name="time_up", tone="doubtful", rank=7, color="#56B4E9", symbol="◷", mark="T"),
 )
 """Verdicts of the shipped scenarios, in the order of reports."""
+
+TRIAL_VERDICTS = (
+    VerdictKind(name="avoided", tone="good", rank=10, color="#00598A", symbol="○", passes=True),
+    VerdictKind(name="mitigated", tone="bad", rank=5, color="#F0C419", symbol="◑", mark="m"),
+    VerdictKind(name="not_mitigated", tone="bad", rank=2, color="#A63A00", symbol="●", mark="N"),
+    VerdictKind(name="fail", tone="bad", rank=3, color="#B5473C", symbol="✗", mark="x"),
+    VerdictKind(name="false_reaction", tone="bad", rank=4, color="#8A6200", symbol="↯", mark="R"),
+    VerdictKind(
+        name="inconclusive",
+        tone="doubtful",
+        rank=6,
+        color="#9AA7B8",
+        symbol="∅",
+        mark="i",
+        conclusive=False,
+    ),
+)
+"""Verdicts of trials (:class:`schemas.sections.trial.Trial`), beside ``pass``."""

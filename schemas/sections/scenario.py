@@ -40,6 +40,16 @@ class _Common(Struct, frozen=True):
     """Longest sim time of a case [s]."""
     standstill_s: Annotated[float, Meta(ge=0, le=60)] = 2.0
     """The case ends this long after the ego has come to rest [s]."""
+    # In no message that does not set them, as keys of families.
+    load_kg: Annotated[float, Meta(ge=0, le=100_000)] | UnsetType = UNSET
+    """Load of the ego beside the mass in its vehicle file: its mass, centre of gravity and inertia
+    change, its springs and brakes do not [kg]."""
+    load_x_m: Annotated[float, Meta(ge=-20, le=40)] | UnsetType = UNSET
+    """Place of the load ahead of the rear axle; not given: 1 [m]."""
+    load_y_m: Annotated[float, Meta(ge=-5, le=5)] | UnsetType = UNSET
+    """Place of the load to the left of the middle; not given: 0 [m]."""
+    load_z_m: Annotated[float, Meta(ge=0, le=10)] | UnsetType = UNSET
+    """Height of the load above the ground; not given: 0.7 [m]."""
 
 
 _FIRST = (

@@ -86,7 +86,10 @@ class Resume(_Action, frozen=True, tag="resume"):
 
 
 class MoveObject(_Action, frozen=True, tag="move"):
-    """Take an object off its script: from a place straight ahead at a speed."""
+    """Take an object off its script: from a place straight ahead at a speed.
+
+    A body of a storyboard that is on a road keeps to its height, whatever ``z_m`` says.
+    """
 
     object: Annotated[int, Meta(ge=0)]
     x_m: Metres
@@ -114,7 +117,7 @@ class RemoveObject(_Action, frozen=True, tag="remove"):
 
 
 class FreeObject(_Action, frozen=True, tag="free"):
-    """Give an object back to its script."""
+    """Give an object back to its script; a body of a storyboard goes on from where it is."""
 
     object: Annotated[int, Meta(ge=0)]
 
@@ -197,7 +200,7 @@ class ControlRequest(Struct, frozen=True):
 
 
 class ObjectState(Struct, frozen=True, array_like=True):
-    """A movable object of the scene."""
+    """A movable object of the scene, or a body of the scenario."""
 
     object: int
     kind: str
@@ -207,6 +210,8 @@ class ObjectState(Struct, frozen=True, array_like=True):
     yaw_rad: float
     by_hand: bool
     """Whether it is off its script."""
+    name: str = ""
+    """Name of the object in its scene or scenario."""
 
 
 class InterventionState(Struct, frozen=True):

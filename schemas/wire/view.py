@@ -73,6 +73,8 @@ class Stage(Struct, frozen=True):
     """Everything else one can hit: world x, y, yaw [rad], half length, half width; cars first."""
     cars: int = 0
     """How many of the hulls are parked cars."""
+    lane_z_m: list[float] = []
+    """Height of each place of the lane; empty: all are at 0."""
 
 
 class CaseStart(Struct, frozen=True):

@@ -10,8 +10,8 @@ import subprocess
 import sys
 import tempfile
 import uuid
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO
 
@@ -160,6 +160,20 @@ def nothing_left(marked: Marked) -> Iterator[None]:
     assert not left, left  # the list is what a log shows
     # Others on this machine may share memory as well, for a while.
     wait_for(lambda: _shared() <= before, f"the end of {_shared() - before} in /dev/shm")
+
+
+@contextmanager
+def suspended(processes: Sequence[psutil.Process]) -> Iterator[None]:
+    """Processes stand still during the block; those that end meanwhile are left alone."""
+    for process in processes:
+        with suppress(psutil.NoSuchProcess):
+            process.suspend()
+    try:
+        yield
+    finally:
+        for process in processes:
+            with suppress(psutil.NoSuchProcess):
+                process.resume()
 
 
 def interrupt(process: subprocess.Popen[str]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 
 _LANES = "".join(
@@ -193,6 +194,26 @@ def scenario(a: str, b: str, events: str, others: str = "") -> str:
     )
 
 
+_COUPLED = '<Trailer><TrailerRef entityRef="B"/></Trailer>'
+
+
+def towing(events: str, start: str, coupled: str = _COUPLED) -> str:
+    """Truck A with a trailer B, which esmini wants to know first."""
+    cars = car("A"), car("B")
+    text = scenario(start, teleport(lane(7)), events).replace('revMinor="2"', 'revMinor="3"')
+    if coupled:
+        text = re.sub('<Private entityRef="B">.*?</Private>', "", text)
+    coupler = '<TrailerCoupler dx="4.5"/>'
+    trailer = cars[1].replace('"car"', '"trailer"').replace("</Vehicle>", f"{coupler}</Vehicle>")
+    hitch = f'<TrailerHitch dx="-1.2"/>{coupled}</Vehicle>'
+    return text.replace("".join(cars), trailer + cars[0].replace("</Vehicle>", hitch))
+
+
+def trailer_action(inner: str) -> str:
+    """Couple, or let go of, a trailer."""
+    return private(f"<TrailerAction>{inner}</TrailerAction>")
+
+
 A = teleport(lane(5)) + speed(10)
 B = teleport(lane(120, -3)) + speed(12)
 IN_THE_ARC = teleport(lane(520)) + speed(15)
@@ -221,6 +242,7 @@ def small_scenarios() -> Iterator[tuple[str, str]]:
         yield name, scenario(A, teleport(lane(80)), waiting + faster + slower)
     for name, events in _events():
         yield name, scenario(A, B, events)
+    yield from _trains()
 
 
 def _places() -> Iterator[tuple[str, str, str]]:
@@ -305,6 +327,15 @@ def _conditions() -> Iterator[tuple[str, str]]:
     reached = f'<ReachPositionCondition tolerance="2.03">{lane(55)}</ReachPositionCondition>'
     yield "reached", by_entity(reached)
     yield "acceleration", by_entity('<AccelerationCondition value="2" rule="greaterThan"/>')
+    for lanes, others in (("0", ""), ("0", '<EntityRef entityRef="B"/>'), ("1", "")):
+        # Free until B is near; a lane that is always free never stops being so.
+        clear = (
+            '<RelativeClearanceCondition distanceForward="40.05" distanceBackward="10" '
+            f'freeSpace="false" oppositeLanes="false"><RelativeLaneRange from="{lanes}" '
+            f'to="{lanes}"/>{others}</RelativeClearanceCondition>'
+        )
+        yield f"lane {lanes} free of {'B' if others else 'all'}", by_entity(clear, "falling")
+        yield f"lane {lanes} is free of {'B' if others else 'all'}", by_entity(clear)
     for freespace in ("true", "false"):
         gap = f'freespace="{freespace}" rule="lessThan"'
         along = 'coordinateSystem="road" relativeDistanceType="longitudinal"'
@@ -347,3 +378,14 @@ def _events() -> Iterator[tuple[str, str]]:
             + event("g", speed(16), state("action", "f action", "endTransition"))
         ),
     )
+
+
+def _trains() -> Iterator[tuple[str, str]]:
+    change = event("e", lane_change(-3, "sinusoidal", "time", 3), after(1))
+    yield "train changes lanes", towing(change, A)
+    yield "train drives into the arc", towing(change, teleport(lane(450)) + speed(15))
+    yield "train is put elsewhere", towing(event("e", teleport(lane(520)), after(4)), A)
+    coupling = trailer_action('<ConnectTrailerAction trailerRef="B"/>')
+    letting_go = trailer_action("<DisconnectTrailerAction/>")
+    events = event("e", coupling, after(1)) + event("f", letting_go, after(6))
+    yield "trailer is coupled and let go", towing(events, A, "")

@@ -8,7 +8,7 @@ import shutil
 
 import pytest
 import slurm_cluster
-from processes import committed, outcomes
+from processes import committed, outcomes, suspended
 from slurm_job import Job
 
 MISSING = slurm_cluster.missing() or (
@@ -26,8 +26,12 @@ def test_submitted_again(marked, cluster, quiet, tmp_path):
     assert job.said["scheduler"] == "pbs"
     assert cluster.call("qstat", job.id).stdout
     job.wait(lambda: committed(job.out) >= 1, "a case")
-    # The wrapper has no qsig.
-    cluster.call("scancel", "--batch", "--signal=USR2", job.id)
+    # However long the signal takes to arrive on a busy machine, cases are left then.
+    simulators = marked.processes("sim")
+    with suspended(simulators):
+        # The wrapper has no qsig.
+        cluster.call("scancel", "--batch", "--signal=USR2", job.id)
+        job.wait(lambda: "asked to drain" in logs(job), "a worker that is asked to drain")
     first = job.end()
     assert first["ExitCode"] == "75:0", logs(job)
     scheduler, job.id = (job.out / "job.id").read_text().split()

@@ -8,7 +8,7 @@ import sys
 import pytest
 import slurm_cluster
 from namespaces import hosts_in_a_row
-from processes import MARK, keys_of, outcomes, wait_for
+from processes import MARK, committed, keys_of, outcomes, suspended, wait_for
 from slurm_cluster import SlurmCluster
 
 from conductor.records.fingerprint import fingerprint
@@ -17,7 +17,8 @@ from twin.fabric.discovery import find_conductor
 OTHER_DISK = ("sh", "-c", 'mount -t tmpfs none "$0" && exec "$@"')
 """Run a command that sees an empty disk in place of a folder (namespaces of ``ip netns exec``)."""
 
-
+SLOTS = 2
+"""Of each worker."""
 JOB_A = """\
 #!/bin/bash
 #SBATCH --ntasks=1 --output=a.out
@@ -68,6 +69,24 @@ def relaying(marked, listen, state, prefix=()):
     return relay, line.split()[-1]
 
 
+def both_have_a_share(marked, campaign, in_b):
+    """Let B commit a case while A's simulators stand still, then A one while B's do.
+
+    How soon a worker starts, or finds its way back, is a matter of the machine: without this, one
+    of them may have done all 16 cases before the other has done its first.
+    """
+    in_a = wait_for(
+        lambda: [process for process in marked.processes("sim") if process not in in_b],
+        "a simulator in A",
+    )
+    with suspended(in_a):
+        before = committed(campaign)
+        wait_for(lambda: committed(campaign) > before, "a case of B")
+    with suspended([process for process in marked.processes("sim") if process not in in_a]):
+        most = committed(campaign) + SLOTS  # what of B is on its way to the disk
+        wait_for(lambda: committed(campaign) > most, "a case of A")
+
+
 @pytest.mark.network
 def test_workers_of_two_clusters(marked, quiet, tmp_path, hosts):
     node_a, login, node_b = hosts
@@ -94,17 +113,18 @@ def test_workers_of_two_clusters(marked, quiet, tmp_path, hosts):
     assert submit.communicate()[0].startswith("submitted")
     worker_b = marked.start(
         *("twin", "worker", "--connect", entrance, "--key", str(copy)),
-        *("--slots", "2", "--until-done"),
+        *("--slots", str(SLOTS), "--until-done"),
         prefix=(*node_b.inside, *OTHER_DISK, str(state)),
     )
-    wait_for(lambda: marked.processes("sim"), "a simulator in B")
+    in_b = wait_for(lambda: marked.processes("sim"), "a simulator in B")
     relay.kill()
     relay, again = relaying(marked, entrance, state, login.inside)
     assert again == entrance
     worker_a = marked.start(
-        *("twin", "worker", "--state", str(state), "--slots", "2", "--until-done"),
+        *("twin", "worker", "--state", str(state), "--slots", str(SLOTS), "--until-done"),
         prefix=node_a.inside,
     )
+    both_have_a_share(marked, state / "chaos-16", in_b)
     workers = [worker_a, worker_b]
     errors = [worker.communicate()[1] for worker in workers]
     assert [worker.returncode for worker in workers] == [0, 0], errors
@@ -137,8 +157,9 @@ def test_jobs_of_two_slurm_clusters(marked, quiet, tmp_path, clusters):
     wait_for(lambda: (state / "conductor.json").exists(), "the conductor")
     relay, entrance = relaying(marked, "tls/127.0.0.1:0", state)
     submit(clusters[1], "b.sh", JOB_B, entrance=entrance, key=keys_of(state) / "worker.key")
-    wait_for(lambda: marked.processes("sim"), "a simulator in B")
+    in_b = wait_for(lambda: marked.processes("sim"), "a simulator in B")
     (tmp_path / "go").touch()
+    both_have_a_share(marked, state, in_b)
     ends = [wait_for(lambda: c.ended(job), f"job {job}") for c, job in jobs]  # noqa: B023
     logs = [(tmp_path / name).read_text() for name in ("a.out", "b.out")]
     assert [end["ExitCode"] for end in ends] == ["1:0", "0:0"], logs

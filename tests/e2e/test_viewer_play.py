@@ -119,3 +119,19 @@ def test_a_browser_gets_the_recording_from_one_port(marked, tmp_path: Path, at, 
         assert answer.read(4) == b"RRF2"
     child.send_signal(signal.SIGINT)
     assert (child.wait(PATIENCE_S), child.stderr.read()) == (0, "")
+
+
+def test_with_a_speed_the_player_calls_the_viewer(
+    marked, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where there is no display the viewer says so, and the player names what to do."""
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    file = write_cut_in(tmp_path)
+    done = marked.run("twin", "play", str(file), "--speed", "4")
+    assert done.returncode == 2
+    assert "walk across" in done.stdout, "its table comes first"
+    first, second = done.stderr.splitlines()[-2:]
+    assert first.startswith("viewer: no display here")
+    assert second.startswith("twin: --speed 4 opens a window")
+    assert f"viewer play {file} --speed 4 --web" in second

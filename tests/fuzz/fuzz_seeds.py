@@ -27,6 +27,7 @@ from darknet_oracle import random_weights
 from fuzz_target import SEEDS
 from played_files import played
 from road_files import crossing
+from road_furniture import furniture_file
 from road_networks import composed_file, junction_file, shapes_file, turned_file
 from targets_assets import CFG, small_network
 from targets_wire import CONTROL, DRIVE, PART, STEERING, VIEW
@@ -262,10 +263,27 @@ def _roads() -> None:
     _write("opendrive", "turned", turned_file())
     _write("opendrive", "junction", junction_file())
     _write("opendrive", "two-roads", ROADS)
+    _write("opendrive", "furniture", furniture_file())
     data = msgspec.msgpack.encode(read_network(crossing(), "r.xodr"))
     _write("opendrive-answer", "crossing", data)
     data = msgspec.msgpack.encode(read_network(shapes_file(), "r.xodr"))
     _write("opendrive-answer", "shapes", data)
+    data = msgspec.msgpack.encode(read_network(furniture_file(), "r.xodr"))
+    _write("opendrive-answer", "furniture", data)
+
+
+_LAMP = (
+    "<AppearanceAction><LightStateAction><LightType><VehicleLight "
+    'vehicleLightType="indicatorLeft"/></LightType><LightState mode="flashing" '
+    'flashingOnDuration="0.4" flashingOffDuration="0.6"/></LightStateAction></AppearanceAction>'
+)
+_SKY = (
+    '<EnvironmentAction><Environment name="e"><TimeOfDay animation="false" '
+    'dateTime="2026-01-31T22:30:00"/><Weather fractionalCloudCover="sixOktas"><Sun azimuth="1" '
+    'elevation="0.5" illuminance="900"/><Fog visualRange="80"/><Precipitation '
+    'precipitationType="rain" precipitationIntensity="4"/><Wind direction="2" speed="7"/></Weather>'
+    '<RoadCondition frictionScaleFactor="0.6" wetness="moist"/></Environment></EnvironmentAction>'
+)
 
 
 def _scenarios(folder: Path) -> None:
@@ -309,6 +327,10 @@ def _scenarios(folder: Path) -> None:
         "acquire": scenario_text(
             init=moved,
             action=f"<PrivateAction><RoutingAction>{acquired}</RoutingAction></PrivateAction>",
+        ),
+        "surroundings": scenario_text(
+            init=f"<PrivateAction>{_LAMP}</PrivateAction>",
+            action=f"<GlobalAction>{_SKY}</GlobalAction>",
         ),
         "expression": scenario_text(
             before=declared,

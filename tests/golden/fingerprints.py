@@ -23,14 +23,27 @@ RECORDED: dict[str, dict[str, Any]] = msgspec.json.decode(
 """Campaign -> ``device_class``, ``fingerprint`` and ``from``, where and when it was measured."""
 
 
-def fingerprint_of(campaign: str, out: Path) -> str:
+def fingerprint_of(campaign: str, out: Path, *options: str) -> str:
     """Run a shipped campaign on this machine's CPU into ``out``; SHA-256 over its KPI values.
+
+    ``options``: more of them for the run.
 
     Raises:
         AssertionError: the run did not come to its end.
     """
     conductor = [sys.executable, "-m", "conductor"]
-    run = [*conductor, "run", campaign, "--out", str(out), "--view", "none", "--device", "cpu"]
+    run = [
+        *conductor,
+        "run",
+        campaign,
+        "--out",
+        str(out),
+        "--view",
+        "none",
+        "--device",
+        "cpu",
+        *options,
+    ]
     done = subprocess.run(run, capture_output=True, text=True)
     # 1: a verdict is not a pass, which is what some of these campaigns are for.
     assert done.returncode in (0, 1), done.stdout + done.stderr

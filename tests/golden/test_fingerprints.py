@@ -17,4 +17,6 @@ def test_the_cheapest_campaign_keeps_its_fingerprint(tmp_path: Path) -> None:
     here = device_class("cpu")
     if recorded["device_class"] != here:
         pytest.skip(f"recorded on {recorded['device_class']}, this is {here}")
-    assert fingerprint_of(CHEAPEST, tmp_path / CHEAPEST) == recorded["fingerprint"]
+    # One worker loads its libraries once; results are the same with any number of them.
+    now = fingerprint_of(CHEAPEST, tmp_path / CHEAPEST, "--workers", "1")
+    assert now == recorded["fingerprint"]

@@ -2,8 +2,12 @@
 nothing imports in a test would break unseen."""
 
 import ast
+from collections.abc import Iterable, Iterator
 from functools import cache
 from pathlib import Path
+from typing import NamedTuple
+
+from house.statements import statements
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("schemas", "twin", "devkit", "conductor", "viewer", "hpc")
@@ -18,11 +22,32 @@ def place(module: str) -> Path | None:
     return path.with_suffix(".py") if path.with_suffix(".py").exists() else None
 
 
+class OwnImport(NamedTuple):
+    """An import from one of our packages; ``name``: empty where the module itself is imported."""
+
+    line: int
+    module: str
+    name: str
+
+
+class ParsedModule(NamedTuple):
+    """What a file binds at its top level, and what it imports of ours at any depth."""
+
+    names: frozenset[str]
+    imports: tuple[OwnImport, ...]
+
+
 @cache
-def names_in(path: Path) -> frozenset[str]:
-    """What a module binds at its top level; empty for a folder without one."""
+def read(path: Path) -> ParsedModule:
+    """A file, parsed once though many import from it; empty for a folder without one."""
+    tree = ast.parse(path.read_text(encoding="utf-8") if path.exists() else "")
+    return ParsedModule(bound(tree), tuple(imports_of(tree)))
+
+
+def bound(tree: ast.Module) -> frozenset[str]:
+    """Names that a tree binds at its top level."""
     found: set[str] = set()
-    waiting = list(ast.parse(path.read_text(encoding="utf-8")).body) if path.exists() else []
+    waiting: list[ast.AST] = list(tree.body)
     while waiting:
         node = waiting.pop()
         if isinstance(node, ast.FunctionDef | ast.ClassDef):
@@ -36,10 +61,9 @@ def names_in(path: Path) -> frozenset[str]:
     return frozenset(found)
 
 
-def missing(tree: ast.AST) -> list[str]:
-    """Imports from our packages that lead nowhere, as LINE: MODULE.NAME."""
-    found = []
-    for node in ast.walk(tree):
+def imports_of(tree: ast.AST) -> Iterator[OwnImport]:
+    """Imports from our packages."""
+    for node in statements(tree):
         if isinstance(node, ast.Import):
             wanted = [(alias.name, "") for alias in node.names]
         elif isinstance(node, ast.ImportFrom) and node.level == 0:
@@ -47,14 +71,20 @@ def missing(tree: ast.AST) -> list[str]:
         else:
             continue
         for module, name in wanted:
-            if module.partition(".")[0] not in PACKAGES:
-                continue
-            path = place(module)
-            if path is None or not (
-                name in ("", "*") or name in names_in(path) or place(f"{module}.{name}")
-            ):
-                found.append(f"{node.lineno}: {module}.{name}")
-    return found
+            if module.partition(".")[0] in PACKAGES:
+                yield OwnImport(node.lineno, module, name)
+
+
+def missing(imports: Iterable[OwnImport]) -> list[str]:
+    """Those that lead nowhere, as LINE: MODULE.NAME."""
+    lost = []
+    for line, module, name in imports:
+        path = place(module)
+        if path is None or not (
+            name in ("", "*") or name in read(path).names or place(f"{module}.{name}")
+        ):
+            lost.append(f"{line}: {module}.{name}")
+    return lost
 
 
 def test_every_import_of_ours_leads_somewhere():
@@ -63,12 +93,13 @@ def test_every_import_of_ours_leads_somewhere():
     lost = {
         str(path.relative_to(ROOT)): found
         for path in paths
-        if (found := missing(ast.parse(path.read_text(encoding="utf-8"))))
+        if (found := missing(read(path).imports))
     }
     assert lost == {}
 
 
 def test_what_leads_nowhere_is_seen():
     code = "from twin.base.errors import NoSuchError\ndef f():\n    import twin.nowhere\n"
-    assert missing(ast.parse(code)) == ["1: twin.base.errors.NoSuchError", "3: twin.nowhere."]
-    assert missing(ast.parse("from twin.base import errors")) == []
+    lost = ["1: twin.base.errors.NoSuchError", "3: twin.nowhere."]
+    assert sorted(missing(imports_of(ast.parse(code)))) == lost
+    assert missing(imports_of(ast.parse("from twin.base import errors"))) == []

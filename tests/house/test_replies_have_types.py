@@ -3,6 +3,8 @@
 import ast
 from pathlib import Path
 
+from house.statements import statements
+
 ROOT = Path(__file__).resolve().parents[2]
 TALKING = (
     "schemas",
@@ -33,7 +35,7 @@ def bare(path: Path) -> list[str]:
     name = path.relative_to(ROOT).as_posix()
     return [
         f"{name}:{node.name}"
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        for node in statements(ast.parse(path.read_text(encoding="utf-8")))
         if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef))
         if node.returns is not None and "dict[str, Any]" in ast.unparse(node.returns)
     ]

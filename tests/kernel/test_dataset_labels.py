@@ -206,6 +206,7 @@ def test_contrast_is_that_of_means_or_of_the_object_itself():
     assert contrast(image, instances, 7, box) > 20.0
 
 
+@pytest.mark.slow
 def test_a_sign_is_a_label_from_its_front_only(studio, street):
     mesh = studio._world.mesh
     signs = np.unique(mesh.instance[mesh.semantic == SEMANTIC_CLASSES.index("traffic_sign")])

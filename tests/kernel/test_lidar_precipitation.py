@@ -108,7 +108,10 @@ def test_nearby_less_is_seen_and_far_away_all():
     assert sharp.mean == pytest.approx(1.0)
 
 
-@pytest.mark.parametrize(("snow", "rate"), [(True, 1.0), (True, 4.0), (False, 60.0)])
+@pytest.mark.parametrize(
+    ("snow", "rate"),
+    [pytest.param(True, 1.0, marks=pytest.mark.slow), (True, 4.0), (False, 60.0)],
+)
 def test_number_of_echoes_drop_by_drop(snow, rate):
     """Drops strewn at random over a beam twice as wide, each held against the threshold."""
     kind = load_lidar_profile("spinning_128")

@@ -179,3 +179,20 @@ def test_all_done_ends_the_scenario(tmp_path):
     play = play_scenario(program_of(tmp_path, text), every=1)
     assert play.time_s[-1] == pytest.approx(4.5, abs=0.05)
     assert np.isfinite(play.x_m).all()
+
+
+def test_a_trailer_follows_its_truck_through_a_change_of_lanes(tmp_path):
+    play = play_of(
+        tmp_path,
+        "truck: {kind: truck, lane: 1, s_m: 700, speed_mps: 20}\n"
+        "trailer: {kind: trailer, towed_by: truck}",
+        "go: {at_s: 1, do: {truck: {change_lane: 2, in_s: 4}}}",
+        after_s=12.0,
+    )
+    truck, trailer = play.entity("truck"), play.entity("trailer")
+    assert play.y_m[-1, trailer] == pytest.approx(play.y_m[-1, truck], abs=0.01)
+    assert play.y_m[-1, trailer] - play.y_m[0, trailer] == pytest.approx(3.75, abs=0.01)
+    behind = play.x_m[:, truck] - play.x_m[:, trailer]
+    # 1.35 m and 0.15 m to the hitch, 6.24 m from coupler to axle; a little less in a turn.
+    assert behind.max() == pytest.approx(7.74)
+    assert 7.7 < behind.min() < 7.739

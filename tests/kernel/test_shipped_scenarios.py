@@ -176,6 +176,20 @@ def test_the_child_is_in_the_way_when_the_ego_would_be_there(speed_mps):
     assert ends_with_a_collision(play)
 
 
+@pytest.mark.parametrize("speed_kmh", [20.0, 40.0, 60.0])
+@pytest.mark.parametrize("name", ["r152-pedestrian-crossing", "r152-bicycle-crossing"])
+def test_who_crosses_is_in_the_middle_of_the_front_at_any_speed(name, speed_kmh):
+    play = played(name, ego__speed_mps=speed_kmh / 3.6)
+    ego, target = play.middle("ego"), play.middle("target")
+    box = play.program.entities[play.entity("ego")].box
+    there = int(np.argmin(np.abs(ego[:, 0] + box.length_m / 2 - target[:, 0])))
+    assert target[there, 1] == pytest.approx(ego[there, 1], abs=0.1)
+    begun = play.time_of("cross")
+    meets_s = float(play.time_s[there])
+    assert meets_s - begun > 4.4, "it moves steadily when the time to collision is 4 s"
+    assert ends_with_a_collision(play)
+
+
 @pytest.mark.parametrize("name", shipped_scenarios())
 def test_nobody_touches_anybody_before_the_first_event(name):
     """Neither at the start nor on the way to where the story begins."""

@@ -146,3 +146,50 @@ def test_profile_within_its_limits(follow, span):
     after = (np.arange(len(done.speed_mps)) - BEGIN) * STEP_S
     expected = np.interp(after, [0.0, span], [10.0, 20.0])
     np.testing.assert_allclose(done.speed_mps[:, 0], expected, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("start_mps", "target_mps", "limit", "rate", "given_s"),
+    [
+        (10.0, 20.0, 4.0, 2.0, -1.0),  # 4 m/s2 is reached: 10 / 4 + 4 / 2 s
+        (10.0, 12.0, 4.0, 2.0, -1.0),  # it is not: 2 sqrt(2 / 2) s
+        (20.0, 5.0, 6.0, 3.0, 6.0),  # slower than it must be
+        (10.0, 20.0, 4.0, 2.0, 1.0),  # later than it should be
+        (0.0, -6.0, 3.0, 1.5, -1.0),
+    ],
+)
+def test_a_profile_with_limits_of_jerk(start_mps, target_mps, limit, rate, given_s):
+    """Straight rise, plateau and fall of the acceleration; nothing above its limits."""
+    change = abs(target_mps - start_mps)
+    shortest = 2.0 * math.sqrt(change / rate)
+    if limit**2 < change * rate:
+        shortest = change / limit + limit / rate
+    span = max(given_s, shortest)
+    # The other direction has no limits: they must not be mixed up.
+    open_end = float("inf")
+    limits = MotionLimits(limit, open_end, open_end, rate, open_end)
+    if target_mps < start_mps:
+        limits = MotionLimits(open_end, limit, open_end, open_end, rate)
+    entries = (SpeedProfileEntry(target_mps, given_s),)
+    done = run(SpeedProfileAction(-1, entries, True, limits), 900, start_mps)
+    speeds = done.speed_mps[:, 0]
+    most = 0.5 * rate * (span - math.sqrt(max(span**2 - 4.0 * change / rate, 0.0)))
+    assert most <= limit + 1e-9
+    fine = np.linspace(0.0, span, 100_001)
+    pull = np.minimum(np.minimum(rate * fine, rate * (span - fine)), most)
+    gone = np.concatenate([[0.0], np.cumsum((pull[1:] + pull[:-1]) / 2.0 * np.diff(fine))])
+    after = (np.arange(len(speeds)) - BEGIN) * STEP_S
+    sign = math.copysign(1.0, target_mps - start_mps)
+    np.testing.assert_allclose(
+        speeds, start_mps + sign * np.interp(after, fine, gone), rtol=0.0, atol=1e-6
+    )
+    end = BEGIN + math.ceil(span / STEP_S - 1e-4) - 1
+    assert steps_of(done.events, "g0.e0", "end") == [end]
+
+
+def test_a_profile_that_is_exact_keeps_its_times():
+    """Following mode position: whatever the limits."""
+    limits = MotionLimits(1.0, 1.0, float("inf"), 0.5, 0.5)
+    done = run(SpeedProfileAction(-1, (SpeedProfileEntry(20.0, 1.0),), False, limits))
+    rise = done.speed_mps[:, 0]
+    assert rise[BEGIN + 50] == pytest.approx((rise[BEGIN] + 20.0) / 2.0)

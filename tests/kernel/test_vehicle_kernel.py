@@ -11,7 +11,8 @@ from twin.validate.track import DriverInput, drive
 from twin.vehicle.fleet import Fleet
 from twin.vehicle.ground import GroundMesh, drivable
 from twin.vehicle.guard import SPEED_MAX_MPS
-from twin.vehicle.model import GRAVITY_MPS2, corner_points, inertia_of, vehicle_model
+from twin.vehicle.masses import masses_of
+from twin.vehicle.model import GRAVITY_MPS2, vehicle_model
 from twin.vehicle.powertrain import overall_ratio
 from twin.vehicle.state import COLUMN, columns
 from twin.vehicle.vehicle_file import load_vehicle
@@ -51,7 +52,9 @@ def on_ground(ground, command, steps, speed=0.0, friction=0.85, vehicle=CAR, gra
 
 @pytest.mark.parametrize("vehicle", [CAR, BMW], ids=["opencav", "bmw_320i"])
 def test_corner_masses_give_mass_centre_and_inertia(vehicle):
-    wheels, mass, points = corner_points(vehicle)
+    masses = masses_of(vehicle)
+    wheels, mass = masses.wheels, masses.corners
+    points = wheels * (vehicle.body.gyration_x, vehicle.body.gyration_y)
     model = vehicle_model(vehicle)
     assert mass.sum() == pytest.approx(float(model.sprung_mass), rel=1e-12)
     assert mass.sum() + 4 * vehicle.wheels.mass_kg == pytest.approx(float(model.mass), rel=1e-12)
@@ -68,7 +71,7 @@ def test_corner_masses_give_mass_centre_and_inertia(vehicle):
     assert inertia[1, 1] == pytest.approx(pitch, rel=1e-6)
     yaw = roll + pitch + vehicle.wheels.mass_kg * (wheels**2).sum()
     assert inertia[2, 2] == pytest.approx(yaw, rel=1e-6)
-    np.testing.assert_allclose(inertia_of(mass, points)[0, 1], 0.0, atol=1e-6 * roll)
+    np.testing.assert_allclose(masses_of(vehicle).inertia[0, 1], 0.0, atol=1e-6 * roll)
     np.testing.assert_allclose(
         np.array(model.inertia_inverse).reshape(3, 3) @ inertia, np.eye(3), atol=1e-9
     )

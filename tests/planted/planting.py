@@ -56,6 +56,10 @@ class Planted:
         return self.test.partition("::")[0]
 
 
+_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+"""Compiled where PyYAML is: every process of the tests reads the catalogue when it collects."""
+
+
 def load_catalogue(folder: Path = CATALOGUE) -> list[Planted]:
     """Every entry, by package and in the order of the files.
 
@@ -64,7 +68,7 @@ def load_catalogue(folder: Path = CATALOGUE) -> list[Planted]:
     """
     bugs: list[Planted] = []
     for path in sorted(folder.glob("*.yaml")):
-        for entry in yaml.safe_load(path.read_text(encoding="utf-8")):
+        for entry in yaml.load(path.read_text(encoding="utf-8"), _LOADER):
             if set(entry) != _FIELDS:
                 wrong = ", ".join(sorted(set(entry) ^ _FIELDS))
                 raise PlantingError(f"{path.name}: {entry.get('name')}: missing or unknown {wrong}")

@@ -288,7 +288,14 @@ _SETTINGS = settings(
     phases=list(Phase) if os.environ.get("SHRINK") else [Phase.explicit, Phase.generate],
 )
 TestConductorMachine = ConductorMachine.TestCase
-TestConductorMachine.settings = _SETTINGS
+TestConductorMachine.settings = settings(_SETTINGS, max_examples=60)
+
+
+@pytest.mark.slow
+class TestConductorMachineAtLength(ConductorMachine.TestCase):
+    """The same with all examples."""
+
+    settings = _SETTINGS
 
 
 def test_planted_tokens_are_not_checked(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -79,7 +79,7 @@ def test_any_network_that_is_accepted_computes_what_darknet_does(text, width, he
     assert np.allclose(found, expected, atol=1e-4 * max(1.0, float(np.abs(expected).max())))
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(st.sampled_from(ARCHITECTURES), st.data())
 def test_a_damaged_cfg_is_a_network_or_one_line(name, data):
     lines = to_text(architecture(name)).split("\n")

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from train_traffic import train_traffic
 
 from twin.bench.storyboard_traffic import driver_traffic, reacting_traffic, ring_network
 from twin.road.tables.road_tables import road_tables
@@ -18,6 +19,7 @@ pytestmark = pytest.mark.slow
 PROGRAMS = (
     *(reacting_traffic(32), reacting_traffic(5, 1), reacting_traffic(16, 2)),
     driver_traffic(20),
+    train_traffic(16),
 )
 STEPS = 400
 
@@ -92,7 +94,7 @@ def test_any_number_of_slots(slots):
 @settings(max_examples=12, deadline=None, suppress_health_check=list(HealthCheck))
 @given(
     plan=st.lists(
-        st.tuples(st.integers(0, 3), st.integers(0, 150), st.integers(0, 100)),
+        st.tuples(st.integers(0, 4), st.integers(0, 150), st.integers(0, 100)),
         min_size=2,
         max_size=5,
     )

@@ -8,6 +8,14 @@ from itertools import pairwise
 
 import numpy as np
 
+from twin.actors.lamps import (
+    AMBER,
+    CLEAR,
+    RED,
+    LampPlaces,
+    VehicleLamp,
+    add_switched_lamps,
+)
 from twin.world.meshes import materials
 from twin.world.meshes.mesh import DECAL, Color, MeshBuilder
 
@@ -19,9 +27,6 @@ GLASS: Color = (0.03, 0.035, 0.04)
 RIM: Color = (0.30, 0.31, 0.32)
 _INSIDE: Color = (0.018, 0.018, 0.02)
 _SEAM: Color = (0.012, 0.012, 0.013)
-_AMBER: Color = (0.70, 0.25, 0.03)
-_RED: Color = (0.42, 0.02, 0.02)
-_CLEAR: Color = (0.5, 0.5, 0.52)
 ASPHALT: Color = (0.09, 0.09, 0.095)
 
 Point = tuple[float, float, float]
@@ -137,6 +142,7 @@ def add_car(
     wheel_sides: int = 12,
     shape: CarShape = _HATCH,
     lit: bool = False,
+    switched: bool = False,
 ) -> None:
     """Add a car whose rear bumper is at x = 0 and whose nose is at its length, on z = 0.
 
@@ -146,13 +152,14 @@ def add_car(
         wheel_sides: corners of a wheel; up to 12 gives a simpler body as well.
         shape: which body.
         lit: head and tail lamps are those of a vehicle in traffic.
+        switched: indicators, reversing and fog lamps are lamps as well.
     """
     with mesh.label("car"):
         coarse = wheel_sides <= 12
         _body(mesh, color, shape, coarse)
         _cabin(mesh, color, shape)
         _trim(mesh, color, shape, coarse)
-        _lamps(mesh, hazard, shape, lit)
+        _lamps(mesh, hazard, shape, lit, switched)
         for x in shape.axles_m:
             for side in (-1.0, 1.0):
                 add_wheel(mesh, x, side * shape.width_m / 2, shape.wheel_m, wheel_sides)
@@ -303,7 +310,7 @@ def _inset(corners: Sequence[Sequence[float]], share: float, lift_m: float) -> l
     return (centre + share * (points - centre) + lift_m * normal).tolist()
 
 
-def _lamps(mesh: MeshBuilder, hazard: bool, shape: CarShape, lit: bool) -> None:
+def _lamps(mesh: MeshBuilder, hazard: bool, shape: CarShape, lit: bool, switched: bool) -> None:
     blink = materials.HAZARD if hazard else materials.REFLECTOR
     tail = materials.TAIL_LAMP if lit else materials.REFLECTOR
     head = materials.HEAD_LAMP if lit else materials.GLASS
@@ -311,11 +318,15 @@ def _lamps(mesh: MeshBuilder, hazard: bool, shape: CarShape, lit: bool) -> None:
     nose = shape.stations[-1, 3]
     for sign in (-1.0, 1.0):
         low, high = sorted((sign * (half - 0.42), sign * (half - 0.10)))
-        mesh.box((-0.01, low, z - 0.08), (0.10, high, z + 0.08), tail, _RED)
-        low, high = sorted((sign * (half - 0.24), sign * (half - 0.04)))
-        mesh.box((-0.005, low, z + 0.08), (0.10, high, z + 0.18), blink, _AMBER)
+        mesh.box((-0.01, low, z - 0.08), (0.10, high, z + 0.08), tail, RED, VehicleLamp.TAIL)
+        if not switched:
+            low, high = sorted((sign * (half - 0.24), sign * (half - 0.04)))
+            mesh.box((-0.005, low, z + 0.08), (0.10, high, z + 0.18), blink, AMBER)
         low, high = sorted((sign * (half - 0.40), sign * (half - 0.16)))
-        mesh.box((end - 0.14, low, nose - 0.04), (end, high, nose + 0.10), head, _CLEAR)
+        corner = (end, high, nose + 0.10)
+        mesh.box((end - 0.14, low, nose - 0.04), corner, head, CLEAR, VehicleLamp.HEAD)
+    if switched:
+        add_switched_lamps(mesh, _switched(shape))
     plate: Color = (0.75, 0.75, 0.70)
     x, low = -0.012, z - 0.20
     corners = [(x, 0.26, low), (x, -0.26, low), (x, -0.26, low + 0.11), (x, 0.26, low + 0.11)]
@@ -323,6 +334,21 @@ def _lamps(mesh: MeshBuilder, hazard: bool, shape: CarShape, lit: bool) -> None:
     x = end + 0.006
     corners = [(x, -0.26, 0.34), (x, 0.26, 0.34), (x, 0.26, 0.45), (x, -0.26, 0.45)]
     mesh.quad(corners, materials.PLAIN, plate)
+
+
+def _switched(shape: CarShape) -> LampPlaces:
+    """Lamps beside, above and below those that every car has."""
+    end, half, z = shape.length_m, shape.width_m / 2, shape.tail_z_m
+    nose = shape.stations[-1, 3]
+    return LampPlaces(
+        indicators=(
+            ((-0.005, half - 0.24, z + 0.08), (0.10, half - 0.04, z + 0.18)),
+            ((end - 0.14, half - 0.40, nose - 0.12), (end + 0.003, half - 0.16, nose - 0.05)),
+        ),
+        reversing=((-0.01, half - 0.56, z - 0.08), (0.10, half - 0.44, z + 0.04)),
+        fog_rear=((-0.02, half - 0.60, 0.31), (0.10, half - 0.42, 0.38)),
+        fog_front=((end - 0.08, half - 0.42, 0.30), (end, half - 0.30, 0.38)),
+    )
 
 
 def add_wheel(

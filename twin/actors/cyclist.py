@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from twin.actors.lamps import CLEAR, RED, VehicleLamp
 from twin.actors.person import Looks, add_foot_shade
 from twin.world.meshes import materials
 from twin.world.meshes.mesh import Color, MeshBuilder
@@ -53,8 +54,9 @@ def add_cyclist(mesh: MeshBuilder, looks: Looks, frame: Color, phase: float | No
         _rod(mesh, head, bar, 0.015, _STEEL)
         _rod(mesh, (0.42, -0.27, 0.98), (0.42, 0.27, 0.98), 0.014, _TYRE)
         mesh.box((-0.38, -0.07, 0.88), (-0.12, 0.07, 0.94), materials.PLAIN, _TYRE)
-        mesh.box((-0.62, -0.03, 0.62), (-0.58, 0.03, 0.70), materials.TAIL_LAMP, (0.42, 0.02, 0.02))
-        mesh.box((0.46, -0.03, 0.84), (0.50, 0.03, 0.90), materials.HEAD_LAMP, (0.5, 0.5, 0.52))
+        tail, head = materials.TAIL_LAMP, materials.HEAD_LAMP
+        mesh.box((-0.62, -0.03, 0.62), (-0.58, 0.03, 0.70), tail, RED, VehicleLamp.TAIL)
+        mesh.box((0.46, -0.03, 0.84), (0.50, 0.03, 0.90), head, CLEAR, VehicleLamp.HEAD)
         _rider(mesh, looks, np.array(crank), 0.25 if phase is None else phase)
     add_foot_shade(mesh, 0.8, 0.2)
 

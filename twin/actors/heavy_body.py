@@ -5,6 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from twin.actors.car_body import BLACK, add_pane, add_shade, add_wheel
+from twin.actors.lamps import (
+    AMBER,
+    CLEAR,
+    RED,
+    LampPlaces,
+    VehicleLamp,
+    add_switched_lamps,
+)
 from twin.world.meshes import materials
 from twin.world.meshes.mesh import Color, MeshBuilder
 
@@ -14,9 +22,6 @@ BUS_M = (11.8, 2.5, 3.1)
 """Length, width and height of the bus [m]."""
 
 _CHASSIS: Color = (0.035, 0.035, 0.037)
-_RED: Color = (0.42, 0.02, 0.02)
-_AMBER: Color = (0.70, 0.25, 0.03)
-_CLEAR: Color = (0.5, 0.5, 0.52)
 _WHITE: Color = (0.72, 0.72, 0.70)
 
 
@@ -32,17 +37,23 @@ def _closed_box(
     mesh.quad([(x0, y0, z), (x0, y1, z), (x1, y1, z), (x1, y0, z)], material, color)
 
 
-def _lamps(mesh: MeshBuilder, length: float, half: float, tail_z: float, lit: bool) -> None:
+def _lamps(
+    mesh: MeshBuilder, length: float, half: float, tail_z: float, lit: bool, switched: bool
+) -> None:
     tail = materials.TAIL_LAMP if lit else materials.REFLECTOR
     head = materials.HEAD_LAMP if lit else materials.GLASS
     for sign in (-1.0, 1.0):
         low, high = sorted((sign * (half - 0.34), sign * (half - 0.06)))
-        mesh.box((-0.03, low, tail_z), (0.05, high, tail_z + 0.14), tail, _RED)
-        mesh.box(
-            (-0.03, low, tail_z + 0.14), (0.05, high, tail_z + 0.22), materials.REFLECTOR, _AMBER
-        )
+        corner = (0.05, high, tail_z + 0.14)
+        mesh.box((-0.03, low, tail_z), corner, tail, RED, VehicleLamp.TAIL)
+        if not switched:
+            corner = (0.05, high, tail_z + 0.22)
+            mesh.box((-0.03, low, tail_z + 0.14), corner, materials.REFLECTOR, AMBER)
         low, high = sorted((sign * (half - 0.46), sign * (half - 0.14)))
-        mesh.box((length - 0.05, low, 0.66), (length + 0.02, high, 0.84), head, _CLEAR)
+        corner = (length + 0.02, high, 0.84)
+        mesh.box((length - 0.05, low, 0.66), corner, head, CLEAR, VehicleLamp.HEAD)
+    if switched:
+        add_switched_lamps(mesh, _switched(length, half, tail_z))
     corners = [
         (-0.032, 0.26, 0.5),
         (-0.032, -0.26, 0.5),
@@ -52,7 +63,23 @@ def _lamps(mesh: MeshBuilder, length: float, half: float, tail_z: float, lit: bo
     mesh.quad(corners, materials.PLAIN, _WHITE)
 
 
-def add_truck(mesh: MeshBuilder, color: Color, lit: bool = False) -> None:
+def _switched(length: float, half: float, tail_z: float) -> LampPlaces:
+    """Lamps above and beside the tail and head lamps."""
+    rear, behind, top = -0.03, 0.05, tail_z + 0.14
+    front = length - 0.05
+    return LampPlaces(
+        indicators=(
+            ((rear, half - 0.34, top), (behind, half - 0.06, top + 0.08)),
+            ((front, half - 0.13, 0.66), (length + 0.02, half - 0.07, 0.84)),
+        ),
+        reversing=((rear, half - 0.46, tail_z), (behind, half - 0.36, top)),
+        fog_rear=((rear, half - 0.60, tail_z), (behind, half - 0.48, top)),
+        # The bumper of a truck stands out further than its lamps above.
+        fog_front=((front, half - 0.42, 0.48), (length + 0.04, half - 0.26, 0.58)),
+    )
+
+
+def add_truck(mesh: MeshBuilder, color: Color, lit: bool = False, switched: bool = False) -> None:
     """Add a box truck: cab in ``color``, a white box with a stripe."""
     length, width, height = TRUCK_M
     half, cab = width / 2, length - 1.9
@@ -71,7 +98,7 @@ def add_truck(mesh: MeshBuilder, color: Color, lit: bool = False) -> None:
             y = sign * (half - 0.12)
             mesh.box((1.9, y - 0.03, 0.45), (cab - 0.9, y + 0.03, 0.8), materials.PLAIN, _CHASSIS)
         _cab(mesh, color, cab, length, half)
-        _lamps(mesh, length, half, 0.68, lit)
+        _lamps(mesh, length, half, 0.68, lit, switched)
         for x in (1.35, length - 1.05):
             for sign in (-1.0, 1.0):
                 add_wheel(mesh, x, sign * (half - 0.02), 0.42, 16, 0.32)
@@ -106,7 +133,7 @@ def _cab(mesh: MeshBuilder, color: Color, x0: float, x1: float, half: float) -> 
         mesh.box((x1 - 0.2, a, 1.5), (x1 - 0.12, b, 1.95), materials.PLAIN, BLACK)
 
 
-def add_bus(mesh: MeshBuilder, color: Color, lit: bool = False) -> None:
+def add_bus(mesh: MeshBuilder, color: Color, lit: bool = False, switched: bool = False) -> None:
     """Add a low-floor city bus with doors on its right side."""
     length, width, height = BUS_M
     half = width / 2
@@ -127,7 +154,7 @@ def add_bus(mesh: MeshBuilder, color: Color, lit: bool = False) -> None:
         for sign in (-1.0, 1.0):  # mirrors
             a, b = sorted((sign * (half + 0.05), sign * (half + 0.25)))
             mesh.box((length + 0.05, a, 1.7), (length + 0.2, b, 2.15), materials.PLAIN, BLACK)
-        _lamps(mesh, length, half, 1.0, lit)
+        _lamps(mesh, length, half, 1.0, lit, switched)
         for x in (3.0, length - 2.7):
             for sign in (-1.0, 1.0):
                 add_wheel(mesh, x, sign * (half + 0.02), 0.48, 18, 0.30)

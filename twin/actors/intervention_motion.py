@@ -17,7 +17,7 @@ from schemas.wire.interventions import (
     RemoveObject,
     SpawnObject,
 )
-from twin.actors.motion import Motion, ObjectKind, Placement
+from twin.actors.motion import InterventionTarget, Motion, ObjectKind, Placement
 from twin.actors.variations import Variations
 
 ObjectAction = MoveObject | SpawnObject | RemoveObject | FreeObject
@@ -38,12 +38,20 @@ class _Placed:
 class InterventionMotion:
     """A script with exceptions, per slot; without any it costs nothing."""
 
-    def __init__(self, script: Motion, kinds: tuple[ObjectKind, ...], slots: int) -> None:
+    def __init__(
+        self,
+        script: Motion,
+        kinds: tuple[ObjectKind, ...],
+        slots: int,
+        bodies: InterventionTarget | None = None,
+    ) -> None:
+        """``bodies``: the same as ``script`` where a scenario moves all of them."""
         self.count = script.count
         self.standing = script.standing
         self._varied = Variations(script.actors, slots)
         self._script = script
         self._kinds = kinds
+        self._bodies = bodies
         self._placed: dict[int, dict[int, _Placed]] = {}
 
     def begin(self, slot: int, objects: Mapping[str, ObjectVariation]) -> None:
@@ -74,8 +82,8 @@ class InterventionMotion:
         Raises:
             ValueError: no such object or kind, or none to spare; one line.
         """
-        if self.count and not self._script.actors:
-            raise ValueError("object: the scenario of this case moves all of them")
+        if self._bodies is not None:
+            return self._bodies.act(slot, action)
         if isinstance(action, SpawnObject):
             index = self._spare(slot, action.kind, time_s)
         else:
@@ -98,7 +106,10 @@ class InterventionMotion:
 
     def states(self, slot: int, time_s: np.ndarray) -> list[ObjectState]:
         """All objects of a slot."""
-        placement, placed = self.at(time_s), self._placed.get(slot, {})
+        placement = self.at(time_s)
+        moved = frozenset(self._placed.get(slot, ()))
+        if self._bodies is not None:
+            moved = self._bodies.moved(slot)
         return [
             ObjectState(
                 object=index,
@@ -107,10 +118,10 @@ class InterventionMotion:
                 x_m=float(placement.position_m[slot, index, 0]),
                 y_m=float(placement.position_m[slot, index, 1]),
                 yaw_rad=float(placement.yaw_rad[slot, index]),
-                by_hand=index in placed,
+                by_hand=index in moved,
             )
             for index in range(self.count)
-            if self._script.actors or placement.kind[slot, index] >= 0
+            if self._script.actors or placement.kind[slot, index] >= 0 or index in moved
         ]
 
     def _name(self, index: int, now: int = -1) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -49,6 +49,12 @@ class Placement:
     class_index: np.ndarray | None = None
     """int32 [S, M], index into :data:`schemas.messages.OBJECT_CLASSES` of objects that are another
     thing in every slot; None: the world says what each is."""
+    lights: np.ndarray | None = None
+    """int32 [S, M], bit of each :class:`twin.actors.lamps.VehicleLamp` that is on whatever the
+    hour; None: none is."""
+    signals: np.ndarray | None = None
+    """int32 [S, K], lamps that are on of each traffic light of :attr:`World.signals`: bit 0 red, 1
+    amber, 2 green; None: as before."""
 
     def hulls(self, sizes_m: np.ndarray) -> np.ndarray:
         """What vehicles may hit of it [S, M, 8], :data:`twin.vehicle.kernel.MOVER_COLUMNS`.
@@ -81,6 +87,20 @@ class Motion(Protocol):
 
     def at(self, time_s: np.ndarray, varied: Variations | None = None) -> Placement:
         """Places of all objects at the sim times ``time_s`` [S]; None: as the scene says."""
+
+
+class InterventionTarget(Protocol):
+    """What moves the objects of slots that say themselves what an intervention does to them."""
+
+    def act(self, slot: int, action: Any) -> int:
+        """Carry out an action; the object it was done to.
+
+        Raises:
+            ValueError: it cannot be done; one line.
+        """
+
+    def moved(self, slot: int) -> frozenset[int]:
+        """Objects that an intervention has taken off."""
 
 
 class Still:

@@ -15,6 +15,7 @@ import numpy as np
 from schemas.messages import OBJECT_CLASSES
 from twin.actors import car_body, heavy_body
 from twin.actors.cyclist import LENGTH_M, WAY_M, WIDTH_M, add_cyclist
+from twin.actors.lamps import AMBER, VehicleLamp
 from twin.actors.motion import ObjectKind, Placement
 from twin.actors.person import PHASES, add_person, random_looks
 from twin.world.meshes import materials
@@ -132,20 +133,20 @@ def build_palette() -> Palette:
                 "van" if name == "van" else "car",
                 size,
                 lambda mesh, paint=paint, shape=shape: car_body.add_car(
-                    mesh, paint, False, 16, shape, lit=True
+                    mesh, paint, False, 16, shape, lit=True, switched=True
                 ),
             )
     for paint in PAINTS[:3]:
         palette.vehicle(
             "truck",
             heavy_body.TRUCK_M,
-            lambda mesh, paint=paint: heavy_body.add_truck(mesh, paint, lit=True),
+            lambda mesh, paint=paint: heavy_body.add_truck(mesh, paint, lit=True, switched=True),
         )
     for paint in (_BUS, PAINTS[1]):
         palette.vehicle(
             "bus",
             heavy_body.BUS_M,
-            lambda mesh, paint=paint: heavy_body.add_bus(mesh, paint, lit=True),
+            lambda mesh, paint=paint: heavy_body.add_bus(mesh, paint, lit=True, switched=True),
         )
     for size in _TRAILERS:
         palette.vehicle("trailer", size, lambda mesh, size=size: _add_trailer(mesh, size))
@@ -210,16 +211,18 @@ class _Builder:
 
 def _add_trailer(mesh: MeshBuilder, size: tuple[float, float, float]) -> None:
     length, width, height = size
-    half, floor = width / 2, 0.3 * height
+    half, floor, lamps = width / 2, 0.3 * height, VehicleLamp
     with mesh.label("truck"):
         mesh.box((0.0, -half, floor), (length, half, height), materials.PLAIN, _GREY)
         mesh.box((0.1, -0.4, 0.2), (length - 0.1, 0.4, floor), materials.PLAIN, _DARK)
         for sign in (-1.0, 1.0):
             car_body.add_wheel(mesh, 0.3 * length, sign * (half - 0.02), 0.4, 16)
             low, high = sorted((sign * (half - 0.34), sign * (half - 0.06)))
-            mesh.box(
-                (-0.03, low, floor), (0.02, high, floor + 0.14), materials.TAIL_LAMP, (0.42, 0, 0)
-            )
+            corner = (0.02, high, floor + 0.14)
+            mesh.box((-0.03, low, floor), corner, materials.TAIL_LAMP, (0.42, 0, 0), lamps.TAIL)
+            indicator = lamps.INDICATOR_LEFT if sign > 0 else lamps.INDICATOR_RIGHT
+            corner = (0.02, high, floor + 0.22)
+            mesh.box((-0.03, low, floor + 0.14), corner, materials.VEHICLE_LAMP, AMBER, indicator)
     car_body.add_shade(mesh, (0.0, length), half)
 
 

@@ -15,6 +15,7 @@ import numpy as np
 import warp as wp
 
 from schemas.campaign import WEATHERS, Camera
+from twin.actors.motion import Placement
 from twin.bench import newton_peer
 from twin.bench.lambert import LambertCamera
 from twin.render.build import Tuning
@@ -212,8 +213,13 @@ class CameraBench:
         at = views(world, size.slots)
         poses = np.stack([at.x_m, at.y_m, at.yaw_rad], axis=1)
         self._poses = wp.array(poses, dtype=wp.float64, device=self.device)
-        geometry.place(world.motion.at(np.arange(size.slots) * 0.37))
+        self._geometry = geometry
+        self.place(world.motion.at(np.arange(size.slots) * 0.37))
         self.light()
+
+    def place(self, placement: Placement) -> None:
+        """Put the movable objects of all views where ``placement`` says."""
+        self._geometry.place(placement)
 
     def light(self, weather: str = "", minute_of_day: int = -1) -> None:
         """Light the views: all weathers and hours in turn, or one for all."""

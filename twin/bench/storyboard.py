@@ -1,6 +1,7 @@
 """Time of a step of storyboard programs: 16 reacting actors in each slot, at 100 Hz.
 
-On a CPU the figure is also set against the simulator's loop of a shipped campaign, run for it.
+On a CPU the figure is also set against the simulator's loop of a shipped campaign, run for it. What
+moving bodies cost the cameras is measured in the same run (:mod:`twin.bench.moving_bodies`).
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from typing import Any
 
 import warp as wp
 
+from twin.bench import moving_bodies
 from twin.bench.campaign import Request
 from twin.bench.campaign import measure as measure_campaign
 from twin.bench.storyboard_traffic import reacting_traffic, ring_network
@@ -43,6 +45,8 @@ class StoryboardFigures:
     """A step of all slots; the best of the rounds [ms]."""
     demo_ms_per_sim_s: float | None
     """The loop of the shipped campaign per simulated second; None: not measured [ms]."""
+    cameras: moving_bodies.MovingBodies | None = None
+    """None: not measured."""
 
     @property
     def share(self) -> float | None:
@@ -54,16 +58,26 @@ class StoryboardFigures:
     @property
     def missed(self) -> list[str]:
         """Targets that were missed."""
-        if self.device.startswith("cuda"):
-            late = self.step_ms > TARGET_MS
-            return [f"{self.step_ms:.3f} of {TARGET_MS:g} ms a step"] if late else []
+        missed = [] if self.cameras is None else self.cameras.missed
+        if self.device.startswith("cuda") and self.step_ms > TARGET_MS:
+            return [f"{self.step_ms:.3f} of {TARGET_MS:g} ms a step", *missed]
         if self.share is not None and self.share > TARGET_SHARE:
-            return [f"{self.share:.1%} of {TARGET_SHARE:.0%} of a demo case's time"]
-        return []
+            return [f"{self.share:.1%} of {TARGET_SHARE:.0%} of a demo case's time", *missed]
+        return missed
 
 
-def measure(device: str, slots: int = 0, actors: int = ACTORS, *, demo: bool = True) -> Any:
-    """Step ``slots`` slots of ``actors`` actors that run four different programs."""
+def measure(
+    device: str, slots: int = 0, actors: int = ACTORS, *, demo: bool = True, cameras: bool = True
+) -> StoryboardFigures:
+    """Step ``slots`` slots of ``actors`` actors that run four different programs.
+
+    Args:
+        device: cpu or cuda:N.
+        slots: default: 1 on a CPU, 256 on a GPU.
+        actors: of each slot.
+        demo: on a CPU, run the shipped campaign as well.
+        cameras: measure as well what moving bodies cost the cameras.
+    """
     slots = slots or SLOTS[device.partition(":")[0]]
     programs = [reacting_traffic(actors, variant) for variant in range(4)]
     player = StoryboardPlayer(programs, road_tables(ring_network()), slots, device=device)
@@ -84,13 +98,22 @@ def measure(device: str, slots: int = 0, actors: int = ACTORS, *, demo: bool = T
         with tempfile.TemporaryDirectory() as folder:
             row = measure_campaign(Request(DEMO, device, Path(folder), cases=1), 1)
         loop = row.loop_ms_per_sim_s
-    return StoryboardFigures(device, slots, actors, 1e3 * best, loop)
+    seen = moving_bodies.measure(device) if cameras else None
+    return StoryboardFigures(device, slots, actors, 1e3 * best, loop, seen)
 
 
 def as_json(figures: StoryboardFigures) -> dict[str, Any]:
     """The figures with their targets."""
     targets = {"target_ms": TARGET_MS, "target_share": TARGET_SHARE}
-    return {**asdict(figures), "share": figures.share, **targets}
+    cameras = figures.cameras
+    slower = None if cameras is None else cameras.slower
+    return {
+        **asdict(figures),
+        "share": figures.share,
+        "slower": slower,
+        "target_slower": moving_bodies.TARGET_SLOWER,
+        **targets,
+    }
 
 
 def lines(figures: StoryboardFigures) -> list[str]:
@@ -106,4 +129,6 @@ def lines(figures: StoryboardFigures) -> list[str]:
             f"{figures.share:.1%} of the {figures.demo_ms_per_sim_s:.0f} ms that the loop of "
             f"{DEMO} takes per simulated second (target {TARGET_SHARE:.0%})"
         )
+    if figures.cameras is not None:
+        said += moving_bodies.lines(figures.cameras)
     return said

@@ -40,6 +40,7 @@ def judge_record(
         lane=lane_record(lane),
         further=[None if hull is None else tuple(hull.tolist()) for hull in ground.further],
         hit=None if hit is None else HitRecord(hit.name, hit.kind, hit.hull, hit.hulls),
+        target_name=ground.target_name,
         events=[*ground.events],
     )
 
@@ -84,6 +85,7 @@ def surroundings_of(record: JudgeRecord) -> Surroundings:
         record.half_length_m,
         record.half_width_m,
         tuple(further),
+        target_name=record.target_name,
         events=tuple(record.events),
     )
 

@@ -13,7 +13,14 @@ from schemas.kinds.kpi import KpiKind
 from schemas.kinds.scenario import kind_of
 from twin.kpi.computed import computed_scalars
 from twin.kpi.recorder import CaseRows
-from twin.scenario.protocol import Scalars, ScenarioRun, TellsEvents, Verdict
+from twin.scenario.protocol import (
+    FirstContact,
+    HoldsTrial,
+    Scalars,
+    ScenarioRun,
+    TellsEvents,
+    Verdict,
+)
 from twin.vehicle.columns import COLUMN, PHYSICS_STEP_NS
 from twin.world.things import Thing
 
@@ -90,6 +97,8 @@ def scalars(
     values["speed_max_mps"] = float(fastest)
     values["collisions"] = int(state[COLUMN["collisions"]])
     values |= run.scalars(recorder)
+    if isinstance(run, HoldsTrial):
+        values |= run.trial_scalars(recorder, contact_of(state, hit))
     values |= computed_scalars(kinds, recorder)
     for name, column in (("nearest_min_m", "nearest_m"), ("nearest_ttc_min_s", "nearest_ttc_s")):
         least = _least(recorder, column)
@@ -124,8 +133,20 @@ def _least(recorder: CaseRows, column: str) -> int | None:
     return int(valid[np.argmin(recorder.column(column)[valid])])
 
 
+def contact_of(state: np.ndarray, hit: Thing | None) -> FirstContact | None:
+    """The first collision of a case; None: there was none."""
+    if not state[COLUMN["collisions"]] > 0:
+        return None
+    time_s = float(state[COLUMN["impact_step"]] * PHYSICS_STEP_NS / 1e9)
+    return FirstContact(time_s, float(state[COLUMN["impact_speed_mps"]]), hit)
+
+
 def judge(rows: CaseRows, state: np.ndarray, run: ScenarioRun, hit: Thing | None) -> Verdict:
     """The verdict of an ended case; ``hit`` is what the ego hit first, if anything."""
+    if isinstance(run, HoldsTrial):
+        verdict = run.trial_verdict(rows, contact_of(state, hit))
+        if verdict is not None:
+            return verdict
     if state[COLUMN["collisions"]] > 0:
         speed = state[COLUMN["impact_speed_mps"]]
         at = state[COLUMN["impact_step"]] * PHYSICS_STEP_NS / 1e9

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from schemas.escape import escape
 from twin.road.tables.road_tables import RoadTables
 from twin.scenario.storyboard.player.storyboard_player import StoryboardPlayer, Transition
 from twin.scenario.storyboard.program.program import Program
@@ -45,6 +46,8 @@ class PlayedScenario:
     steps: int = 0
     finished: bool = False
     """False: it was still running when playing ended."""
+    ended_by: str = ""
+    """Names of the conditions that stopped it; empty: it is not known."""
 
 
 def play_programs(
@@ -103,6 +106,7 @@ def play_programs(
             if record.finished or (record.steps + 1) * step_s > until_s + 1e-9:
                 record.transitions = player.transitions(slot)
                 record.overflows = player.overflows(slot)
+                record.ended_by = escape(player.ended_by(slot))
                 del active[slot]
                 ended += 1
                 if done is not None:

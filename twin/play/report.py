@@ -42,12 +42,15 @@ def element_path(program: Program, number: int) -> str:
     return "::".join(reversed(names)) or "storyboard"
 
 
-def event_table(play: NamedPlay, step_s: float) -> Table:
-    """A row per transition of an element."""
+def event_table(play: NamedPlay, step_s: float, *, by_hand: bool) -> Table:
+    """A row per transition of an element; of a file written by hand only of events, because it
+    does not say how they are grouped."""
     table = Table("time s", "element", "path", "transition")
     program = play.played.program
     for transition in play.played.transitions:
         element = program.elements[transition.element]
+        if by_hand and element.kind not in (ElementKind.EVENT, ElementKind.STORYBOARD):
+            continue
         path = element_path(program, transition.element)
         table.add_row(
             f"{transition.step * step_s:.3f}",
@@ -56,6 +59,15 @@ def event_table(play: NamedPlay, step_s: float) -> Table:
             transition.state.name.lower().replace("_transition", ""),
         )
     return table
+
+
+def end_line(play: NamedPlay, step_s: float) -> str:
+    """When playing ended, and why."""
+    played = play.played
+    end_s = f"{played.steps * step_s:.3f} s"
+    if not played.finished:
+        return f"still running at {end_s}"
+    return f"ended at {end_s}" + (f": {played.ended_by}" if played.ended_by else "")
 
 
 def summary_table(plays: Sequence[NamedPlay], step_s: float) -> Table:
@@ -67,7 +79,7 @@ def summary_table(plays: Sequence[NamedPlay], step_s: float) -> Table:
             str(play.permutation),
             escape(values, _NAME_CHARS),
             f"{play.played.steps * step_s:.3f}",
-            "stopped" if play.played.finished else "still running",
+            (play.played.ended_by or "stopped") if play.played.finished else "still running",
             str(len(play.played.transitions)),
         )
     return table
@@ -90,6 +102,7 @@ def to_json(plays: Sequence[NamedPlay], step_s: float) -> list[dict[str, object]
             "notes": list(play.notes),
             "duration_s": round(play.played.steps * step_s, 9),
             "finished": play.played.finished,
+            "ended_by": play.played.ended_by,
             "overflows": list(play.played.overflows),
             "transitions": [
                 {

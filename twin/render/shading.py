@@ -30,6 +30,7 @@ from twin.world.meshes.mesh import UV_METRES
 
 _UV_METRES = wp.constant(UV_METRES)
 _FOLIAGE = wp.constant(materials.FOLIAGE)
+_SIGNAL_LAMP = wp.constant(materials.SIGNAL_LAMP)
 PI_INVERSE = wp.constant(0.31830989)
 # An object's underside is this much over the road, at which height its shadow fades out [m].
 _CLEARANCE_M = wp.constant(0.55)
@@ -210,10 +211,16 @@ def irradiance(
 
 
 @wp.func
-def _object_lamps(scene: RayScene, slot: wp.int32, m: wp.int32) -> wp.vec2:
-    on = wp.vec2(0.0, 0.0)
+def _lamps_of(scene: RayScene, slot: wp.int32, m: wp.int32, face: Face) -> wp.vec3:
+    """Whether an object's lamps, its brake lamps and the lamp that a face is are on."""
+    on = wp.vec3(0.0, 0.0, 0.0)
     if m >= 0:
-        on = wp.vec2(scene.objects[slot, m].lamps, scene.objects[slot, m].brake)
+        lit = (scene.objects[slot, m].lights >> (face.tag & 31)) & 1
+        on = wp.vec3(scene.objects[slot, m].lamps, scene.objects[slot, m].brake, wp.float32(lit))
+    elif face.material == _SIGNAL_LAMP:
+        signal = face.tag >> 3
+        if signal < scene.signals.shape[1]:
+            on = wp.vec3(0.0, 0.0, wp.float32((scene.signals[slot, signal] >> (face.tag & 7)) & 1))
     return on
 
 
@@ -248,7 +255,7 @@ def surface_functions(features: Features, copy: int = 0) -> tuple[Any, Any]:
                 albedo = albedo_at(scene, face, at.face, at.u, at.v, footprint)
         else:
             albedo = albedo_at(scene, face, at.face, at.u, at.v, footprint)
-        on = _object_lamps(scene, slot, at.object)
+        on = _lamps_of(scene, slot, at.object, face)
         ground = wp.vec2(at.p[0], at.p[1])
         along = at.p[0]
         if wp.abs(at.n[0]) > 0.7:

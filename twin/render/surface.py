@@ -29,6 +29,8 @@ _SIGNAL = wp.constant(materials.SIGNAL)
 _GRASS = wp.constant(materials.GRASS)
 _TAIL_LAMP = wp.constant(materials.TAIL_LAMP)
 _HEAD_LAMP = wp.constant(materials.HEAD_LAMP)
+_VEHICLE_LAMP = wp.constant(materials.VEHICLE_LAMP)
+_SIGNAL_LAMP = wp.constant(materials.SIGNAL_LAMP)
 
 _MIRRORS = wp.constant(
     (1 << materials.CAR_PAINT)
@@ -214,7 +216,7 @@ def _masonry(s: SurfacePoint, tag: wp.int32, u: wp.float32, z: wp.float32, dista
 
 
 @wp.func
-def _plain_surface(s: SurfacePoint, m: wp.int32, on: wp.vec2, light: SlotLight):
+def _plain_surface(s: SurfacePoint, m: wp.int32, on: wp.vec3, light: SlotLight):
     """Materials without a pattern."""
     if m == _CAR_PAINT:
         s.mirror = 0.04
@@ -236,11 +238,20 @@ def _plain_surface(s: SurfacePoint, m: wp.int32, on: wp.vec2, light: SlotLight):
         s.emission = wp.cw_mul(s.albedo, s.albedo) * bright
     elif m == _TAIL_LAMP:
         s.retro = 4.0
-        dark = wp.where(light.lamps_on > 0.0, on[0], 0.0)
+        dark = wp.max(wp.where(light.lamps_on > 0.0, on[0], 0.0), on[2])
         s.emission = wp.vec3(1.0, 0.03, 0.02) * (250.0 * dark + 2500.0 * on[1])
     elif m == _HEAD_LAMP:
         s.mirror = 0.04
-        s.emission = wp.vec3(1.0, 0.95, 0.85) * wp.where(light.lamps_on > 0.0, 9000.0 * on[0], 0.0)
+        lit = wp.where(light.lamps_on > 0.0, 9000.0 * wp.max(on[0], on[2]), 40000.0 * on[2])
+        s.emission = wp.vec3(1.0, 0.95, 0.85) * lit
+    elif m == _VEHICLE_LAMP:
+        # Of UN R6 and R23, about 10 kcd/m^2 by day; squared and dimmed as traffic lights are.
+        bright = wp.where(light.lamps_on > 0.0, 150.0, 25000.0)
+        s.emission = wp.cw_mul(s.albedo, s.albedo) * (bright * on[2])
+    elif m == _SIGNAL_LAMP:
+        bright = wp.where(light.lamps_on > 0.0, 120.0, 4000.0)
+        s.emission = wp.cw_mul(s.albedo, s.albedo) * (bright * on[2])
+        s.albedo = s.albedo * wp.where(on[2] > 0.0, 1.0, 0.12)
     return s
 
 
@@ -248,7 +259,7 @@ def _plain_surface(s: SurfacePoint, m: wp.int32, on: wp.vec2, light: SlotLight):
 def surface_at(
     face: Face,
     albedo: wp.vec3,
-    on: wp.vec2,
+    on: wp.vec3,
     ground: wp.vec2,
     along: wp.float32,
     p: wp.vec3,
@@ -260,8 +271,8 @@ def surface_at(
 
     ``ground``: x along the street and y across it, where patterns of the ground lie [m];
     ``along``: where patterns of walls lie, beside the height [m];
-    ``albedo``: the face's colour or that of its image; ``on``: whether the object's lamps and its
-    brake lamps are on.
+    ``albedo``: the face's colour or that of its image; ``on``: whether the object's lamps, its
+    brake lamps and the lamp that the face is are on.
     """
     s = SurfacePoint()
     s.albedo = albedo

@@ -105,7 +105,7 @@ class AttemptRecord:
             return
         try:
             writer.end(result.outcome, result.verdict, self._cut)
-            if self._lease.case.variation.drive == "failed" and result.verdict == "pass":
+            if self._lease.case.variation.drive == "failed" and result.passed:
                 writer.path.unlink()
         except OSError as error:
             self._writer = writer

@@ -8,10 +8,15 @@ from __future__ import annotations
 import hashlib
 import struct
 from collections import deque
+from collections.abc import Sequence
+from typing import Protocol
+
+import numpy as np
 
 from schemas.case import Case
 from schemas.identity import stream_key
-from schemas.messages import Command
+from schemas.messages import Command, Lights
+from twin.vehicle.fleet import Fleet
 from twin.vehicle.model import PHYSICS_STEP_NS
 
 _ONE = 1 << 64
@@ -59,3 +64,51 @@ class Delays:
         """Evenly in 0 to 2^64 - 1."""
         counter = struct.pack("<QQ", self._keys[stream], tick)
         return int.from_bytes(hashlib.sha256(counter).digest()[:8], "little")
+
+
+class CommandedRun(Protocol):
+    """A case that commands are for."""
+
+    pending: deque[tuple[int, Command]]
+    """Commands with the physics step from which they are in force."""
+    delays: Delays
+    lights: Lights
+    """Lamps in force."""
+
+
+def put_in_force(
+    vehicles: Fleet,
+    commands: Sequence[tuple[int, CommandedRun, Command]],
+    tick: np.ndarray,
+    sim_time_ns: np.ndarray,
+    steps: int,
+) -> None:
+    """Work out which commands are in force in the coming period, and from which step.
+
+    Of several that arrive within one period the newest counts.
+
+    Args:
+        vehicles: told of it.
+        commands: slots, their cases, and what each is commanded now.
+        tick: of all slots [S].
+        sim_time_ns: of all slots [S].
+        steps: physics steps of the period.
+    """
+    first_steps = sim_time_ns // PHYSICS_STEP_NS
+    which = np.array([slot for slot, _, _ in commands], np.int64)
+    vehicles.first_step[which] = first_steps[which]
+    vehicles.commands[which, 0, 0] = vehicles.commands[which, 0, 1]
+    vehicles.switch_step[which] = steps
+    slots, asked, switches = [], [], []
+    for (slot, run, command), first_step in zip(commands, first_steps[which].tolist(), strict=True):
+        run.delays.send(run.pending, first_step, int(tick[slot]), command)
+        while run.pending and run.pending[0][0] < first_step + steps:
+            step, current = run.pending.popleft()
+            slots.append(slot)
+            pedals = (current.throttle, current.brake, current.steering_rad, current.handbrake)
+            asked.append((*pedals, -1.0 if current.reverse else 1.0))
+            switches.append(step - first_step)
+            run.lights = current.lights
+    if slots:
+        vehicles.commands[slots, 0, 1] = asked
+        vehicles.switch_step[slots] = switches

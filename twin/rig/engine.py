@@ -21,7 +21,7 @@ from twin.base.stopwatch import Stopwatch
 from twin.kpi import verdict as judging
 from twin.kpi.judge_record import judge_record
 from twin.kpi.recorder import KpiRecorder
-from twin.rig.command_delay import Delays
+from twin.rig.command_delay import Delays, put_in_force
 from twin.rig.slot import Finished
 from twin.scenario import families
 from twin.scenario.case_files import check_files
@@ -39,7 +39,8 @@ from twin.sensors.suite import SensorSuite
 from twin.sensors.vehicle_truth import VehicleTruth
 from twin.vehicle.carry import Carrier
 from twin.vehicle.fleet import Fleet
-from twin.vehicle.ground import drivable
+from twin.vehicle.ground import drivable, height_near
+from twin.vehicle.masses import load_of
 from twin.vehicle.model import PHYSICS_STEP_NS
 from twin.vehicle.nearest import NEAREST
 from twin.vehicle.state import COLUMN
@@ -51,6 +52,7 @@ from twin.world.street.build import World, build_world
 from twin.world.things import Thing
 
 _NO_LIGHTS = Lights()
+_HEIGHT = COLUMN["z_m"]
 _PLACE = [COLUMN["x_m"], COLUMN["y_m"]]
 
 CARRIED = "co-simulated: the stack commanded the car's poses"
@@ -120,7 +122,7 @@ class Engine:
         self._world = build_world(scene, case.rig.bodies)
         self._motion = families.motion_of(case, vehicle, self._world, slots, self._device)
         script = self._motion or self._world.motion
-        self.objects = InterventionMotion(script, self._world.kinds, slots)
+        self.objects = InterventionMotion(script, self._world.kinds, slots, self._motion)
         """Movable objects of all slots."""
         self._origin = scene.origin
         self._street = self._world.lane_known
@@ -221,6 +223,7 @@ class Engine:
         ground = self._ground(slot, case)
         start, ground = self._start(slot, case, ground)
         x_m, y_m, z_m, yaw_rad, speed_mps = start
+        self._vehicles.load(slot, load_of(case.variation.scenario))
         self._vehicles.place(
             slot, x_m, speed_mps, 1.0, y_m=y_m, z_m=z_m, yaw_rad=yaw_rad, refresh=False
         )
@@ -242,7 +245,7 @@ class Engine:
             kind.columns,
             target=ground.target is not None,
             nearest=kind.nearest,
-            names=[thing.name for thing in self._things(slot)] if self._motion else None,
+            names=[thing.name for thing in self.things(slot)] if self._motion else None,
         )
         self._limits.begin(slot, case.variation.scenario)
         self.active[slot] = True
@@ -265,11 +268,15 @@ class Engine:
         if self._motion is None:
             scenario = case.variation.scenario
             x_m, y_m, yaw_rad = families.start_of(scenario, ground)
-            return StartPose(x_m, y_m, 0.0, yaw_rad, scenario.ego_speed_mps), ground
+            z_m = self._world.lane_start_z_m
+            return StartPose(x_m, y_m, z_m, yaw_rad, scenario.ego_speed_mps), ground
         start = self._motion.begin(slot, case)
-        return start, replace(ground, events=self._motion.events(slot))
+        ground = replace(ground, events=self._motion.events(slot))
+        if target := self._motion.target(slot):
+            ground = replace(ground, target=target.hull, target_name=target.name)
+        return start, ground
 
-    def _things(self, slot: int) -> Sequence[Thing]:
+    def things(self, slot: int) -> Sequence[Thing]:
         """What the hulls of a slot belong to."""
         things = self._world.things
         if self._motion is None:
@@ -341,9 +348,12 @@ class Engine:
     def apply_environment(self, slot: int) -> None:
         """Weather and light of a slot as they are at its sim time."""
         environment = self.environment(slot)
+        if self._motion is not None:
+            environment.script(self._motion.environment(slot))
         weather, light = environment.at(int(self.sim_time_ns[slot]))
         self._vehicles.friction[slot] = weather.friction
         self._winds.set(slot, weather.wind_mps, weather.gust_mps)
+        self._winds.turn(slot, environment.wind_towards)
         self._exteroceptive.light(slot, light, weather, environment.wind_towards)
         self._illuminance_lx[slot] = light.illuminance_lx
         self._extinction_per_m[slot] = weather.extinction_per_m
@@ -353,12 +363,11 @@ class Engine:
         where a robot drives it."""
         if self._robots is not None:
             self._robots.refuse(slot)
-        friction = float(self._vehicles.friction[slot])
-        self._vehicles.place(
-            slot, place.x_m, place.speed_mps, friction, y_m=place.y_m, yaw_rad=place.yaw_rad
-        )
+        friction, x_m, y_m = float(self._vehicles.friction[slot]), place.x_m, place.y_m
+        at = {"y_m": y_m, "z_m": height_near(self._world, x_m, y_m, self.state[slot, _HEIGHT])}
+        self._vehicles.place(slot, x_m, place.speed_mps, friction, yaw_rad=place.yaw_rad, **at)
         run = self._run(slot)
-        run.scenario = families.begin(run.case.variation.scenario, run.ground, place.x_m, place.y_m)
+        run.scenario = families.begin(run.case.variation.scenario, run.ground, x_m, y_m)
         self._exteroceptive.moved(slot)
 
     def sensors_mistake(self, errors: SensorErrors) -> str:
@@ -429,7 +438,7 @@ class Engine:
         if not self._surveyed:
             self._survey()
         self._nearest = self._vehicles.nearest()
-        self._schedule(good)
+        put_in_force(self._vehicles, good, self.tick, self.sim_time_ns, self._steps)
         slots = [slot for slot, _, _ in good]
         if self._robots is not None:
             self._robots.watch(slots)
@@ -459,7 +468,8 @@ class Engine:
         if self._robots is None:
             self._vehicles.advance(self._steps)
             return
-        for slot in self._robots.advance(self.active, self._steps, self._hulls):
+        moved = self._robots.advance(self.active, self._steps, self._hulls, self.apply_environment)
+        for slot in moved:
             self._exteroceptive.moved(slot)
 
     def _hulls(self) -> np.ndarray:
@@ -486,43 +496,27 @@ class Engine:
         for slot in range(self.slots):
             self.clear(slot)
 
-    def _schedule(self, good: list[tuple[int, _Run, Command]]) -> None:
-        """Work out which commands are in force in the coming period, and from which step.
-
-        Of several that arrive within one period the newest counts.
-        """
-        vehicles = self._vehicles
-        first_steps = self.sim_time_ns // PHYSICS_STEP_NS
-        which = np.array([slot for slot, _, _ in good], np.int64)
-        vehicles.first_step[which] = first_steps[which]
-        vehicles.commands[which, 0, 0] = vehicles.commands[which, 0, 1]
-        vehicles.switch_step[which] = self._steps
-        slots, asked, switches = [], [], []
-        for (slot, run, command), first_step in zip(good, first_steps[which].tolist(), strict=True):
-            run.delays.send(run.pending, first_step, int(self.tick[slot]), command)
-            while run.pending and run.pending[0][0] < first_step + self._steps:
-                step, current = run.pending.popleft()
-                slots.append(slot)
-                pedals = (current.throttle, current.brake, current.steering_rad, current.handbrake)
-                asked.append((*pedals, -1.0 if current.reverse else 1.0))
-                switches.append(step - first_step)
-                run.lights = current.lights
-        if slots:
-            vehicles.commands[slots, 0, 1] = asked
-            vehicles.switch_step[slots] = switches
-
     def _record(self, slots: list[int], commands: Sequence[Command | None]) -> None:
         if not slots:
             return
-        given = [self._columns(slot) for slot in slots]
+        given = [
+            self._columns(slot, command) for slot, command in zip(slots, commands, strict=True)
+        ]
         self._recorder.add(
             slots, self.tick, self.sim_time_ns, self.state, commands, given, self._nearest
         )
 
-    def _columns(self, slot: int) -> Mapping[str, float]:
-        """KPI columns that the scenario of a slot gives."""
+    def _columns(self, slot: int, command: Command | None) -> Mapping[str, float]:
+        """KPI columns that only some families have."""
         columns = self._run(slot).scenario.columns()
-        return columns if self._motion is None else {**columns, **self._motion.columns(slot)}
+        if self._motion is None:
+            return columns
+        around = {
+            "light_lx": float(self._illuminance_lx[slot]),
+            "road_friction": float(self._vehicles.friction[slot]),
+        }
+        warning = {} if command is None else {"warning": float(command.warning)}
+        return {**columns, **around, **self._motion.columns(slot), **warning}
 
     def _survey(self) -> None:
         """Begin to measure what every ego is nearest to at the current ticks, see
@@ -580,7 +574,7 @@ class Engine:
 
     def _hit(self, slot: int) -> Thing | None:
         """What the ego of a slot hit first."""
-        index, things = self._vehicles.first_hit(slot), self._things(slot)
+        index, things = self._vehicles.first_hit(slot), self.things(slot)
         return things[index] if 0 <= index < len(things) else None
 
     def fail(self, slot: int, reason: str) -> Finished:

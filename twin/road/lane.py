@@ -85,12 +85,11 @@ class LanePath:
         return LanePose(_settled(x), _settled(y), _settled(_turned(yaw)), curvature)
 
     def places(self, step_m: float) -> np.ndarray:
-        """World x, y [m] and heading [rad] along it [n, 3]: of a straight one its ends; of a
-        closed one places at most ``step_m`` apart, the last of which is the first again."""
-        assert self.closed or len(self.curvature) == 1
+        """World x, y [m] and heading [rad] along it [n, 3]: of a straight one its ends; of others
+        places at most ``step_m`` apart. The last of a closed one is the first again."""
         s = np.array([0.0, self.length_m])
-        if self.closed:
-            s = np.append(np.arange(0.0, self.length_m, step_m), 0.0)
+        if self.closed or len(self.curvature) > 1:
+            s = np.append(np.arange(0.0, self.length_m, step_m), s[0 if self.closed else 1])
         return np.stack(self.at(s)[:3], axis=-1)
 
     def locate(self, x_m: float | np.ndarray, y_m: float | np.ndarray) -> LanePlace:

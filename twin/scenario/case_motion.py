@@ -11,6 +11,7 @@ from schemas.case import Case
 from twin.actors.motion import Placement
 from twin.scenario.driver import LedPose, RobotLimits
 from twin.vehicle.vehicle_file import Vehicle
+from twin.world.sky.scripted import ScriptedEnvironment
 from twin.world.things import Thing
 
 
@@ -25,13 +26,21 @@ class StartPose(NamedTuple):
     speed_mps: float
 
 
+class CaseTarget(NamedTuple):
+    """What the trial of a case is about."""
+
+    name: str
+    hull: np.ndarray
+    """Hull at the start [5]: x, y [m], yaw [rad], half length and width [m]."""
+
+
 class CaseMotion(Protocol):
     """Bodies of all slots, from step to step; slots know nothing of one another."""
 
     count: int
     """Most bodies of a slot M."""
     actors: Sequence[Any]
-    """Empty: no scene says where they are, and nobody but the scenario moves them."""
+    """Empty: no scene says where they are."""
     steps: int
     """Physics steps of a step."""
 
@@ -78,6 +87,18 @@ class CaseMotion(Protocol):
         """Where all bodies are now, whatever the times; see
         :class:`twin.actors.motion.Motion`."""
 
+    def act(self, slot: int, action: Any) -> int:
+        """Carry out an intervention on a body between two steps, one of ``MoveObject``,
+        ``SpawnObject``, ``RemoveObject`` and ``FreeObject`` of
+        :mod:`schemas.wire.interventions`; the body it was done to.
+
+        Raises:
+            ValueError: it cannot be done; one line, and nothing has changed.
+        """
+
+    def moved(self, slot: int) -> frozenset[int]:
+        """Bodies of a slot that an intervention has taken off the scenario."""
+
     def columns(self, slot: int) -> Mapping[str, float]:
         """KPI columns of a slot that it gives, now."""
 
@@ -87,8 +108,17 @@ class CaseMotion(Protocol):
     def fault(self, slot: int) -> str:
         """Why the case in a slot cannot be told to its end; empty: it can."""
 
+    def environment(self, slot: int) -> ScriptedEnvironment | None:
+        """What the scenario has said of weather, light and road so far; None: nothing."""
+
+    def weathered(self) -> Sequence[int]:
+        """Slots in which :meth:`environment` has changed since this was asked last."""
+
     def things(self, slot: int) -> Sequence[Thing]:
         """What the bodies of a slot are [M]."""
+
+    def target(self, slot: int) -> CaseTarget | None:
+        """What the trial of the case in a slot is about; None: it is no trial."""
 
     def events(self, slot: int) -> tuple[str, ...]:
         """Names of what may happen in the case of a slot."""
@@ -98,7 +128,13 @@ class CaseMotionMaker(Protocol):
     """A class of such motions."""
 
     def __call__(
-        self, case: Case, vehicle: Vehicle, kinds: Sequence[Any], slots: int, device: Any
+        self,
+        case: Case,
+        vehicle: Vehicle,
+        kinds: Sequence[Any],
+        slots: int,
+        device: Any,
+        signals: Sequence[str],
     ) -> CaseMotion:
         """For the rig of a case.
 
@@ -108,6 +144,7 @@ class CaseMotionMaker(Protocol):
             kinds: looks of bodies of the world, :func:`twin.actors.palette.build_palette`.
             slots: S.
             device: of Warp.
+            signals: traffic lights of the world, by their ids in its road file.
 
         Raises:
             ValueError: the rig cannot have it; one line.

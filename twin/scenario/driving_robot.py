@@ -48,7 +48,7 @@ class DrivingRobots:
         wp.load_module(carry_kernel, device=self._device)  # not in the middle of a case
         led = self._motion.led_pose(slot)
         row = self._fleet.state[slot, 0]
-        row[columns("com")], row[columns("orientation")] = self._carrier.body(led.pose)
+        row[columns("com")], row[columns("orientation")] = self._carrier.body(slot, led.pose)
         self._fleet.roll(slot, led.speed_mps, 0.0)
         self._turns[slot] = False
 
@@ -86,7 +86,13 @@ class DrivingRobots:
         if released:
             self._fleet.refresh()
 
-    def advance(self, active: np.ndarray, steps: int, hulls: Callable[[], np.ndarray]) -> list[int]:
+    def advance(
+        self,
+        active: np.ndarray,
+        steps: int,
+        hulls: Callable[[], np.ndarray],
+        weather: Callable[[int], None],
+    ) -> list[int]:
         """One control period of scenario and vehicles, in steps of the scenario.
 
         Both go on from the same states: in a step of the scenario, the vehicle meets the bodies as
@@ -96,6 +102,7 @@ class DrivingRobots:
             active: slots that go on, bool [S].
             steps: physics steps of the period.
             hulls: gives those of the bodies now [S, M, 8].
+            weather: told each slot whose scenario has changed weather, light or road.
 
         Returns:
             Slots whose vehicle was put elsewhere.
@@ -107,13 +114,15 @@ class DrivingRobots:
                 fleet.movers[...] = hulls()
                 fleet.switch_step[...] -= scenario_steps
                 fleet.first_step[...] += scenario_steps
-            elsewhere += self._step(active)
+            elsewhere += self._step(active, weather)
         return elsewhere
 
-    def _step(self, active: np.ndarray) -> list[int]:
+    def _step(self, active: np.ndarray, weather: Callable[[int], None]) -> list[int]:
         """One step of the scenario; slots whose vehicle was put elsewhere."""
         motion, fleet = self._motion, self._fleet
         motion.step(fleet.state[:, 0], active)
+        for slot in dict.fromkeys(motion.weathered()):
+            weather(slot)
         led = [slot for slot in np.flatnonzero(active).tolist() if motion.robot(slot) is not None]
         fleet.active[led] = 0
         fleet.advance(motion.steps)

@@ -56,7 +56,7 @@ def motion_of(
     if not case.rig.bodies:
         return None
     maker: CaseMotionMaker = implementation(kind_of(case.variation.scenario).motion)
-    return maker(case, vehicle, world.kinds, slots, device)
+    return maker(case, vehicle, world.kinds, slots, device, world.signals)
 
 
 def begin(scenario: Scenario, ground: Surroundings, x_m: float, y_m: float) -> ScenarioRun:

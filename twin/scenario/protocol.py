@@ -13,6 +13,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 
 from twin.scenario.surroundings import Surroundings
+from twin.world.things import Thing
 
 Scalars = dict[str, float | int | None]
 
@@ -34,8 +35,8 @@ class Verdict:
     """Verdict of a finished case, and its reasons."""
 
     verdict: str
-    """``pass``, ``collision``, ``false_braking``, ``time_up`` or another word of a family. Only
-    ``pass`` counts as passed (:mod:`schemas.verdict`)."""
+    """``pass``, ``collision``, ``false_braking``, ``time_up`` or another word of a family. Which
+    count as passed: :mod:`schemas.verdict`."""
     reasons: list[str]
     """Reasons for the verdict, short sentences."""
 
@@ -67,6 +68,30 @@ class TellsEvents(Protocol):
 
     def before_end(self, rows: Rows) -> list[str]:
         """What happened before the end of a case, short sentences for a verdict's reasons."""
+
+
+@dataclass(frozen=True, slots=True)
+class FirstContact:
+    """The first collision of a case."""
+
+    time_s: float
+    """Sim time [s]."""
+    speed_mps: float
+    """Speed of the ego [m/s]."""
+    thing: Thing | None
+    """What it hit; None: it is not known."""
+
+
+@runtime_checkable
+class HoldsTrial(Protocol):
+    """A run that may be a trial: it also concludes cases with a collision, from the rows and the
+    collision alone, so that the judge comes to the same."""
+
+    def trial_scalars(self, rows: Rows, contact: FirstContact | None) -> Scalars:
+        """Scalars of the trial; None where missing, and where the case is none."""
+
+    def trial_verdict(self, rows: Rows, contact: FirstContact | None) -> Verdict | None:
+        """The verdict of the trial; None: the case is none."""
 
 
 class ScenarioFamily(Protocol):

@@ -36,6 +36,8 @@ class Surroundings:
     """Name of the scene, for messages; not in records."""
     street: bool = True
     """The scene has a street with lanes; not in records."""
+    target_name: str = ""
+    """Name of the target, where a trial is about one."""
     events: tuple[str, ...] = ()
     """Names of what may happen in the case, in the order of its file."""
 

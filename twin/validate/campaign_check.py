@@ -11,6 +11,7 @@ from schemas.kinds.scenario import scenario_kinds
 from schemas.plan import plan_of
 from schemas.validation import Mistake
 from twin.validate.scene_check import Variant, check_scenes, vehicle_mistakes
+from twin.vehicle.masses import load_of
 
 
 def check_campaign(campaign: Campaign) -> tuple[list[Mistake], list[str]]:
@@ -27,7 +28,9 @@ def check_campaign(campaign: Campaign) -> tuple[list[Mistake], list[str]]:
     )
     scenes = check_scenes(asked)
     mistakes = [Mistake("scenario.scene", line) for line in scenes.mistakes]
-    lines = vehicle_mistakes(case.rig.vehicle for case in plan.cases)
+    lines = vehicle_mistakes(
+        (case.rig.vehicle, load_of(case.variation.scenario)) for case in plan.cases
+    )
     mistakes += [Mistake("scenario.vehicle", line) for line in lines]
     mistakes += _of_families(plan.cases)
     kinds = [kind for kind in plan.kinds_of_others() if kind.implementation]
@@ -51,5 +54,6 @@ def _of_families(cases: Sequence[Case]) -> list[Mistake]:
         own = [case for case in cases if case.variation.scenario.type == kind.name]
         if own and kind.checks:
             lines: list[str] = implementation(kind.checks)(own)
-            mistakes += [Mistake(f"scenario.{kind.files[0]}", line) for line in lines]
+            key = kind.files[0] if kind.files else "scene"
+            mistakes += [Mistake(f"scenario.{key}", line) for line in lines]
     return mistakes

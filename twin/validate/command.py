@@ -101,7 +101,7 @@ def scenario(
     elif mistakes:
         raise UsageError("\n".join(mistakes))
     else:
-        print("\n".join(lines))
+        print("\n".join([*lines, *([f"picture: {picture}"] if picture is not None else [])]))
     raise typer.Exit(EXIT_USAGE if mistakes else EXIT_PASS)
 
 

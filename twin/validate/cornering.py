@@ -8,7 +8,8 @@ import numpy as np
 
 from twin.validate.check import ManoeuvreCheck, thinned
 from twin.validate.track import DriverInput, ManoeuvreRun, drive
-from twin.vehicle.model import GRAVITY_MPS2, corner_points
+from twin.vehicle.masses import masses_of
+from twin.vehicle.model import GRAVITY_MPS2
 from twin.vehicle.state import COLUMN
 from twin.vehicle.vehicle_file import TyreCurve, Vehicle
 
@@ -74,7 +75,8 @@ def expected_steering(vehicle: Vehicle, accel_mps2: float, radius_m: float) -> f
     delta = L / R + alpha_f - alpha_r; an axle's slip follows from its share of the lateral force
     over its load, less what roll steers.
     """
-    wheels, mass, _ = corner_points(vehicle)
+    masses = masses_of(vehicle)
+    wheels, mass = masses.wheels, masses.corners
     total, sprung = vehicle.mass_kg, float(mass.sum())
     front = -wheels[2, 0] / vehicle.wheelbase_m
     height, radius = vehicle.body.com_height_m, vehicle.wheels.radius_m

@@ -16,6 +16,7 @@ from schemas.sections.objects import ObjectVariation
 from twin.actors.motion import Motion, Still
 from twin.actors.objects import script_of
 from twin.actors.variations import Variations
+from twin.vehicle.masses import Load, masses_of
 from twin.vehicle.vehicle_file import load_vehicle
 from twin.world.meshes.mesh import MeshBuilder
 from twin.world.scene import Scene, load_scene
@@ -62,16 +63,16 @@ def check_scenes(variants: Iterable[Variant]) -> SceneFindings:
     return SceneFindings(list(dict.fromkeys(lines)), list(dict.fromkeys(notes)))
 
 
-def vehicle_mistakes(names: Iterable[str]) -> list[str]:
-    """One line per vehicle that cannot be used; each is looked at once."""
-    lines = []
-    for name in dict.fromkeys(names):
+def vehicle_mistakes(loaded: Iterable[tuple[str, Load]]) -> list[str]:
+    """One line per vehicle that cannot be used, or cannot carry a load; each is looked at once."""
+    lines = {}
+    for name, load in dict.fromkeys(loaded):
         try:
-            load_vehicle(name)
+            masses_of(load_vehicle(name), load)
         except (ValueError, YamlError) as error:
             line = str(error)
-            lines.append(line if name in line else f"vehicle {name}: {line}")
-    return lines
+            lines[line if name in line else f"vehicle {name}: {line}"] = None
+    return list(lines)
 
 
 def _check_scene(name: str) -> tuple[Motion | None, SceneFindings]:
@@ -91,9 +92,9 @@ def _check_files(scene: Scene) -> SceneFindings:
     """What was found in the files of a scene; the first of them that cannot be used."""
     if scene.opendrive:
         # Roads take libraries that are slow to load, and most scenes have none.
-        from twin.world.road_scene import road_mistake
+        from twin.world.roadside.roadside import road_mistake
 
-        if mistake := road_mistake(scene.opendrive):
+        if mistake := road_mistake(scene):
             return SceneFindings([mistake], [])
     if not scene.meshes and scene.terrain is None:
         return SceneFindings([], [])

@@ -54,16 +54,16 @@ class Carrier:
         com, turn = np.zeros((fleet.slots, 3)), np.zeros((fleet.slots, 4))
         for slot, pose in poses.items():
             carried[slot] = JUMPS if self._way_m(slot, pose) > self._reach_m else GOES
-            com[slot], turn[slot] = self.body(pose)
+            com[slot], turn[slot] = self.body(slot, pose)
         fleet.carry(self._steps, carried, com, turn)
         return np.flatnonzero(carried == JUMPS).tolist()
 
     def _way_m(self, slot: int, pose: Pose) -> float:
-        com, _ = self.body(pose)
+        com, _ = self.body(slot, pose)
         return float(np.linalg.norm(com - self._fleet.state[slot, 0, columns("com")]))
 
-    def body(self, pose: Pose) -> tuple[np.ndarray, np.ndarray]:
-        """Centre of mass [3] and orientation [4] of a vehicle that is at a pose."""
+    def body(self, slot: int, pose: Pose) -> tuple[np.ndarray, np.ndarray]:
+        """Centre of mass [3] and orientation [4] of a slot's vehicle that is at a pose."""
         turn = np.array([pose.qx, pose.qy, pose.qz, pose.qw])
         turn /= np.linalg.norm(turn)
-        return self._fleet.body_at(pose.x_m, pose.y_m, pose.z_m, turn), turn
+        return self._fleet.body_at(slot, pose.x_m, pose.y_m, pose.z_m, turn), turn

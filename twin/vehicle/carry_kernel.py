@@ -54,6 +54,7 @@ def _rate(a: wp.quatd, b: wp.quatd, time_s: wp.float64) -> wp.vec3d:
 def carry_kernel(
     # model
     models: wp.array(dtype=VehicleModel),
+    model_of: wp.array2d(dtype=wp.int32),
     scene: VehicleScene,
     # args
     steps: wp.int32,
@@ -72,7 +73,7 @@ def carry_kernel(
     slot = wp.tid()
     if carried[slot] == 0:
         return
-    m = models[0]
+    m = models[model_of[slot, 0]]
     before = states[slot, 0]
     begin = before.com
     a = before.orientation
@@ -118,7 +119,7 @@ def carry_kernel(
             elif n.moved > _ZERO and n.rest_step < _ZERO:
                 n.rest_step = now
             states[slot, 0] = n
-            vehicle_contacts(models, scene, states, events, counts, slot, 0, now)
+            vehicle_contacts(models, model_of, scene, states, events, counts, slot, 0, now)
             since = wp.float64(k + 1) * _STEP_S
             mover_contacts(m, scene, states, movers, events, counts, slot, 0, now, since)
     states[slot, 0] = measure(m, scene, states[slot, 0], targets[slot])

@@ -12,6 +12,7 @@ from twin.vehicle import kernel, nearest
 from twin.vehicle.carry_kernel import carry_kernel
 from twin.vehicle.ground import FlatGround, GroundMesh
 from twin.vehicle.guard import FAULTS
+from twin.vehicle.masses import NO_LOAD, Load
 from twin.vehicle.model import GRAVITY_MPS2, VehicleModel, vehicle_model
 from twin.vehicle.nearest import NEAREST
 from twin.vehicle.powertrain import COMMANDS
@@ -60,7 +61,14 @@ class Fleet:
         self.slots = slots
         self._device = device
         self._host_models = [vehicle_model(v) for v in vehicles]
-        self._models = wp.array(self._host_models, dtype=VehicleModel, device=device)
+        # Behind those of the vehicles there is room for that of each slot's loaded vehicle 0. An
+        # index, since a GPU reads what all slots share once.
+        rooms = [*self._host_models, *([self._host_models[0]] * slots)]
+        self._models = wp.array(rooms, dtype=VehicleModel, device=device)
+        self._model_of = Mirror((slots, len(self.vehicles)), wp.int32, device)
+        self._model_of.host[...] = np.arange(len(self.vehicles))
+        self._model_of.push()
+        self._loaded: dict[int, VehicleModel] = {}
         self._ground = ground or FlatGround(device)
         self._scene = self._build_scene(colliders)
         self._scene.stop_at_impact = int(stop_at_impact)
@@ -105,7 +113,7 @@ class Fleet:
         """Everything that vehicles can stand on or hit."""
         device, scene = self._device, kernel.VehicleScene()
         scene.colliders = wp.array(colliders, dtype=wp.float64, device=device, ndim=2)
-        scene.grid = wall_grid(colliders, max(map(_extent_m, self._host_models)), device)
+        scene.grid = wall_grid(colliders, max(map(_extent_m, self.vehicles)), device)
         scene.ground = self._ground.kernel
         return scene
 
@@ -145,6 +153,7 @@ class Fleet:
             self.slots,
             inputs=[
                 self._models,
+                self._model_of.device,
                 self._scene.colliders,
                 self._active.device,
                 self._rows,
@@ -177,6 +186,28 @@ class Fleet:
         """State of every slot's vehicle 0 on the device, float64 [S, T]; x, y, yaw come first."""
         return self._state.device[:, 0]
 
+    def load(self, slot: int, load: Load) -> None:
+        """Give vehicle 0 of a slot another load. Call :meth:`place` after.
+
+        Raises:
+            ValueError: the load would lift a wheel; one line.
+        """
+        if load == NO_LOAD:
+            self._loaded.pop(slot, None)
+            index = 0
+        else:
+            index = len(self.vehicles) + slot
+            model = self._loaded[slot] = vehicle_model(self.vehicles[0], load)
+            room = wp.array([model], dtype=VehicleModel, device=self._device)
+            wp.copy(self._models, room, dest_offset=index, count=1)
+        if self._model_of.host[slot, 0] != index:
+            self._model_of.host[slot, 0] = index
+            self._model_of.push()
+
+    def _model(self, slot: int, vehicle: int = 0) -> VehicleModel:
+        model = self._loaded.get(slot) if vehicle == 0 else None
+        return model or self._host_models[vehicle]
+
     def place(
         self,
         slot: int,
@@ -195,7 +226,7 @@ class Fleet:
         The slot's friction is set for all its vehicles; its collisions are forgotten. Without
         ``refresh``, call :meth:`refresh` once after placing many.
         """
-        model = self._host_models[vehicle]
+        model = self._model(slot, vehicle)
         row = self.state[slot, vehicle]
         row[:] = initial_state(model, x_m, y_m, z_m, yaw_rad, speed_mps)
         self.friction[slot] = friction
@@ -209,7 +240,7 @@ class Fleet:
     def roll(self, slot: int, speed_mps: float, steering_rad: float) -> None:
         """Give vehicle 0 of a slot, where it is, this speed forwards on rolling wheels, in the gear
         for it; what it drifts sideways stays. Call :meth:`refresh` once after."""
-        row, model = self.state[slot, 0], self._host_models[0]
+        row, model = self.state[slot, 0], self._model(slot)
         x, y, z, w = row[columns("orientation")]
         forward = np.array([1 - 2 * (y * y + z * z), 2 * (x * y + z * w), 2 * (x * z - y * w)])
         left = np.array([2 * (x * y - z * w), 1 - 2 * (x * x + z * z), 2 * (y * z + x * w)])
@@ -231,7 +262,7 @@ class Fleet:
         wp.launch(
             kernel.measure_kernel,
             (self.slots, len(self.vehicles)),
-            inputs=[self._models, self._scene, self._targets.device],
+            inputs=[self._models, self._model_of.device, self._scene, self._targets.device],
             outputs=[self._rows],
             device=self._device,
             block_dim=_BLOCK,
@@ -266,6 +297,7 @@ class Fleet:
             self.slots,
             inputs=[
                 self._models,
+                self._model_of.device,
                 self._scene,
                 steps,
                 self._friction.device,
@@ -301,6 +333,7 @@ class Fleet:
             self.slots,
             inputs=[
                 self._models,
+                self._model_of.device,
                 self._scene,
                 steps,
                 self._first_step.device,
@@ -320,9 +353,12 @@ class Fleet:
         )
         self._state.pull()
 
-    def body_at(self, x_m: float, y_m: float, z_m: float, turn: np.ndarray) -> np.ndarray:
-        """Centre of mass [3] of a vehicle 0 with its reference point there; ``turn``: xyzw."""
-        model = self._host_models[0]
+    def body_at(
+        self, slot: int, x_m: float, y_m: float, z_m: float, turn: np.ndarray
+    ) -> np.ndarray:
+        """Centre of mass [3] of a slot's vehicle 0 with its reference point there; ``turn``:
+        xyzw."""
+        model = self._model(slot)
         x, y, z, w = turn
         forward = np.array([1 - 2 * (y * y + z * z), 2 * (x * y + z * w), 2 * (x * z - y * w)])
         left_z, up_z = 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)
@@ -353,9 +389,11 @@ class Fleet:
         return "" if np.isfinite(rows).all() else FAULTS[1]
 
 
-def _extent_m(model: VehicleModel) -> float:
-    """No corner of the hull is farther from the centre of mass than this."""
-    return float(model.half_length + model.half_width + abs(model.hull_x))
+def _extent_m(vehicle: Vehicle) -> float:
+    """No corner of the hull is farther from the centre of mass than this, whatever the load."""
+    middle_m = vehicle.centre_offset_m
+    shift_m = max(abs(middle_m), abs(middle_m - vehicle.wheelbase_m))
+    return vehicle.length_m / 2 + vehicle.width_m / 2 + shift_m
 
 
 def initial_state(

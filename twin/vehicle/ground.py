@@ -14,6 +14,10 @@ from twin.world.street.build import World
 _GRIP = {materials.PAVING: 0.9}
 """Friction of a surface over that of asphalt; wet paving stones are a little smoother [-]."""
 
+STOREY_M = 2.5
+"""Between ground closer than this above one another there is no room for a car [m]."""
+_EDGE = 1e-9
+
 _ABOVE = wp.constant(wp.float64(0.25))
 _BELOW = wp.constant(wp.float32(4.0))
 _NOWHERE = wp.constant(wp.float64(-1.0e4))
@@ -111,14 +115,45 @@ def drivable(world: World, device: wp.Device) -> GroundMesh:
     Raises:
         ValueError: there is none; one line.
     """
-    mesh = world.mesh
-    classes = [SEMANTIC_CLASSES.index(name) for name in DRIVABLE]
-    wanted = np.isin(mesh.semantic, classes)
-    wanted &= (mesh.instance < 0) & (mesh.material != materials.PAINT) & (mesh.tag != DECAL)
+    mesh, wanted = world.mesh, _drivable_faces(world)
     if not wanted.any():
         raise ValueError(
             "the scene has no ground: no face with semantic "
             f"{', '.join(DRIVABLE)} (other than paint)"
         )
     grip = np.array([_GRIP.get(int(m), 1.0) for m in mesh.material[wanted]])
+    if mesh.grip is not None:
+        own = mesh.grip[wanted]
+        grip = np.where(np.isnan(own), grip, own)
     return GroundMesh(device, mesh.points_m, mesh.faces[wanted], grip)
+
+
+def height_near(world: World, x_m: float, y_m: float, z_m: float) -> float:
+    """Height of the ground at a place, for somebody who was at height ``z_m`` before [m].
+
+    Of several storeys the one nearest to that height; ``z_m`` where there is no ground.
+    """
+    points = world.mesh.points_m[world.mesh.faces[_drivable_faces(world)]].astype(float)
+    a, b, c = points[:, 0], points[:, 1] - points[:, 0], points[:, 2] - points[:, 0]
+    x, y = x_m - a[:, 0], y_m - a[:, 1]
+    area = b[:, 0] * c[:, 1] - b[:, 1] * c[:, 0]
+    upright = area == 0.0
+    area = np.where(upright, 1.0, area)
+    u = (x * c[:, 1] - y * c[:, 0]) / area
+    v = (b[:, 0] * y - b[:, 1] * x) / area
+    inside = ~upright & (u >= -_EDGE) & (v >= -_EDGE) & (u + v <= 1.0 + _EDGE)
+    heights = (a[:, 2] + u * b[:, 2] + v * c[:, 2])[inside]
+    if not len(heights):
+        return z_m
+    heights.sort()
+    # What lies closely below ground carries nobody: grass below a road, a road below a kerb.
+    tops = heights[np.append(np.diff(heights) > STOREY_M, True)]
+    return float(tops[np.argmin(np.abs(tops - z_m))])
+
+
+def _drivable_faces(world: World) -> np.ndarray:
+    mesh = world.mesh
+    classes = [SEMANTIC_CLASSES.index(name) for name in DRIVABLE]
+    wanted: np.ndarray = np.isin(mesh.semantic, classes)
+    wanted &= (mesh.instance < 0) & (mesh.material != materials.PAINT) & (mesh.tag != DECAL)
+    return wanted

@@ -182,6 +182,7 @@ def _touch(
 @wp.func
 def vehicle_contacts(
     models: wp.array(dtype=VehicleModel),
+    model_of: wp.array2d(dtype=wp.int32),
     scene: VehicleScene,
     states: wp.array2d(dtype=VehicleState),
     events: wp.array3d(dtype=wp.float64),
@@ -191,17 +192,17 @@ def vehicle_contacts(
     now: wp.float64,
 ):
     """Contacts of vehicle ``v`` with vehicles after it and with walls."""
-    m = models[v]
+    m = models[model_of[slot, v]]
     # Made anew only after a touch: a GPU waits for what it reads from memory in every round.
     a = _vehicle_box(m, states[slot, v])
     for u in range(v + 1, states.shape[1]):
-        b = _vehicle_box(models[u], states[slot, u])
+        b = _vehicle_box(models[model_of[slot, u]], states[slot, u])
         if near(a, b):
             t = meet(a, b)
             if t.touched:
                 new = _note(events, counts, slot, now, v, _CAR, u, t.speed, t.x, t.y)
                 _touch(m, scene, states, slot, v, t.a, new, now)
-                _touch(models[u], scene, states, slot, u, t.b, new, now)
+                _touch(models[model_of[slot, u]], scene, states, slot, u, t.b, new, now)
                 a = _vehicle_box(m, states[slot, v])
     extent = extent_of(a)
     walls = scene.colliders
@@ -268,6 +269,7 @@ def measure(
 def measure_kernel(
     # model
     models: wp.array(dtype=VehicleModel),
+    model_of: wp.array2d(dtype=wp.int32),
     scene: VehicleScene,
     # args
     targets: wp.array(dtype=wp.int32),
@@ -278,15 +280,15 @@ def measure_kernel(
     slot, v = wp.tid()
     q = states[slot, v].orientation
     if wp.dot(q, q) > _ZERO:
-        states[slot, v] = measure(
-            models[v], scene, observe(models[v], states[slot, v]), targets[slot]
-        )
+        m = models[model_of[slot, v]]
+        states[slot, v] = measure(m, scene, observe(m, states[slot, v]), targets[slot])
 
 
 @wp.kernel
 def drive_kernel(
     # model
     models: wp.array(dtype=VehicleModel),
+    model_of: wp.array2d(dtype=wp.int32),
     scene: VehicleScene,
     # args
     steps: wp.int32,
@@ -320,14 +322,15 @@ def drive_kernel(
             s = states[slot, v]
             frozen = scene.stop_at_impact != 0 and s.collisions > _ZERO
             if s.fault == _ZERO and not frozen:
+                w = model_of[slot, v]
                 c = VehicleCommand()
                 c.throttle = commands[slot, v, row, 0]
                 c.brake = commands[slot, v, row, 1]
                 c.steering = commands[slot, v, row, 2]
                 c.handbrake = commands[slot, v, row, 3]
                 c.selector = commands[slot, v, row, 4]
-                moved = advance(models[v], scene.ground, s, c, friction[slot], wind[slot])
-                n = observe(models[v], moved)
+                moved = advance(models[w], scene.ground, s, c, friction[slot], wind[slot])
+                n = observe(models[w], moved)
                 fault = fault_of(n)
                 if fault != _ZERO:
                     s.fault = fault
@@ -342,10 +345,19 @@ def drive_kernel(
         for v in range(vehicles):
             frozen = scene.stop_at_impact != 0 and states[slot, v].collisions > _ZERO
             if states[slot, v].fault == _ZERO and not frozen:
-                vehicle_contacts(models, scene, states, events, counts, slot, v, now)
+                vehicle_contacts(models, model_of, scene, states, events, counts, slot, v, now)
                 since = wp.float64(k + 1) * _STEP_S
                 mover_contacts(
-                    models[v], scene, states, movers, events, counts, slot, v, now, since
+                    models[model_of[slot, v]],
+                    scene,
+                    states,
+                    movers,
+                    events,
+                    counts,
+                    slot,
+                    v,
+                    now,
+                    since,
                 )
     for v in range(vehicles):
-        states[slot, v] = measure(models[v], scene, states[slot, v], targets[slot])
+        states[slot, v] = measure(models[model_of[slot, v]], scene, states[slot, v], targets[slot])

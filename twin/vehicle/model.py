@@ -1,7 +1,7 @@
 """Constants of a vehicle for kernels, derived from its file.
 
-Sprung masses: M = sum M_i, X = sum M_i X_i / M, I = sum M_i X_i^2 (a tensor about X). A corner's
-spring K = M_i w_n^2 and damper B = 2 zeta sqrt(K M_i). Vehicle axes with the centre of mass as
+A corner's spring K = M_i w_n^2 and damper B = 2 zeta sqrt(K M_i), with the masses of
+:mod:`twin.vehicle.masses`. Vehicle axes with the centre of mass as
 origin: x forward, y left, z up; wheels front left, front right, rear left, rear right.
 """
 
@@ -13,6 +13,7 @@ import numpy as np
 import warp as wp
 
 from twin.vehicle.columns import PHYSICS_STEP_NS
+from twin.vehicle.masses import NO_LOAD, Load, Masses, masses_of
 from twin.vehicle.vehicle_file import MPH_60_MPS, Vehicle
 
 GRAVITY_MPS2 = 9.80665
@@ -138,31 +139,6 @@ def gain(lag_s: float) -> float:
     return 1.0 if lag_s == 0.0 else -math.expm1(-PHYSICS_STEP_NS / 1e9 / lag_s)
 
 
-def corner_points(vehicle: Vehicle) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Wheels, sprung masses and their points.
-
-    Returns:
-        Wheel positions [4, 2] from the centre of mass, corner masses [4], and the points of the
-        corner masses [4, 3] from the centre of mass [m, kg, m].
-    """
-    mass = np.array(vehicle.body.corner_mass_kg)
-    half = vehicle.track_m / 2
-    wheels = np.array(
-        [(vehicle.wheelbase_m, half), (vehicle.wheelbase_m, -half), (0, half), (0, -half)]
-    )
-    wheels = wheels - mass @ wheels / mass.sum()
-    points = np.zeros((4, 3))
-    points[:, :2] = wheels * (vehicle.body.gyration_x, vehicle.body.gyration_y)
-    return wheels, mass, points
-
-
-def inertia_of(mass: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Inertia tensor [3, 3] of point masses about their origin [kg m^2]."""
-    square = (points**2).sum(axis=1)
-    outer = np.einsum("i,ij,ik->jk", mass, points, points)
-    return np.eye(3) * (mass * square).sum() - outer
-
-
 def brake_force_n(vehicle: Vehicle) -> float:
     """Brake force at full pedal that stops from 60 mph in the calibrated distance [N].
 
@@ -178,13 +154,18 @@ def brake_force_n(vehicle: Vehicle) -> float:
     return (mass + spin) * accel - drag - wheels.rolling_resistance * mass * GRAVITY_MPS2
 
 
-def vehicle_model(vehicle: Vehicle) -> VehicleModel:
-    """Constants of ``vehicle`` for kernels."""
+def vehicle_model(vehicle: Vehicle, load: Load = NO_LOAD) -> VehicleModel:
+    """Constants of ``vehicle`` for kernels, with a load in it.
+
+    Springs, dampers and brakes are those of the empty car. It stands level all the same, as on
+    springs that are set for the load.
+    """
+    masses = masses_of(vehicle, load)
     model = VehicleModel()
     model.step, model.wheels = PHYSICS_STEP_NS / 1e9, 4
-    _masses(model, vehicle)
-    _suspension(model, vehicle)
-    _tyres(model, vehicle)
+    _masses(model, vehicle, masses)
+    _suspension(model, vehicle, masses)
+    _tyres(model, vehicle, masses)
     _drive(model, vehicle)
     _controls(model, vehicle)
     contact = vehicle.contact
@@ -192,40 +173,41 @@ def vehicle_model(vehicle: Vehicle) -> VehicleModel:
     return model
 
 
-def _masses(model: VehicleModel, vehicle: Vehicle) -> None:
-    wheels, mass, points = corner_points(vehicle)
-    inertia = inertia_of(mass, points)
+def _masses(model: VehicleModel, vehicle: Vehicle, masses: Masses) -> None:
+    wheels, inertia = masses.wheels, masses.inertia
     # In yaw the wheels turn with the body; in roll and pitch they stay on the road.
     inertia[2, 2] += vehicle.wheels.mass_kg * (wheels**2).sum()
     model.half_length, model.half_width = vehicle.length_m / 2, vehicle.width_m / 2
     model.reference_x = float(wheels[2, 0])
     model.reference_y = float(wheels[2, 1] + wheels[3, 1]) / 2
     model.hull_x = model.reference_x + vehicle.centre_offset_m
-    model.com_height = vehicle.body.com_height_m
-    model.sprung_mass, model.mass = float(mass.sum()), vehicle.mass_kg
-    model.unsprung = 4 * vehicle.wheels.mass_kg / vehicle.mass_kg
+    model.com_height = masses.com_height_m
+    model.sprung_mass = float(masses.corners.sum())
+    model.mass = masses.load_kg + vehicle.mass_kg
+    model.unsprung = 4 * vehicle.wheels.mass_kg / model.mass
     model.inertia = wp.mat33d(*inertia.ravel())
     model.inertia_inverse = wp.mat33d(*np.linalg.inv(inertia).ravel())
     model.yaw_inertia = float(inertia[2, 2])
     model.wheel_x, model.wheel_y = wp.vec4d(*wheels[:, 0]), wp.vec4d(*wheels[:, 1])
 
 
-def _suspension(model: VehicleModel, vehicle: Vehicle) -> None:
-    _, mass, _ = corner_points(vehicle)
+def _suspension(model: VehicleModel, vehicle: Vehicle, masses: Masses) -> None:
+    mass = np.array(vehicle.body.corner_mass_kg)
     axles = (vehicle.front, vehicle.front, vehicle.rear, vehicle.rear)
     stiffness = np.array(
         [m * a.natural_frequency_radps**2 for m, a in zip(mass, axles, strict=True)]
     )
-    sag = mass * GRAVITY_MPS2 / stiffness
+    antiroll = np.array([a.antiroll_nm_per_rad / vehicle.track_m**2 for a in axles])
+    sag = _sag_m(masses.corners * GRAVITY_MPS2, stiffness, antiroll)
     ratio = np.array([a.damping_ratio for a in axles])
     wheels = vehicle.wheels
-    load = (mass + wheels.mass_kg) * GRAVITY_MPS2
+    load = (masses.corners + wheels.mass_kg) * GRAVITY_MPS2
     model.stiffness = wp.vec4d(*stiffness)
     model.damping = wp.vec4d(*(2.0 * ratio * np.sqrt(stiffness * mass)))
     model.stop = wp.vec4d(*(_STOP_STIFFNESS * stiffness))
     model.travel = wp.vec4d(*(sag + [a.bump_m for a in axles]))
-    model.mount_z = wp.vec4d(*(wheels.radius_m - vehicle.body.com_height_m - sag))
-    model.antiroll = wp.vec4d(*(a.antiroll_nm_per_rad / vehicle.track_m**2 for a in axles))
+    model.mount_z = wp.vec4d(*(wheels.radius_m - masses.com_height_m - sag))
+    model.antiroll = wp.vec4d(*antiroll)
     model.roll_steer = wp.vec4d(*(a.roll_steer for a in axles))
     model.wheel_mass, model.wheel_inertia = wheels.mass_kg, wheels.inertia_kgm2
     model.radius = wheels.radius_m
@@ -234,7 +216,20 @@ def _suspension(model: VehicleModel, vehicle: Vehicle) -> None:
     model.tyre_damping, model.rolling = wheels.damping_ns_per_m, wheels.rolling_resistance
 
 
-def _tyres(model: VehicleModel, vehicle: Vehicle) -> None:
+def _sag_m(weight_n: np.ndarray, stiffness: np.ndarray, antiroll: np.ndarray) -> np.ndarray:
+    """How far springs give way under the weights on them [4] [m].
+
+    The stabiliser of an axle pulls both sides together where one is heavier.
+    """
+    sag: np.ndarray = weight_n / stiffness
+    for side in (slice(0, 2), slice(2, 4)):
+        if sag[side][0] != sag[side][1]:
+            tie = antiroll[side][0] * np.array([[1.0, -1.0], [-1.0, 1.0]])
+            sag[side] = np.linalg.solve(np.diag(stiffness[side]) + tie, weight_n[side])
+    return sag
+
+
+def _tyres(model: VehicleModel, vehicle: Vehicle, masses: Masses) -> None:
     axles = (vehicle.front_tyres, vehicle.front_tyres, vehicle.rear_tyres, vehicle.rear_tyres)
     steepest = 0.0
     for axis, name in (("x", "longitudinal"), ("y", "lateral")):
@@ -250,7 +245,7 @@ def _tyres(model: VehicleModel, vehicle: Vehicle) -> None:
         steepest = max([steepest, *(c.shape * c.force_extremum / c.slip_extremum for c in curves)])
     # Explicit slip is stable while step x slope x g x (1 + m h^2 / I) / slip speed stays below 1:
     # slips of slower wheels are taken over this speed.
-    height = vehicle.body.com_height_m
+    height = masses.com_height_m
     roll = 1.0 + model.mass * height**2 / float(model.inertia[0, 0])
     model.slip_speed_min = model.step * steepest * GRAVITY_MPS2 * roll / _STABILITY
     model.hold_speed = 0.8 * model.slip_speed_min * min(float(slip) for slip in model.slip_x)

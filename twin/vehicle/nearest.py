@@ -102,6 +102,7 @@ def _closer(
 def nearest_kernel(
     # model
     models: wp.array(dtype=VehicleModel),
+    model_of: wp.array2d(dtype=wp.int32),
     walls: wp.array2d(dtype=wp.float64),
     # state in
     active: wp.array(dtype=wp.int32),
@@ -122,7 +123,7 @@ def nearest_kernel(
     n.ttc = _NEVER
     n.ttc_index = -1
     if active[slot] != 0:
-        m = models[0]
+        m = models[model_of[slot, 0]]
         s = states[slot, 0]
         ahead_x = m.hull_x * wp.cos(s.yaw)
         ahead_y = m.hull_x * wp.sin(s.yaw)

@@ -272,6 +272,8 @@ class Vehicle(_Spec, kw_only=True):
     height_m: Positive
     rear_overhang_m: NotNegative
     """Rear axle to rear bumper [m]."""
+    mass_max_kg: Positive | None = None
+    """Largest mass with a load; not given: loads are not looked at [kg]."""
     body: SprungBody
     wheels: Wheels
     front: Suspension

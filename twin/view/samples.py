@@ -60,12 +60,16 @@ def stage_of(lease: Lease, colliders: np.ndarray, cars: int, target: int | None)
     standing = [] if target is None else [hulls.pop(target)]
     size_m = [2 * standing[0][3], 2 * standing[0][4]] if standing else [LENGTH_M, WIDTH_M]
     vehicle = load_vehicle(lease.case.rig.vehicle)
-    road, lane, beside = scene.road, scene.road.lane(), 1.0
+    road, beside, heights_m = scene.road, 1.0, list[float]()
+    width_m, places = road.lane_width_m, road.lane().places(_LANE_STEP_M)
     if scene.opendrive:  # what lies beside the lane is no generated street
-        lane, beside = road_lane(scene.opendrive)[0], 0.0
+        ego_lane, beside = road_lane(scene.opendrive), 0.0
+        places = ego_lane.path.places(_LANE_STEP_M)
+        width_m, heights_m = float(ego_lane.course.width_m[0]), ego_lane.heights_m(places)
     return Stage(
-        lane=lane.places(_LANE_STEP_M).tolist(),
-        lane_width_m=road.lane_width_m,
+        lane=places.tolist(),
+        lane_width_m=width_m,
+        lane_z_m=heights_m,
         parking_width_m=beside * road.parking_width_m,
         sidewalk_width_m=beside * road.sidewalk_width_m,
         obstacle_center_m=[*standing[0][:2], HEIGHT_M / 2] if standing else [],

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 
 from schemas.files.assets import asset_digest
-from twin.road.lane import LanePath, Piece, trace
-from twin.road.opendrive.road_frame import RoadFrame, traffic_sign
+from twin.road.lane import LanePath
+from twin.road.lane_fit import LanePoints, fit_lane
+from twin.road.opendrive.lane_course import LaneCourse, lane_course
+from twin.road.opendrive.lane_graph import DrivenLane, LaneKey, lane_graph
+from twin.road.opendrive.road_frame import traffic_sign
 from twin.road.opendrive.road_map import RoadMap
 from twin.road.shipped.library import roads_of
 from twin.road.surface.patch import SurfacePatch
@@ -19,9 +23,6 @@ from twin.world.meshes.mesh import DECAL, Color, MeshBuilder
 
 EXTENT_MAX_M = 16_000
 """Farthest that a road may lie from the world's origin: places of meshes are float32 [m]."""
-_STRAIGHT_M = 0.02
-"""A lane whose middle strays less from its chord is straight [m]."""
-_STEP_M = 2.0
 
 _ASPHALT: Color = (0.09, 0.09, 0.095)
 _SHOULDER: Color = (0.115, 0.11, 0.105)
@@ -55,6 +56,26 @@ _COLORS: dict[str, Color] = {
 """Reflectance of marks by colour; all others are white."""
 
 
+@dataclass(frozen=True, slots=True)
+class EgoLane:
+    """The lane of the ego on the roads of a file."""
+
+    path: LanePath
+    """Its middle, in plan; within 1 mm of the file's."""
+    course: LaneCourse
+    """Places along it, with heights and widths."""
+
+    def heights_m(self, places: np.ndarray) -> list[float]:
+        """Heights of places on the lane, x and y of each in [n, 2] or more [m]; empty: all of the
+        lane lies at 0."""
+        if not self.course.z_m.any():
+            return []
+        known = self.path.locate(self.course.x_m, self.course.y_m).s_m
+        wanted = self.path.locate(places[:, 0], places[:, 1]).s_m
+        heights: list[float] = np.interp(wanted, known, self.course.z_m).tolist()
+        return heights
+
+
 def road_map(file: str) -> RoadMap:
     """The roads of a file, with coordinates.
 
@@ -70,8 +91,18 @@ def _kept(file: str, _digest: str) -> RoadMap:
     return RoadMap(roads_of(Path(file)))
 
 
-def _surface(file: str) -> tuple[SurfacePatch, ...]:
-    patches = road_surface(road_map(file))
+def surface_of(file: str) -> tuple[SurfacePatch, ...]:
+    """The surface of a file's roads.
+
+    Raises:
+        ValueError: it cannot be a world; one line.
+    """
+    return _kept_surface(file, asset_digest(Path(file)))
+
+
+@lru_cache(maxsize=2)
+def _kept_surface(file: str, digest: str) -> tuple[SurfacePatch, ...]:
+    patches = road_surface(_kept(file, digest))
     reach = max(float(np.abs(patch.points_m[:, :2]).max()) for patch in patches)
     if reach > EXTENT_MAX_M:
         raise ValueError(
@@ -81,25 +112,15 @@ def _surface(file: str) -> tuple[SurfacePatch, ...]:
     return patches
 
 
-def road_mistake(file: str) -> str:
-    """Why the roads of a file cannot be a world, or an empty string."""
-    try:
-        _surface(file)
-        road_lane(file)
-    except ValueError as error:
-        return str(error)
-    return ""
-
-
 def add_roads(mesh: MeshBuilder, file: str) -> None:
     """Add the lanes, kerbs and marks of a file, and the ground around.
 
     Raises:
         ValueError: the file cannot be used; one line.
     """
-    for patch in _surface(file):
+    for patch in surface_of(file):
         semantic, material, color, tag = _look(patch)
-        with mesh.label(semantic):
+        with mesh.label(semantic), mesh.rolled(patch.friction):
             mesh.add(patch.points_m, patch.faces, material, color, tag)
 
 
@@ -114,34 +135,36 @@ def _look(patch: SurfacePatch) -> tuple[str, int, Color, int]:
     return *_LANES.get(patch.look, ("road", materials.ASPHALT, _ASPHALT)), 0
 
 
-def road_lane(file: str) -> tuple[LanePath, bool]:
-    """The lane that an ego without another place starts on, and whether all of it is known.
+def road_lane(file: str) -> EgoLane:
+    """The lane that an ego without another place starts on, as far as it leads.
 
-    It is the rightmost driving lane of the first road that has one. A straight one is known from
-    its beginning to its end; of another there is its first metre, for a start pose.
+    It is the rightmost driving lane of the first road that has one, from the beginning of that
+    road in the direction of travel on.
 
     Raises:
         ValueError: there is no driving lane; one line.
     """
-    for frame in road_map(file).frames.values():
-        lanes = [lane for lane in frame.sections[0].section.lanes if lane.type == "driving"]
-        along = [lane.id for lane in lanes if traffic_sign(frame.road, lane) >= 0]
-        against = [lane.id for lane in lanes if traffic_sign(frame.road, lane) < 0]
-        if along:
-            return _lane_path(frame, min(along) if min(along) < 0 else max(along), 1.0)
-        if against:
-            return _lane_path(frame, max(against, key=abs), -1.0)
+    return _kept_lane(file, asset_digest(Path(file)))
+
+
+@lru_cache(maxsize=4)
+def _kept_lane(file: str, _digest: str) -> EgoLane:
+    """The same, once for every content of a file."""
+    roads = road_map(file)
+    course = lane_course(roads, lane_graph(roads.network), _first_lane(roads, file))
+    path = fit_lane(LanePoints(course.x_m, course.y_m, course.heading_rad), closed=course.closed)
+    return EgoLane(path, course)
+
+
+def _first_lane(roads: RoadMap, file: str) -> DrivenLane:
+    for frame in roads.frames.values():
+        last = len(frame.sections) - 1
+        for sign, index in ((1, 0), (-1, last)):
+            section = frame.sections[index].section
+            lanes = [lane for lane in section.lanes if lane.type == "driving"]
+            ids = [lane.id for lane in lanes if traffic_sign(frame.road, lane) in (sign, 0)]
+            if ids:
+                right = sign > 0 and min(ids) < 0
+                outer = min(ids) if right else max(ids, key=abs)
+                return DrivenLane(LaneKey(frame.road.id, index, outer), sign)
     raise ValueError(f"{file}: it has no driving lane")
-
-
-def _lane_path(frame: RoadFrame, lane: int, sign: float) -> tuple[LanePath, bool]:
-    end = np.nextafter(frame.sections[0].section.end_m, 0.0)
-    s = np.linspace(0.0, end, max(2, int(end / _STEP_M) + 1))[:: int(sign)]
-    pose = frame.lane_pose(lane, s, with_traffic=True)
-    x, y, heading = (float(values[0]) for values in (pose.x_m, pose.y_m, pose.heading_rad))
-    dx, dy = pose.x_m - x, pose.y_m - y
-    length = float(np.hypot(dx[-1], dy[-1]))
-    aside = np.abs(dx * dy[-1] - dy * dx[-1]) / max(length, 1e-9)
-    level = float(np.abs(pose.z_m).max()) < _STRAIGHT_M
-    known = level and length > 1.0 and float(aside.max()) < _STRAIGHT_M
-    return trace((x, y, heading), [Piece(length if known else 1.0, 0.0)]), known

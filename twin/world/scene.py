@@ -21,6 +21,7 @@ from twin.world.content import (
     SceneObject,
     Terrain,
 )
+from twin.world.scenery import RoadScenery
 from twin.world.spec import Length, Position, Range, Share, Spec
 
 _SCENES = Path(__file__).parent / "scenes"
@@ -152,6 +153,8 @@ class Scene(Spec, kw_only=True):
     """A heightfield."""
     opendrive: str = ""
     """OpenDRIVE file of roads, relative to the scene file; needs ``street: false``."""
+    scenery: RoadScenery | None = None
+    """Generated houses and trees beside the roads of ``opendrive``."""
 
     def __post_init__(self) -> None:
         road = self.road
@@ -161,6 +164,8 @@ class Scene(Spec, kw_only=True):
             raise ValueError("opendrive needs street: false, because its roads are the street")
         if self.opendrive and self.obstacle is not None:
             raise ValueError("opendrive: the obstacle stands on a generated street; leave it away")
+        if self.scenery is not None and not self.opendrive:
+            raise ValueError("scenery stands beside the roads of a file; name it in opendrive")
         if self.opendrive:
             pass
         elif not self.street:

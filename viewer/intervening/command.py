@@ -7,16 +7,18 @@ import os
 import select
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 
 import msgspec
 
+from schemas.object_settings import object_actions
 from schemas.wire.interventions import (
     Action,
     GiveBack,
     InterventionState,
+    ObjectState,
     Pause,
     Query,
     Resume,
@@ -48,14 +50,25 @@ class InterventionOptions:
     json: bool = False
 
 
-def intervene(options: InterventionOptions, actions: list[Action]) -> int:
+def intervene(
+    options: InterventionOptions, actions: list[Action], objects: Mapping[str, Mapping[str, str]]
+) -> int:
     """Carry out actions, settings together; the exit code.
+
+    Args:
+        options: the case.
+        actions: what is known without looking at it.
+        objects: settings of its objects, see :mod:`schemas.object_settings`.
 
     Raises:
         UsageError: no such case runs, or something cannot be done; what was done before it stays.
         InfrastructureError: nobody answers.
     """
     with attempt(options) as running:
+        try:
+            actions = [*actions, *object_actions(objects, running.state.objects)]
+        except ValueError as error:
+            raise UsageError(str(error)) from None
         for action, reply in carry_out(running, actions):
             if options.json or isinstance(action, Query):
                 continue
@@ -160,7 +173,7 @@ def line_of(state: InterventionState, pedals: Pedals) -> str:
 
 def described(state: InterventionState) -> list[str]:
     """State of a case, in lines for people."""
-    there = [shown for shown in state.objects if shown.present]
+    there = [shown for shown in state.objects if shown.present or shown.by_hand]
     lines = [
         f"{state.case} of {state.campaign}, attempt {state.attempt}: tick {state.tick}, "
         f"{state.sim_time_ns / 1e9:g} s"
@@ -172,10 +185,15 @@ def described(state: InterventionState) -> list[str]:
         f"{state.changes} changes by hand" + (": no verdict" if state.changes else ""),
     ]
     return lines + [
-        f"object {shown.object}: {shown.kind} at x {shown.x_m:.1f} m, y {shown.y_m:.1f} m"
+        f"object {shown.object}: {_named(shown)} at x {shown.x_m:.1f} m, y {shown.y_m:.1f} m"
+        + ("" if shown.present else ", away")
         + (", by hand" if shown.by_hand else "")
         for shown in there
     ]
+
+
+def _named(shown: ObjectState) -> str:
+    return f"{shown.kind} '{shown.name}'" if shown.name else shown.kind
 
 
 def _told(action: Action) -> str:

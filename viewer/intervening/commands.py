@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -21,7 +23,8 @@ Words = Annotated[
     list[str],
     typer.Argument(
         help="KEY=VALUE: weather, hour, cloud, fog, rain, snow, wind, x_m, y_m, yaw_deg, "
-        "speed_mps, lights (low+fog, off, stack), gnss_noise, imu_bias ..., pace (1, 0.5, max)."
+        "speed_mps, lights (low+fog, off, stack), gnss_noise, imu_bias ..., pace (1, 0.5, max); "
+        "object.NAME.x_m, .y_m, .yaw_deg, .speed_mps, object.NAME=away, object.NAME=free."
     ),
 ]
 Campaign = Annotated[str, typer.Option(help="If several campaigns have a case of that name.")]
@@ -43,17 +46,20 @@ def set_(
     campaign: Campaign = "",
     output: OutputOption = Output.human,
 ) -> None:
-    """Change weather, hour, place, lamps, sensor errors or pace of a running case.
+    """Change weather, hour, place, lamps, sensor errors, pace or objects of a running case.
 
-    All but the pace cost the attempt its verdict; the case then runs once more, unchanged.
+    `viewer look` names the objects. All but the pace cost the attempt its verdict; the case
+    then runs once more, unchanged.
     """
+    from schemas.object_settings import split_objects
     from schemas.settings import actions_of, parse_words
 
     try:
-        actions = actions_of(parse_words(settings))
+        words, objects = split_objects(parse_words(settings))
+        actions = actions_of(words) if words or not objects else []
     except ValueError as error:
         raise UsageError(str(error)) from None
-    _intervene(actions, _options(case, place, campaign, output))
+    _intervene(actions, _options(case, place, campaign, output), objects)
 
 
 def step(
@@ -107,10 +113,14 @@ def _plain(name: str):  # type: ignore[no-untyped-def]
     return command
 
 
-def _intervene(actions: list[Action], options: InterventionOptions) -> None:
+def _intervene(
+    actions: list[Action],
+    options: InterventionOptions,
+    objects: Mapping[str, Mapping[str, str]] = MappingProxyType({}),
+) -> None:
     from viewer.intervening.command import intervene
 
-    raise typer.Exit(intervene(options, actions))
+    raise typer.Exit(intervene(options, actions, objects))
 
 
 def _options(case: str, place: FarPlace, campaign: str, output: Output) -> InterventionOptions:

@@ -106,7 +106,7 @@ def outline(stage: Stage) -> list[Logged]:
     lane = stage.lane_width_m
     right, left = -lane / 2 - stage.parking_width_m, 1.5 * lane + stage.parking_width_m
     edges = [-lane / 2, lane / 2, 1.5 * lane]
-    strips = [_beside(stage.lane, y) for y in (*edges, right, left)]
+    strips = [_beside(stage, y) for y in (*edges, right, left)]
     colors = [GREY, (225, 190, 80), GREY, (80, 84, 92), (80, 84, 92)]
     cars = stage.hulls[: stage.cars]
     walls = [hull for hull in stage.hulls[stage.cars :] if hull[3] >= POST_M]
@@ -124,9 +124,15 @@ def outline(stage: Stage) -> list[Logged]:
     return logged
 
 
-def _beside(lane: list[list[float]], y_m: float) -> list[list[float]]:
-    """The line ``y_m`` to the left of a lane, a little above the ground."""
-    return [[x - y_m * math.sin(yaw), y + y_m * math.cos(yaw), 0.02] for x, y, yaw in lane]
+def _beside(stage: Stage, y_m: float) -> list[list[float]]:
+    """The line ``y_m`` to the left of the lane, a little above the ground."""
+    heights_m = stage.lane_z_m
+    if len(heights_m) != len(stage.lane):
+        heights_m = [0.0] * len(stage.lane)
+    return [
+        [x - y_m * math.sin(yaw), y + y_m * math.cos(yaw), z + 0.02]
+        for (x, y, yaw), z in zip(stage.lane, heights_m, strict=True)
+    ]
 
 
 def eyes(start: CaseStart) -> list[Logged]:

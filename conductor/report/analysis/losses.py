@@ -20,8 +20,8 @@ EXTREMES_MAX = 5
 
 
 def lost(row: CaseRow) -> bool:
-    """Whether a case ended otherwise than with the verdict ``pass``."""
-    return row.status != "pass" and bool(row.end.outcome)
+    """Whether a case ended otherwise than with a verdict that passes."""
+    return not row.passed and bool(row.end.outcome)
 
 
 def kind_of(row: CaseRow) -> str:

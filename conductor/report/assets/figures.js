@@ -1,7 +1,7 @@
 // --- figures that come as they are: effects, resources, leases ---
 at("no-effects").hidden = Boolean(data.effects);
 at("interaction-section").hidden = !data.effects;
-const FIGURES = [["effects", PLAIN], ["resources", PLAIN], ["leases", CONFIG]].filter(([id]) => data[id]);
+const FIGURES = [["residual", CONFIG], ["effects", PLAIN], ["resources", PLAIN], ["leases", CONFIG]].filter(([id]) => data[id]);
 function drawFigures() {
   for (const [id, config] of FIGURES) {
     const layout = themed(((NARROW.matches && data[`${id}_stacked`]) || data[id]).layout);

@@ -22,6 +22,7 @@ from conductor.report.analysis.statistics import (
 )
 from conductor.report.reading.axes import axis_label, axis_value, axis_values, varied_axes
 from conductor.report.reading.dossier import CaseRow, Dossier
+from conductor.report.rulebook.side_by_side import PairedTable, paired_tables
 from schemas.case import Case
 from schemas.identity import scenario_by_content
 from schemas.kinds.kpi import KpiKind, scalars_by_name
@@ -148,6 +149,8 @@ class Comparison:
     shifts: list[Shift]
     notes: list[str]
     """What makes the comparison less than one of two versions under the same conditions."""
+    rulebook: list[PairedTable]
+    """Tables of the rulebook that both have run."""
 
     @property
     def regressions(self) -> list[Flip]:
@@ -187,6 +190,7 @@ def compare(
         axes=_axes(before, pairs),
         shifts=[shift for kind in _compared(before) if (shift := _shift(kind, pairs))],
         notes=_notes(before, after, pairs, identical=identical),
+        rulebook=paired_tables(before, after),
     )
 
 

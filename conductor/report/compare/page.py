@@ -60,6 +60,7 @@ def told(found: Comparison) -> ComparisonWords:
     tables = [_runs(found)]
     if found.flips:
         tables.append(_flips(found))
+    tables += [TextTable(t.title, t.about, t.columns, t.lines, 1) for t in found.rulebook]
     # Where every case is the same to the last bit there is nothing to tell axes and KPIs apart by.
     if not found.identical:
         if found.axes:

@@ -86,7 +86,7 @@ def _hover(row: CaseRow) -> str:
         lines.append(lead.hover.format(value))
     if speed is not None:
         lines.append(f"impact at {speed:.2f} m/s")
-    if row.status != "pass":
+    if not row.passed:
         for reason in row.end.reasons[:_REASONS]:
             short = reason if len(reason) <= _REASON_CHARS else reason[: _REASON_CHARS - 1] + "…"
             lines.append(html.escape(short, quote=False))

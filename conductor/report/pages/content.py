@@ -17,7 +17,9 @@ from conductor.report.reading.leases import Leases, read_leases
 from conductor.report.reading.resources import read_resources
 from conductor.report.reading.resources_use import Resources, no_resources, resources_of
 from conductor.report.reading.speedup import SpeedUp, speed_up
+from conductor.report.rulebook.results import rulebook_result
 from conductor.trust.sign_run import require_fit
+from schemas.files.rulebook_result import RulebookResult
 from schemas.words import counted
 from twin.base.errors import InfrastructureError
 
@@ -49,6 +51,8 @@ class Content:
     """When the outcomes were written, for people."""
     signature: str
     """Words about who has signed the run, or that nobody has."""
+    rulebook: RulebookResult | None
+    """Result of its rulebook; None: it has none."""
 
     @property
     def unchanged(self) -> int:
@@ -85,6 +89,8 @@ def read_content(
     leases = read_leases(dossier.folder)
     pace = speed_up(dossier, leases, serial)  # before the long part: it may refuse
     shown, reading = read or read_shown(dossier, anew=anew)
+    evidence = gather(dossier, reading.broken, reading.fingerprint)
+    known = evidence.fingerprint
     return Content(
         dossier=dossier,
         shown=[row for row in dossier.rows if row.case.id in shown],
@@ -92,7 +98,7 @@ def read_content(
         rests_m=reading.rests_m,
         damaged=reading.damaged,
         read=reading.read,
-        evidence=gather(dossier, reading.broken, reading.fingerprint),
+        evidence=evidence,
         resources=_resources(dossier),
         leases=leases,
         speed_up=pace,
@@ -100,6 +106,7 @@ def read_content(
         findings=findings(dossier),
         as_of=_as_of(dossier),
         signature=origin.words,
+        rulebook=rulebook_result(dossier, known.sha256 if known else ""),
     )
 
 

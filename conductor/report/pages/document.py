@@ -20,6 +20,7 @@ from conductor.report.reading.recorded import failures
 from conductor.report.reading.resources import gather_resources
 from conductor.report.reading.resources_use import Resources, Use
 from conductor.report.reading.speedup import SpeedUp
+from schemas.files.rulebook_result import FILE_NAME as RULEBOOK_FILE
 from twin.base.errors import storage_error
 from twin.base.files import write_atomic
 
@@ -45,8 +46,8 @@ def make_report(
     plots: bool = True,
     read: Shown | None = None,
 ) -> WrittenReport:
-    """Write ``summary.parquet``, ``summary.csv``, ``resources.parquet``, ``report.html`` and the
-    plots, into the campaign ``folder``.
+    """Write ``summary.parquet``, ``summary.csv``, ``resources.parquet``, ``report.html``, of a
+    rulebook ``rulebook.json``, and the plots, into the campaign ``folder``.
 
     Damaged KPI files and disagreeing attempts do not stop the report: it says so in an alarm box.
     A campaign that still runs is reported as it stands.
@@ -69,6 +70,9 @@ def make_report(
     path = folder / PAGE_FILE
     try:
         write_atomic(path, render(content, failures(dossier)).encode())
+        if content.rulebook is not None:
+            data = msgspec.json.format(msgspec.json.encode(content.rulebook), indent=1)
+            write_atomic(folder / RULEBOOK_FILE, data + b"\n")
         drawn, missing = write_plots(content) if plots else ([], "")
     except OSError as error:
         raise storage_error(error, str(error.filename or path)) from None
@@ -125,6 +129,7 @@ def tables_of(content: Content) -> dict[str, Any]:
             }
             for row in dossier.rows
         ],
+        "rulebook": msgspec.to_builtins(content.rulebook),
         "perception": [asdict(line) for line in perception_costs(dossier)],
         "resources": _resources(content.resources) if ran else None,
         "speed": _speed(content.speed_up) if ran else None,

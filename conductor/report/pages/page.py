@@ -42,6 +42,8 @@ from conductor.report.reading.evidence import commands, versions
 from conductor.report.reading.provenance import file_digests
 from conductor.report.reading.recorded import Failure
 from conductor.report.reading.systems import system_names
+from conductor.report.rulebook.figure import residual_figure
+from conductor.report.rulebook.shown import RULE, rulebook_shown
 from schemas.kinds.kpi import scalars_by_name
 
 _SCRIPTS = ("shared.js", "maps.js", "curves.js", "figures.js", "cases.js", "print.js")
@@ -54,6 +56,7 @@ def render(content: Content, failures: list[Failure]) -> str:
     """The page; ``failures`` are the cases that it shows with pictures."""
     dossier, names = content.dossier, system_names(content.dossier)
     data = _page_data(content)
+    book = rulebook_shown(dossier, content.rulebook)
     script = "\n".join((ASSETS / name).read_text(encoding="utf-8") for name in _SCRIPTS)
     return _template().render(
         dossier=dossier,
@@ -72,6 +75,8 @@ def render(content: Content, failures: list[Failure]) -> str:
         highlights=highlights(dossier, content.rests_m),
         perception=perception_costs(dossier),
         names=names,
+        book=book,
+        RULE=RULE,
         systems=verdict_table(dossier),
         report=dossier.scenario.report,
         digits={kind.name: kind.digits for kind in scalars_by_name().values()},
@@ -157,6 +162,7 @@ def _page_data(content: Content) -> dict[str, Any]:
         "cases": list(_drawn_cases(content, groups, curves)),
         "resources": resource_figure(content.resources),
         "leases": leases_figure(dossier, content.leases),
+        "residual": residual_figure(content.rulebook) if content.rulebook else None,
     }
 
 

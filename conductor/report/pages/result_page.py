@@ -36,6 +36,7 @@ from conductor.report.pages.prose import SUMMARY, block, check_known, model_bloc
 from conductor.report.pages.tables import statuses, verdict_table
 from conductor.report.pages.templates import environment, number, words
 from conductor.report.plots.heat_picture import heat_picture
+from conductor.report.plots.palette import status_symbol
 from conductor.report.reading.axes import axis_label, axis_value, axis_values, varied_axes
 from conductor.report.reading.curves import time_label
 from conductor.report.reading.dossier import CaseRow, Dossier, open_dossier
@@ -43,6 +44,7 @@ from conductor.report.reading.evidence import commands, versions
 from conductor.report.reading.provenance import file_digests, text_digest
 from conductor.report.reading.recorded import ask_viewer
 from conductor.report.reading.systems import system_name, system_names, system_text
+from conductor.report.rulebook.shown import RULE, rulebook_shown
 from conductor.serve.folders import CAMPAIGN_FILE
 from schemas.files.yaml_file import dump_yaml
 from schemas.kinds.kpi import scalars_by_name
@@ -148,6 +150,9 @@ def _render(
         axis_names=[axis_label(axis).partition(" [")[0].lower() for axis in page_axes(dossier)],
         crowded=_crowded(dossier),
         report=report,
+        book=rulebook_shown(dossier, content.rulebook),
+        RULE=RULE,
+        symbol=status_symbol,
         digits={kind.name: kind.digits for kind in scalars_by_name().values()},
         lead_unit=scalars_by_name()[report.lead.scalar].unit,
         counted=[(table, _counted(dossier, table.verdict)) for table in report.counted],

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import html
 import json
+from functools import lru_cache
 from typing import Any
 
 import plotly.graph_objects as go
@@ -17,6 +18,9 @@ from conductor.report.reading.curves import LOOKS
 
 GRID_ROWS_MAX = 8
 """Most systems under test in the figure of all."""
+FRAMES_KEPT = 8
+"""Frames that are remembered: a process that reports again and again makes the same ones, and they
+take most of the time of a page."""
 
 _SAFETY_COLOR = "#B3261E"
 _GRID_ROW_PX = 170
@@ -51,8 +55,22 @@ def grid_frame(
     least and most value of each curve: systems share it, so that they can be compared. ``spread``:
     of many cases. ``stacked``: all panels below each other, for narrow screens.
     """
+    told = tuple(ranges.items())
+    return _plain(_grid_text(curves, tuple(models), told, time_label, spread, stacked))
+
+
+@lru_cache(FRAMES_KEPT)
+def _grid_text(
+    curves: tuple[str, ...],
+    systems: tuple[str, ...],
+    told: tuple[tuple[str, tuple[float, float]], ...],
+    time_label: str,
+    spread: bool,
+    stacked: bool,
+) -> str:
+    ranges = dict(told)
     names = [column_title(name, spread=spread) for name in curves]
-    models = [html.escape(model, quote=False) for model in models]
+    models = [html.escape(model, quote=False) for model in systems]
     figure = _stacked(names, models) if stacked else _beside(names, models)
     for note in figure.layout.annotations:
         note.update(font={"size": 12, "weight": 600})
@@ -75,7 +93,7 @@ def grid_frame(
         hovermode="closest",
         legend=_LEGEND,
     )
-    return _plain(figure)
+    return str(figure.to_json())
 
 
 def _beside(names: list[str], models: list[str]) -> Any:
@@ -114,6 +132,11 @@ def curve_frame(
 
     Axis ``y<n>`` belongs to the n-th of ``curves``. ``spread``: of many cases.
     """
+    return _plain(_curve_text(curves, time_label, spread))
+
+
+@lru_cache(FRAMES_KEPT)
+def _curve_text(curves: tuple[str, ...], time_label: str, spread: bool) -> str:
     headings = titles(spread=spread)
     figure = make_subplots(
         rows=len(curves),
@@ -139,7 +162,7 @@ def curve_frame(
         hovermode="closest",
         legend=_LEGEND,
     )
-    return _plain(figure)
+    return str(figure.to_json())
 
 
 # The page's script makes room for it.
@@ -198,6 +221,7 @@ def _safety_line(figure: Any, row: int, column: int, safety_m: float, *, labelle
         )
 
 
-def _plain(figure: Any) -> dict[str, Any]:
-    plain: dict[str, Any] = json.loads(figure.to_json())
+def _plain(text: str) -> dict[str, Any]:
+    """A frame of the caller's own."""
+    plain: dict[str, Any] = json.loads(text)
     return plain

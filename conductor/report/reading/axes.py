@@ -11,10 +11,14 @@ from conductor.report.reading.dossier import Dossier
 from schemas.axes import NUMBER_AXES, OBJECT_AXES, PARAMETER_AXES, number_of
 from schemas.campaign import WEATHERS, Campaign
 from schemas.case import Case
+from schemas.kinds.scenario import trial_of
+from schemas.rulebook_rows import ROW_AXIS, axes_of_rows
 from schemas.sections.objects import ObjectVariation
 
 PLAIN = ("model", "time_of_day", "weather", "repeat", "batch")
 """Axes that every case has."""
+NO_ROW = "no row"
+"""Value of the axis of rows for a case of no rulebook."""
 
 _LABELS = {
     "model": "Perception model",
@@ -22,9 +26,11 @@ _LABELS = {
     "weather": "Weather",
     "repeat": "Repeat",
     "batch": "Batch",
+    "row": "Row",
 }
 _UNITS = {
     "_mps": "m/s",
+    "_kmh": "km/h",
     "_deg": "deg",
     "_ms": "ms",
     "_m": "m",
@@ -38,6 +44,8 @@ _UNITS = {
 def further_axes(campaign: Campaign) -> list[str]:
     """Axes of the matrix and of single cases beyond :data:`PLAIN`, in file order."""
     named = [*campaign.matrix, *(axis for point in campaign.cases for axis in point)]
+    if campaign.rulebook is not UNSET:
+        named += axes_of_rows(campaign.rulebook, campaign.scenario)
     return [axis for axis in dict.fromkeys(named) if axis not in PLAIN]
 
 
@@ -45,10 +53,15 @@ LEFT_OUT = ("as the stack has it", "as in the scene", "no such sensor", "as in t
 """Values of an axis that a case says nothing of."""
 
 
-def axis_value(case: Case, axis: str) -> Any:
+def axis_value(case: Case, axis: str, *, drawn: bool = False) -> Any:
     """Value of ``axis`` for a case; time of day as ``HH:MM``, one of :data:`LEFT_OUT` where it says
-    nothing of it."""
+    nothing of it. Of a repetition of a row, what the row says; ``drawn``: what it has itself."""
     rig, variation = case.rig, case.variation
+    trial = trial_of(variation.scenario)
+    if axis == ROW_AXIS:
+        return trial.row if trial else NO_ROW
+    if trial and axis in trial.written and not drawn:
+        return trial.written[axis]
     if axis.startswith(PARAMETER_AXES):
         return rig.parameters.get(axis.removeprefix(PARAMETER_AXES), LEFT_OUT[0])
     if axis.startswith(OBJECT_AXES):

@@ -53,7 +53,9 @@ class CaseRow:
     def no_collision(self) -> bool | None:
         """The rule of the AutoDRIVE paper; None without a verdict, unless the complete log of an
         imported case tells of no collision."""
-        return True if self.collision_free else no_collision(self.end.outcome, self.end.verdict)
+        if self.collision_free:
+            return True
+        return no_collision(self.end.outcome, self.end.verdict, self.end.scalars)
 
     def scalar(self, name: str) -> float | int | None:
         """A scalar KPI; None where missing."""

@@ -87,4 +87,5 @@ KIND = ScenarioKind(
     implementation="twin.scenario.lane_keeping.family:LaneKeeping",
     report=_REPORT,
     stops_for_target=False,
+    checks="twin.scenario.lane_keeping.checks:case_mistakes",
 )

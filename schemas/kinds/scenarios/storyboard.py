@@ -7,6 +7,8 @@ from typing import Annotated, Literal
 from msgspec import Meta, Struct
 
 from schemas.kinds.scenario import ExtremeTable, LeadMeasure, ScenarioKind, ScenarioReport
+from schemas.kinds.verdict import TRIAL_VERDICTS
+from schemas.sections.trial import Trial
 
 
 class StoryboardConfig(Struct, frozen=True, forbid_unknown_fields=True):
@@ -26,9 +28,16 @@ class StoryboardConfig(Struct, frozen=True, forbid_unknown_fields=True):
     """Steering of the stack from which on the robot lets go: angle of the road wheels outside of
     what lies between straight ahead and the robot's path. A stack that keeps the lane in which the
     robot drives stays below it, and so does one that never steers [deg]; storyboard only."""
+    environment: Literal["file", "campaign"] = "file"
+    """Weather, light and friction where the scenario file has environment actions: ``file``, as
+    they say, with the campaign's for what they leave open; ``campaign``: they count for nothing but
+    the file's own conditions; storyboard only."""
     numbers: dict[str, float] = {}
     """Numbers of the scenario file that are others than it says, by their names there:
     ``actors.van.ahead_m``, or a parameter of OpenSCENARIO; storyboard only."""
+    trial: Trial | None = None
+    """What a run must fulfil; not given: reach the storyboard's end without a collision. Rows of a
+    rulebook give their own; storyboard only."""
 
 
 _CURVES = ("events_started", "dtc_m", "aeb", "collisions", "throttle", "brake", "speed_mps")
@@ -43,7 +52,8 @@ _REPORT = ScenarioReport(
     table=(
         *("dtc_min_m", "impact_speed_mps", "aeb_time_s", "aeb_ttc_s", "events_started"),
         *("intervention_time_s", "intervention_kind", "intervention_speed_mps"),
-        *("intervention_dtc_m", "intervention_ttc_s"),
+        *("intervention_dtc_m", "intervention_ttc_s", "warning_time_s", "warning_ttc_s"),
+        *("trial_speed_mps", "impact_relative_mps", "speed_reduction_mps"),
         *("event_last_s", "decel_peak_mps2", "speed_max_mps", "sim_time_s"),
     ),
     beside=(("AEB at [s]", "aeb_time_s"), ("last event [s]", "event_last_s")),
@@ -74,15 +84,22 @@ KIND = ScenarioKind(
     implementation="twin.scenario.storyboard.case.family:StoryboardFamily",
     report=_REPORT,
     stops_for_target=False,
+    verdicts=TRIAL_VERDICTS,
     kpis=(
         *("storyboard_running", "events_started", "event_last", "event_last_s"),
         *("storyboard_end_s", "robot_drives", "intervention_kind", "intervention_time_s"),
         *("intervention_speed_mps", "intervention_dtc_m", "intervention_ttc_s"),
+        *("warning", "warning_time_s", "warning_ttc_s", "warning_before_braking_s"),
+        *("light_lx", "road_friction", "target_x_m", "target_y_m", "target_yaw_rad"),
+        *("target_vx_mps", "target_vy_mps", "trial_begin_s", "trial_speed_mps"),
+        *("trial_closing_mps", "trial_lateral_m", "trial_acted_s", "impact_relative_mps"),
+        "speed_reduction_mps",
     ),
     files=("storyboard",),
     brings_scene="storyboard",
     scene_name="twin.scenario.storyboard.case.files:scene_name",
     numbers="numbers",
+    trial="trial",
     motion="twin.scenario.storyboard.case.motion:StoryboardMotion",
     bodies=32,
     ends_at_rest=False,

@@ -76,9 +76,10 @@ def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     }
     for name, content in files.items():
         (tmp_path / f"{name}.yaml").write_text(dump_yaml(content))
+    few = campaign_data(matrix={"model": ["yolov3"], "weather": ["clear", "heavy_fog"]})
     for name in ("run", "later"):
         # Texts of their own: what was read of equal ones is known.
-        make_campaign(tmp_path / name, campaign_data(description=f"{tmp_path} {name}"))
+        make_campaign(tmp_path / name, {**few, "description": f"{tmp_path} {name}"})
     monkeypatch.chdir(tmp_path)
     return tmp_path
 

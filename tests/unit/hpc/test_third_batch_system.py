@@ -139,6 +139,7 @@ def test_what_doctor_says(hut):
     assert [each["name"] for each in facts["partitions"]] == ["ground"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("points", "why"),
     [

@@ -91,6 +91,7 @@ def drive(tmp_path_factory):
     return json.loads(done.stdout.splitlines()[-1])
 
 
+@pytest.mark.slow
 def test_cases_of_two_temperatures_share_a_rig_and_read_their_own(drive):
     assert drive["rigs"] == 1
     assert drive["seen"][0] == [20.0] * 6

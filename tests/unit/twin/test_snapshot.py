@@ -4,6 +4,7 @@ import cv2
 import pytest
 
 from schemas.campaign import Camera
+from twin.play.critical_moment import LEAD_S, critical_moment_s
 from twin.snapshot import SheetRequest, contact_sheet, usual_lights, write_sheet
 from twin.vehicle.vehicle_file import load_vehicle
 from twin.world.scene import load_scene
@@ -27,6 +28,22 @@ def test_the_ending_chooses_the_format(tmp_path):
 def test_unknown_weather(tmp_path):
     with pytest.raises(ValueError, match="allowed: clear, cloudy"):
         contact_sheet(tmp_path / "a.png", ["hail"], ["12:00"])
+
+
+@pytest.mark.slow
+def test_all_scenarios_are_shown_shortly_before_somebody_is_touched(tmp_path, monkeypatch):
+    """Two of them, the other seven would take a minute."""
+    names = ("child-behind-bus", "free-traffic")
+    monkeypatch.setattr("twin.snapshot.shipped_scenarios", lambda: names)
+    path = tmp_path / "all.png"
+    write_sheet(path, SheetRequest(scenario="all", width_px=160))
+    sheet = cv2.imread(str(path))
+    assert sheet.shape == (90 + 22, 3 * 160, 3)
+    assert not sheet[:, 320:].any(), "two pictures, and an empty place"
+    # `twin play` has the child touched a second before it ends, at 8.71 s.
+    assert critical_moment_s("child-behind-bus") == pytest.approx(8.71 - 1.0 - LEAD_S, abs=0.2)
+    with pytest.raises(ValueError, match="snapshot: at-s: --scenario all shows"):
+        write_sheet(path, SheetRequest(scenario="all", at_s=3.0))
 
 
 def test_usual_lights():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warp as wp
 
+from twin.actors.lamps import VehicleLamp
 from twin.render.light.light import SlotLight
 from twin.render.trace.geometry import RayScene
 from twin.render.trace.rays import SlotPose
@@ -180,6 +181,7 @@ BEAMS_MAX = 6
 _BEAMS_MAX = wp.constant(BEAMS_MAX)
 _BEAM_RANGE_M = wp.constant(90.0)
 _LAMP_HEIGHT_M = wp.constant(0.68)
+_HIGH_BEAM = wp.constant(1 << VehicleLamp.HIGH_BEAM)
 # Both lamps together: UN R7 tail lamps have 4 to 17 cd each, brake lamps 60 to 260 cd.
 _TAIL_CD = wp.constant(16.0)
 _BRAKE_CD = wp.constant(170.0)
@@ -197,7 +199,9 @@ class LampBeams:
     rear: wp.vec3
     forward: wp.vec3
     head: wp.float32
-    """1: on."""
+    """Low beam, 1: on."""
+    high: wp.float32
+    """High beam, 1: on."""
     red: wp.float32
     """Intensity to the rear [cd]."""
 
@@ -222,7 +226,8 @@ def beams_kernel(
         if dark and lights[slot].active != 0:
             for m in range(scene.objects.shape[1]):
                 pose = scene.objects[slot, m]
-                if pose.root != 0 and pose.lamps + pose.brake > 0.0:
+                high = wp.float32(pose.lights & _HIGH_BEAM)
+                if pose.root != 0 and pose.lamps + pose.brake + high > 0.0:
                     away = wp.length(pose.position - poses[slot].eye)
                     if away > last and away < nearest:
                         nearest = away
@@ -237,6 +242,7 @@ def beams_kernel(
             beams.front = pose.position + beams.forward * pose.half[0] + up
             beams.rear = pose.position - beams.forward * pose.half[0] + up
             beams.head = pose.lamps
+            beams.high = wp.where((pose.lights & _HIGH_BEAM) != 0, 1.0, 0.0)
             beams.red = _TAIL_CD * pose.lamps + _BRAKE_CD * pose.brake
         beams_out[slot, b] = beams
 
@@ -249,6 +255,24 @@ def _low_beam_cd(local: wp.vec3) -> wp.float32:
     v = local[2] / local[0]
     cut = wp.clamp((-0.004 - v) / 0.012, 0.0, 1.0)
     return LOW_CD * _lobe(h, 0.42) * _lobe(v + 0.03, 0.09) * (cut + 0.02)
+
+
+@wp.func
+def _high_beam_cd(local: wp.vec3) -> wp.float32:
+    if local[0] < 0.2:
+        return 0.0
+    return HIGH_CD * _lobe(local[1] / local[0], 0.24) * _lobe(local[2] / local[0], 0.10)
+
+
+@wp.func
+def _head_cd(local: wp.vec3, beam: LampBeams) -> wp.float32:
+    """Intensity of a vehicle's headlamps towards a point in their axes [cd]."""
+    total = wp.float32(0.0)
+    if beam.head > 0.0:
+        total = _low_beam_cd(local)
+    if beam.high > 0.0:
+        total += _high_beam_cd(local)
+    return total
 
 
 @wp.func
@@ -267,12 +291,13 @@ def vehicles_lux(
         if beams[slot, b].there == 0:
             break
         beam = beams[slot, b]
-        if beam.head > 0.0:
+        if beam.head + beam.high > 0.0:
             ray = p - beam.front
             square = wp.max(wp.dot(ray, ray), 0.25)
             facing = -wp.dot(ray, n) / wp.sqrt(square)
             if facing > 0.0:
-                total += WARM_WHITE * (_low_beam_cd(_along(ray, beam.forward)) * facing / square)
+                toward = _head_cd(_along(ray, beam.forward), beam)
+                total += WARM_WHITE * (toward * facing / square)
         if beam.red > 0.0:
             ray = p - beam.rear
             square = wp.max(wp.dot(ray, ray), 0.25)
@@ -350,9 +375,9 @@ def lamps_glow(
         if beams[slot, b].there == 0:
             break
         beam = beams[slot, b]
-        if beam.head > 0.0:
+        if beam.head + beam.high > 0.0:
             to = beam.front - eye
-            toward = _low_beam_cd(_along(-to, beam.forward))
+            toward = _head_cd(_along(-to, beam.forward), beam)
             total += WARM_WHITE * (toward * _halo(to, direction, distance, light.extinction))
         if beam.red > 0.0:
             to = beam.rear - eye

@@ -81,6 +81,8 @@ class ObjectPose:
     """Brake lamps, 0 or 1."""
     lamps: wp.float32
     """Head and tail lamps, 0 or 1."""
+    lights: wp.int32
+    """Bit of each :class:`twin.actors.lamps.VehicleLamp` that is on."""
 
 
 @wp.struct
@@ -106,6 +108,8 @@ class RayScene:
     spheres: wp.array3d(dtype=wp.float32)
     """Around the objects [S, B, 32], eight to a block; see
     :func:`twin.render.trace.traverse.spheres_entered`."""
+    signals: wp.array2d(dtype=wp.int32)
+    """Lamps of traffic lights that are on: bit 0 red, 1 amber, 2 green [S, K]."""
 
 
 @wp.struct
@@ -297,11 +301,17 @@ class Geometry:
         self._around.host.reshape(slots, blocks, 4, _BLOCK)[:, :, :2] = _NOWHERE_M
         self._around.host.reshape(slots, blocks, 4, _BLOCK)[:, :, 3] = -1.0
         scene.spheres = self._around.device
+        self.signals = Mirror((slots, len(world.signals)), wp.int32, device)
+        """Lamps of the traffic lights; pushed by :meth:`place`."""
+        scene.signals = self.signals.device
         self.scene = scene
 
     def place(self, placement: Placement) -> None:
         """Put every slot's objects where ``placement`` says."""
         world, count = self.world, self.world.motion.count
+        if placement.signals is not None and placement.signals.size:
+            self.signals.host[...] = placement.signals
+            self.signals.push()
         if not count:
             return
         rows = self.poses.host
@@ -324,6 +334,7 @@ class Geometry:
         rows["velocity"] = placement.velocity_mps
         rows["yaw_rate"] = placement.yaw_rate_radps
         rows["brake"], rows["lamps"] = placement.brake, placement.lamps
+        rows["lights"] = 0 if placement.lights is None else placement.lights
         around = self._around.host.reshape(self.slots, -1, 4, _BLOCK)
         # A sphere that no ray enters stands for an object that is not there.
         balls = np.full((self.slots, around.shape[1] * _BLOCK, 4), _NOWHERE_M, np.float32)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from msgspec.structs import replace
+
 from schemas.wire.interventions import (
     OBJECTS_SHOWN_MAX,
     Action,
@@ -64,7 +66,9 @@ class SlotChanges:
 
     def objects(self, slot: int) -> list[ObjectState]:
         """Movable objects of a slot."""
-        return self.engine.objects.states(slot, self.engine.sim_time_ns / 1e9)
+        states = self.engine.objects.states(slot, self.engine.sim_time_ns / 1e9)
+        things = self.engine.things(slot)[len(self.engine.colliders) :]
+        return [replace(state, name=things[state.object].name) for state in states]
 
     def clock_min(self, slot: int) -> float:
         """Local time of a slot [minutes after midnight]."""

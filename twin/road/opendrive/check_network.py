@@ -9,9 +9,11 @@ from dataclasses import fields, is_dataclass
 from typing import Any
 
 from schemas.escape import escape
+from twin.road.opendrive.furniture import copies_of
 from twin.road.opendrive.reading.node import NUMBER_MAX
 from twin.road.opendrive.reading.read_cubics import lowest
-from twin.road.opendrive.reading.read_lanes import WIDTH_NEGATIVE_M
+from twin.road.opendrive.reading.read_furniture import CORNERS_MAX, REPEATS_MAX
+from twin.road.opendrive.reading.read_lanes import FRICTION_MAX, WIDTH_NEGATIVE_M
 from twin.road.opendrive.reading.read_road import (
     COVER_M,
     CURVATURE_MAX_PER_M,
@@ -89,15 +91,39 @@ def _road(network: RoadNetwork, road: RoadRecord) -> Iterator[str]:
     yield from _reference_line(road)
     yield from _tilt(road)
     yield from _sections(road)
-    stations = [*(item.s_m for item in road.objects), *(item.s_m for item in road.signals)]
-    if not all(0.0 <= s <= road.length_m + COVER_M for s in stations):
-        yield "an object or signal does not stand along it"
+    yield from _furniture(road)
     for link in (road.predecessor, road.successor):
         if link is not None:
             yield from _link(network, link)
     if road.junction is not None and road.junction not in network.junctions:
         yield "it leads through a junction that does not exist"
     yield from _lane_links(network, road)
+
+
+def _furniture(road: RoadRecord) -> Iterator[str]:
+    """What stands beside it."""
+    rows = [row for item in road.objects for row in item.repeats]
+    stations = [*(item.s_m for item in road.objects), *(item.s_m for item in road.signals)]
+    stations += [s for row in rows for s in (row.s_m, row.s_m + row.length_m)]
+    if not all(0.0 <= s <= road.length_m + COVER_M for s in stations):
+        yield "an object or signal does not stand along it"
+    sizes: list[float] = [value for row in rows for pair in row.size_m for value in pair]
+    sizes += [v for row in rows for v in (*row.radius_m, row.length_m, row.distance_m)]
+    for thing in road.objects:
+        sizes += [thing.length_m, thing.width_m, thing.height_m, thing.radius_m]
+    sizes += [value for sign in road.signals for value in (sign.width_m, sign.height_m)]
+    if min(sizes, default=0.0) < 0.0:
+        yield "an object or signal is smaller than nothing"
+    spaced = [row for row in rows if row.distance_m > 0.0]
+    # The first comparison keeps quotients finite.
+    if any(
+        row.length_m > REPEATS_MAX * row.distance_m or copies_of(row) > REPEATS_MAX
+        for row in spaced
+    ):
+        yield "a row has more objects than are read"
+    corners = [len(outline.corners) for item in road.objects for outline in item.outlines]
+    if max(corners, default=0) > CORNERS_MAX:
+        yield "an outline has more corners than are read"
 
 
 def _reference_line(road: RoadRecord) -> Iterator[str]:
@@ -150,6 +176,8 @@ def _lane(lane: Lane, length_m: float) -> Iterator[str]:
             yield f"records of lane {lane.id} do not ascend"
     if not _ascending(lane.heights):
         yield f"heights of lane {lane.id} do not ascend"
+    if not all(0.0 <= material.friction <= FRICTION_MAX for material in lane.materials):
+        yield f"lane {lane.id} has a friction that no road has"
     if lane.id != 0 and not (lane.widths or lane.borders):
         yield f"lane {lane.id} has neither width nor border"
     for cubics in (lane.widths, lane.borders):

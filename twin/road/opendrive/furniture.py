@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 
@@ -23,6 +24,32 @@ class ObjectOutline:
 
     corners: tuple[OutlineCorner, ...]
     closed: bool
+
+
+@dataclass(frozen=True, slots=True)
+class ObjectRepeat:
+    """A row of copies of an object, or a body drawn along the road.
+
+    Values change linearly from the beginning of the row to its end.
+    """
+
+    s_m: float
+    """Of the beginning [m]."""
+    length_m: float
+    distance_m: float
+    """Between copies; 0: a body without gaps [m]."""
+    t_m: tuple[float, float]
+    z_offset_m: tuple[float, float]
+    size_m: tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
+    """Length, width and height, each at the beginning and the end; of a body drawn along the road
+    the first says nothing [m]."""
+    radius_m: tuple[float, float]
+    line: int
+
+
+def copies_of(row: ObjectRepeat) -> int:
+    """How many copies stand in a row whose distance is above 0; the last may stand at its end."""
+    return math.floor(row.length_m / row.distance_m * (1.0 + 1e-12) + 1e-9) + 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +77,8 @@ class RoadObject:
     """``+``, ``-`` or ``none``: the direction of travel it is for."""
     dynamic: bool
     outlines: tuple[ObjectOutline, ...]
+    repeats: tuple[ObjectRepeat, ...]
+    """Empty: it stands once, at ``s_m``; else it stands where they say."""
     line: int
 
 

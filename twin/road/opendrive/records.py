@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 from twin.road.opendrive.furniture import RoadObject, RoadSignal
@@ -262,3 +262,5 @@ class RoadNetwork:
     junctions: dict[str, Junction]
     notes: tuple[str, ...]
     """What was left out and may be missed, a line each."""
+    controllers: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    """Signals that switch together (``controller``): ids of signals, by id."""

@@ -263,5 +263,27 @@ def _way(arm: int, turn: str) -> str:
     )
 
 
-PLANS = {"junction": junction, "motorway": motorway, "rural": rural, "street": street}
+def track() -> bytes:
+    """A lane each way between wide paved areas, as on a proving ground; straight, level, 600 m."""
+    lanes = []
+    for side in (1, -1):
+        lanes += [LanePlan(side, "driving", 3.5, _EDGE), LanePlan(2 * side, "shoulder", 24.0)]
+    text = road(
+        PlanView().add(600.0),
+        section(0.0, lanes, _TOWN_CENTRE),
+        road_id=0,
+        name="track",
+        kind="rural",
+        speed_mps=100.0 * _KMH,
+    )
+    return document("track", text)
+
+
+PLANS = {
+    "junction": junction,
+    "motorway": motorway,
+    "rural": rural,
+    "street": street,
+    "track": track,
+}
 """What writes each file, by its name."""

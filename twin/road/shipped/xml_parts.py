@@ -249,6 +249,6 @@ def signal(
         country="OpenDRIVE" if light else "DE",
         type=kind,
         subtype="-1",
-        height=0.6,
+        height=0.9 if light else 0.6,
         width=0.3 if light else 0.6,
     )

@@ -34,11 +34,25 @@ def lane_strips(frame: RoadFrame, number: int, s_m: np.ndarray) -> Iterator[Surf
             t = borders[lane.id]
             outer = edge_points(frame, inside, t, heights[1])
             sides = (outer, inner) if sign > 0.0 else (inner, outer)
-            yield strip("lane", lane.type, *sides)
+            for friction, pieces in _frictions(lane, inside - section.section.start_m):
+                yield strip("lane", lane.type, *sides, pieces, friction)
             if (np.abs(heights[0] - lift) > KERB_M).any():
                 low_first = rim if sign > 0.0 else inner
                 yield strip("kerb", "", inner if sign > 0.0 else rim, low_first)
             rim, lift = outer, heights[1]
+
+
+def _frictions(lane: Lane, ahead_m: np.ndarray) -> Iterator[tuple[float | None, np.ndarray | None]]:
+    """The frictions of a lane, and the pieces between stations that have each."""
+    if not lane.materials:
+        yield None, None
+        return
+    middle = 0.5 * (ahead_m[:-1] + ahead_m[1:])
+    starts = np.array([material.start_m for material in lane.materials])
+    record = np.searchsorted(starts, middle, "right") - 1
+    for index in np.unique(record).tolist():
+        friction = lane.materials[index].friction if index >= 0 else None
+        yield friction, record == index
 
 
 def side_slopes(frame: RoadFrame, number: int, s_m: np.ndarray) -> Iterator[SurfacePatch | None]:

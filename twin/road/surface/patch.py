@@ -25,6 +25,8 @@ class SurfacePatch:
     """World, float64 [V, 3]."""
     faces: np.ndarray
     """int32 [F, 3]."""
+    friction: float | None = None
+    """Of lanes, over that of a road without one [-]; None: none is given."""
 
 
 def strip(
@@ -33,6 +35,7 @@ def strip(
     left_m: np.ndarray,
     right_m: np.ndarray,
     joined: np.ndarray | None = None,
+    friction: float | None = None,
 ) -> SurfacePatch | None:
     """The strip between two lines of as many points [N, 3], both along s; None: it has no area.
 
@@ -57,19 +60,21 @@ def strip(
         kept &= normal[:, 2] > 0.0
     if not kept.any():
         return None
-    return SurfacePatch(kind, look, points, faces[kept].astype(np.int32))
+    return SurfacePatch(kind, look, points, faces[kept].astype(np.int32), friction)
 
 
 def merged(patches: Iterable[SurfacePatch | None]) -> tuple[SurfacePatch, ...]:
-    """One patch for each kind and look, in the order in which they are met."""
-    groups: dict[tuple[PatchKind, str], list[SurfacePatch]] = {}
+    """One patch for each kind, look and friction, in the order in which they are met."""
+    groups: dict[tuple[PatchKind, str, float | None], list[SurfacePatch]] = {}
     for patch in patches:
         if patch is not None:
-            groups.setdefault((patch.kind, patch.look), []).append(patch)
+            groups.setdefault((patch.kind, patch.look, patch.friction), []).append(patch)
     whole = []
-    for (kind, look), parts in groups.items():
+    for (kind, look, friction), parts in groups.items():
         first = np.cumsum([0, *(len(part.points_m) for part in parts)])
         faces = [part.faces + start for part, start in zip(parts, first[:-1], strict=True)]
         points = np.concatenate([part.points_m for part in parts])
-        whole.append(SurfacePatch(kind, look, points, np.concatenate(faces).astype(np.int32)))
+        whole.append(
+            SurfacePatch(kind, look, points, np.concatenate(faces).astype(np.int32), friction)
+        )
     return tuple(whole)

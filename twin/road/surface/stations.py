@@ -79,6 +79,7 @@ def _knots(frame: RoadFrame, section: CrossSection, start: float, end: float) ->
     for lane in section.section.lanes:
         cubics += [(start, lane.widths), (start, lane.borders)]
         starts += [start + height.start_m for height in lane.heights]
+        starts += [start + material.start_m for material in lane.materials]
     starts += [begin + cubic.start_m for begin, profile in cubics for cubic in profile]
     knots = np.unique([start, end, *(s for s in starts if start < s < end)])
     inner = knots[1:-1]

@@ -72,10 +72,13 @@ def border_at(
     base = offset_at(roads, road, s)
     border = base
     step = wp.where(lane > 0, 1, -1)
-    for number in range(wp.abs(lane)):
-        beside = (number + 1) * step
+    # No range(abs(lane)): ptxas 13.4 reads that bound from a register that is not set yet.
+    beside = wp.int32(step)
+    end = lane + step
+    while beside != end:
         if lane_row(roads, section, beside) >= 0:
             border = border_beyond(roads, section, beside, base, border, s)
+        beside += step
     return border
 
 

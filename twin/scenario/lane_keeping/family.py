@@ -8,6 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from schemas.kinds.scenarios.lane_keeping import KIND, LaneKeepingConfig
+from twin.road.lane import LanePath
 from twin.scenario.lane_keeping.progress import LaneProgress
 from twin.scenario.protocol import Rows, Scalars, Verdict
 from twin.scenario.surroundings import Surroundings
@@ -77,15 +78,23 @@ class LaneKeeping:
         return Verdict("time_up", [f"time is up at {speed_mps:.2f} m/s, {driven}"])
 
 
+def lane_mistake(config: LaneKeepingConfig, scene: str, lane: LanePath | None) -> str:
+    """Why a lane, None: the scene has none, does not do; empty: it does."""
+    if lane is None:
+        return f"scene {scene}: {KIND.name} needs a lane: a generated street or OpenDRIVE roads"
+    if lane.closed or lane.length_m >= config.distance_m:
+        return ""
+    return (
+        f"scene {scene}: {KIND.name} over {config.distance_m:g} m, but its lane is "
+        f"{lane.length_m:.5g} m long; set scenario.distance_m, or take a closed road such as "
+        "downtown-loop"
+    )
+
+
 def _check_lane(config: LaneKeepingConfig, ground: Surroundings) -> None:
     lane, name = ground.lane, f"scene {ground.scene}: {KIND.name}"
-    if not ground.street:
-        raise ValueError(f"{name} needs a street, and this scene has none of its own")
-    if not lane.closed and lane.length_m < config.distance_m:
-        raise ValueError(
-            f"{name} over {config.distance_m:g} m, but its lane is {lane.length_m:g} m long; "
-            "set scenario.distance_m, or take a closed road such as downtown-loop"
-        )
+    if mistake := lane_mistake(config, ground.scene, lane if ground.street else None):
+        raise ValueError(mistake)
     if ground.target is None:
         return
     x_m, y_m, _, half_length_m, half_width_m = ground.target

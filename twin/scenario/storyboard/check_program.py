@@ -32,6 +32,7 @@ from twin.scenario.storyboard.program.places import (
     TrajectoryPiece,
 )
 from twin.scenario.storyboard.program.program import (
+    ENVIRONMENT_LIMITS,
     DriverModel,
     ElementKind,
     InitAction,
@@ -40,16 +41,20 @@ from twin.scenario.storyboard.program.program import (
     StoryElement,
 )
 from twin.scenario.storyboard.program.record import ProgramRecord
+from twin.scenario.storyboard.program.signals import SignalController
 
 MISTAKES_MAX = 100
 """Mistakes of one program that are told."""
 VARIABLES_MAX = 4096
 """Variables of a program, its parameters among them."""
+CONTROLLERS_MAX = 1024
+"""Controllers of traffic signals of a program."""
 WAYS_MAX = 200_000
 """Trajectories, and routes, of a program."""
 NAME_CHARS_MAX = 10_000
 """Longest name or word [characters]."""
 _WHOLE_MAX = 2**31 - 1
+_ANY_FINITE = (-1e300, 1e300)
 _CATEGORY_GROUPS = (-4, -3, -2, -1)
 _FINITE = (FixedPosition, RelativePosition, TrajectoryPiece, RouteLeg, BodyBox)
 """Records in which every number is finite; elsewhere infinite means that there is no limit."""
@@ -94,6 +99,7 @@ class _Check:
             "environment": len(program.environments),
             "model": len(program.models),
             "light": len(actions.LIGHTS),
+            "controller": len(program.controllers),
         }
         roads = program.network.roads.values() if program.network is not None else ()
         self._lanes = [
@@ -122,6 +128,8 @@ class _Check:
             yield from self._named(f"model {number}", self._model(model))
         for number, place in enumerate(program.environments):
             yield from self._named(f"environment {number}", self._environment(place))
+        for number, controller in enumerate(program.controllers):
+            yield from self._named(f"controller {number}", self._controller(controller))
         for number, variable in enumerate(program.variables):
             if variable.text and not self._is_word(variable.value):
                 yield f"variable {number}: its value names no word"
@@ -141,6 +149,7 @@ class _Check:
             ("environments", 0, WAYS_MAX),
             ("models", 0, WAYS_MAX),
             ("words", 0, POOL_MAX),
+            ("controllers", 0, CONTROLLERS_MAX),
         ):
             count = len(getattr(program, name))
             if not least <= count <= most:
@@ -162,6 +171,21 @@ class _Check:
         yield from self._record(entity)
         if min(entity.box.length_m, entity.box.width_m, entity.box.height_m) < 0.0:
             yield "its box has a negative size"
+        if entity.coupler_x_m is not None and not entity.coupler_x_m > 0.0:
+            yield f"its coupler is {entity.coupler_x_m:g} m before its axle"
+        if entity.tractor >= 0:
+            yield from self._train(entity)
+
+    def _train(self, entity: StoryboardEntity) -> Iterator[str]:
+        """Whether the train before a trailer has an end."""
+        entities = self._program.entities
+        if entity.coupler_x_m is None:
+            yield "it is towed and has no coupler"
+        for _ in entities:
+            if not 0 <= entity.tractor < len(entities):
+                return
+            entity = entities[entity.tractor]
+        yield "it would tow itself"
 
     def _order(self) -> Iterator[str]:
         """Depth-first: an element's parent is the one before it, or one of that one's parents."""
@@ -247,10 +271,21 @@ class _Check:
         if not 0 <= model.exponent <= 100:
             yield f"an exponent of {model.exponent}"
 
+    def _controller(self, controller: SignalController) -> Iterator[str]:
+        yield from self._record(controller)
+        durations = [phase.duration_s for phase in controller.phases]
+        if not sum(durations) > 0.0 or min(durations) < 0.0:
+            yield "its phases take no time"
+        if not 0.0 <= controller.delay_s < math.inf:
+            yield f"a delay of {controller.delay_s:g} s"
+
     def _environment(self, place: StoryboardEnvironment) -> Iterator[str]:
         for field in fields(place):
             value = getattr(place, field.name)
-            if isinstance(value, float) and not math.isfinite(value):
+            if not isinstance(value, float):
+                continue
+            low, high = ENVIRONMENT_LIMITS.get(field.name, _ANY_FINITE)
+            if not low <= value <= high:
                 yield f"{field.name} is {value:g}"
 
     def _record(self, record: ProgramRecord) -> Iterator[str]:
@@ -280,6 +315,8 @@ class _Check:
                 yield from self._record(value)
             elif isinstance(value, float) and not math.isfinite(value):
                 yield f"{name} has {value:g}"
+        if isinstance(record, conditions.RelativeClearanceCondition) and name == "entities":
+            yield from self._indices("entity", values)
         if isinstance(record, actions.AcquirePositionAction):
             yield from self._indices("route", values, least=-1)
             if len(values) not in (0, 2 * len(self._lanes)):
@@ -292,8 +329,12 @@ class _Check:
             if value not in _CATEGORY_GROUPS and not 0 <= value <= max(EntityCategory):
                 yield f"category is {value}"
         elif isinstance(record, actions.LightAction) and name == "mode":
-            if not 0 <= value <= 2:
+            if value not in (1, 2, 3):
                 yield f"mode is {value}"
+        elif isinstance(record, actions.SignalPhaseAction) and name == "phase":
+            known = self._program.controllers[record.controller : record.controller + 1]
+            if not 0 <= value < max((len(c.phases) for c in known), default=0):
+                yield f"phase {value} does not exist"
         elif kind := REFERENCES.get(name):
             least = -1 if (type(record), name) in _OPTIONAL else 0
             yield from self._index(kind, value, least)
@@ -317,9 +358,10 @@ class _Check:
 
 
 REFERENCES = {
-    **dict.fromkeys(("entity", "master"), "entity"),
+    **dict.fromkeys(("entity", "master", "trailer", "tractor"), "entity"),
     **dict.fromkeys(("trajectory", "master_trajectory"), "trajectory"),
     **{name: name for name in ("element", "route", "variable", "environment", "model", "light")},
+    "controller": "controller",
 }
 """What a field of a name counts."""
 _OPTIONAL = {
@@ -327,6 +369,7 @@ _OPTIONAL = {
     *((actions.LaneChangeAction, "entity"), (actions.LaneOffsetAction, "entity")),
     *((actions.SynchronizeAction, "trajectory"), (actions.SynchronizeAction, "master_trajectory")),
     (actions.ControllerAction, "model"),
+    (StoryboardEntity, "tractor"),
     *((conditions.CollisionCondition, "entity"), (conditions.TimeToCollisionCondition, "entity")),
 }
 """Fields that may be -1: there is none."""

@@ -58,6 +58,8 @@ _MATERIALS: dict[str, Infrared] = {
     "GRASS": Infrared(0.40, 0.60, long_wave=0.6, wet=0.85),
     "TAIL_LAMP": Infrared(0.20, 0.40, retro=120.0, snow=0.0),
     "HEAD_LAMP": Infrared(0.30, 0.40, retro=10.0, snow=0.0),
+    "VEHICLE_LAMP": Infrared(0.20, 0.40, retro=150.0, snow=0.0),
+    "SIGNAL_LAMP": Infrared(0.25, 0.30, snow=0.0),
     "PLATE": Infrared(0.30, 0.50, retro=150.0, snow=0.0),
 }
 

@@ -42,6 +42,11 @@ TAIL_LAMP = 18
 """Red lens at the rear of a vehicle in traffic: tail and brake lamp."""
 HEAD_LAMP = 19
 """Clear lens at the front of a vehicle in traffic."""
+VEHICLE_LAMP = 20
+"""Lens of a movable object in the face's colour; the tag is the :class:`VehicleLamp` it is."""
+SIGNAL_LAMP = 21
+"""Lens of a traffic light in the face's colour, lit in slots where it is on; the tag is 8 times the
+index of the signal in the world plus the number of the lamp: 0 red, 1 amber, 2 green."""
 
 WALLS = (FACADE, SHOPFRONT, BRICK, PLASTER)
 """Materials with a pattern along the wall."""

@@ -56,6 +56,9 @@ class Mesh:
     :mod:`twin.world.street.ambient`"""
     details: FaceDetails | None = None
     """What faces from files have beside; None: none has anything"""
+    grip: np.ndarray | None = None
+    """float64 [F], friction over that of asphalt [-]; NaN: that of the material. None: all have
+    that of their material"""
 
 
 _GRID_PER_M = 65536.0
@@ -78,6 +81,7 @@ class _Batch:
     instance: int
     semantic: int
     texture: int | np.ndarray
+    grip: float
 
 
 class MeshBuilder:
@@ -95,6 +99,12 @@ class MeshBuilder:
         self._instance = -1
         self._semantic = 0
         self._bend: Bend | None = None
+        self._grip = math.nan
+
+    @property
+    def count(self) -> int:
+        """Corners that were added so far."""
+        return self._count
 
     @contextmanager
     def bent(self, bend: Bend | None) -> Iterator[None]:
@@ -105,6 +115,16 @@ class MeshBuilder:
             yield
         finally:
             self._bend = before
+
+    @contextmanager
+    def rolled(self, grip: float | None) -> Iterator[None]:
+        """Give the ground that is added inside the block a friction over that of asphalt; None:
+        that of its material."""
+        before, self._grip = self._grip, math.nan if grip is None else grip
+        try:
+            yield
+        finally:
+            self._grip = before
 
     @contextmanager
     def place(
@@ -181,7 +201,16 @@ class MeshBuilder:
         self._uv.append(np.zeros((len(points), 2)) if uv is None else np.asarray(uv, float))
         self._count += len(points)
         self._batches.append(
-            _Batch(len(faces), material, color, tag, self._instance, self._semantic, texture)
+            _Batch(
+                len(faces),
+                material,
+                color,
+                tag,
+                self._instance,
+                self._semantic,
+                texture,
+                self._grip,
+            )
         )
 
     def quads(
@@ -335,4 +364,5 @@ class MeshBuilder:
             uv=np.concatenate(self._uv).astype(np.float32),
             ambient=np.ones(self._count, np.float32),
             details=self._details.build(),
+            grip=None if all(math.isnan(b.grip) for b in batches) else spread("grip", np.float64),
         )

@@ -74,8 +74,8 @@ def heavens(place: EarthPlace, date: str, minute: float, mode: str = "almanac") 
         day, place.latitude_deg, place.longitude_deg
     )
     return Heavens(
-        _direction(place, elevation, azimuth),
-        _direction(place, moon_elevation, moon_azimuth),
+        direction_to(place, elevation, azimuth),
+        direction_to(place, moon_elevation, moon_azimuth),
         moon_illuminance_lx(phase_angle),
         0.5 * (1.0 + math.cos(math.radians(phase_angle))),
     )
@@ -181,7 +181,8 @@ def _horizontal(
     return elevation, math.degrees(math.atan2(east, north)) % 360.0
 
 
-def _direction(place: EarthPlace, elevation_deg: float, azimuth_deg: float) -> np.ndarray:
+def direction_to(place: EarthPlace, elevation_deg: float, azimuth_deg: float) -> np.ndarray:
+    """Unit vector of an elevation and an azimuth from north over east, world frame (3,)."""
     h, a = math.radians(elevation_deg), math.radians(azimuth_deg)
     return _world(place, math.cos(h) * math.sin(a), math.cos(h) * math.cos(a), math.sin(h))
 

@@ -9,6 +9,7 @@ from schemas.names import minutes
 from schemas.sections.environment import Change, Environment
 from schemas.wire.interventions import SetEnvironment
 from twin.world.sky.almanac import EarthPlace, heavens
+from twin.world.sky.scripted import ScriptedEnvironment
 from twin.world.sky.sun import Daylight, daylight_under
 from twin.world.sky.weather import (
     WeatherParameters,
@@ -45,12 +46,20 @@ class CaseEnvironment:
         }
         self._first = self._weathers[case.variation.weather]
         self._minute = float(case.variation.time_of_day_min)
-        self._last: tuple[float, WeatherParameters] | None = None
+        self._last: tuple[float, WeatherParameters, ScriptedEnvironment | None] | None = None
+        self._scripted: ScriptedEnvironment | None = None
         self._light: Daylight | None = None
         self._chosen_weather: WeatherParameters | None = None
         self._chosen_minute: float | None = None
         self.shown = case.variation.weather
-        """Name of the weather now; empty: intensities that an intervention set."""
+        """Name of the weather now; empty: intensities that an intervention or a scenario set."""
+
+    def script(self, scripted: ScriptedEnvironment | None) -> None:
+        """Weather, clock and road as the scenario has them from now on, in place of what the case
+        says; an intervention goes before it. None: the scenario says nothing."""
+        self._scripted = scripted
+        if scripted is not None and scripted.changes_air and self._chosen_weather is None:
+            self.shown = ""
 
     def override(self, change: SetEnvironment) -> None:
         """Weather and clock as an intervention sets them, from now on and whatever the timeline
@@ -91,15 +100,15 @@ class CaseEnvironment:
     @property
     def wind_towards(self) -> tuple[float, float]:
         """Direction in which the wind blows, unit vector in the world frame."""
-        return wind_towards(self._environment, self._place)
+        scripted = None if self._scripted is None else self._scripted.wind_towards
+        return scripted or wind_towards(self._environment, self._place)
 
     def at(self, time_ns: int) -> tuple[WeatherParameters, Daylight]:
         """Weather and light at a sim time; cheap while nothing changes."""
         time_s = time_ns / 1e9
-        now = (self._clock(time_s), self._weather_at(time_s))
+        now = (self._clock(time_s), self._weather_at(time_s), self._sky)
         if self._light is None or now != self._last:
-            minute, weather = now
-            self._light = light_of(self._environment, self._place, minute, weather)
+            self._light = light_of(self._environment, self._place, *now)
             self._last = now
         return now[1], self._light
 
@@ -111,6 +120,19 @@ class CaseEnvironment:
     def _weather_at(self, time_s: float) -> WeatherParameters:
         if self._chosen_weather is not None:
             return self._chosen_weather
+        if self._scripted is None:
+            return self._planned(time_s)
+        own = self._environment
+        weather = self._scripted.weather(self._planned(time_s), own.family)
+        return self._scripted.on_road(overridden(weather, own.friction, own.water_mm))
+
+    @property
+    def _sky(self) -> ScriptedEnvironment | None:
+        """What the scenario says of sun and clock, unless an intervention has set the clock."""
+        return self._scripted if self._chosen_minute is None else None
+
+    def _planned(self, time_s: float) -> WeatherParameters:
+        """The weather that the case says."""
         weather = self._first
         for change in self._environment.timeline:
             if change.weather is None or change.at_s > time_s:
@@ -123,6 +145,8 @@ class CaseEnvironment:
     def _clock(self, time_s: float) -> float:
         if self._chosen_minute is not None:
             return self._chosen_minute
+        if self._scripted is not None and self._scripted.minute is not None:
+            return self._scripted.minute
         minute = self._minute
         for change in self._environment.timeline:
             if change.time_of_day is None or change.at_s > time_s:
@@ -133,10 +157,16 @@ class CaseEnvironment:
 
 
 def light_of(
-    environment: Environment, place: EarthPlace, minute: float, weather: WeatherParameters
+    environment: Environment,
+    place: EarthPlace,
+    minute: float,
+    weather: WeatherParameters,
+    scripted: ScriptedEnvironment | None = None,
 ) -> Daylight:
-    """Light at a local time [minutes after the first midnight] under ``weather``."""
-    bodies = heavens(place, environment.date, minute, environment.sun)
+    """Light at a local time [minutes after the first midnight] under ``weather``; ``scripted``:
+    what a scenario says of sun and day."""
+    heavens_of = heavens if scripted is None else scripted.heavens
+    bodies = heavens_of(place, environment.date, minute, environment.sun)
     return daylight_under(bodies, weather, environment.exposure_ev100)
 
 

@@ -156,6 +156,12 @@ def daylight_under(
     )
 
 
+def clear_illuminance_lx(elevation_rad: float) -> float:
+    """Illuminance by the sun and a clear sky on open level ground [lx]."""
+    direct_lx = _direct_normal_lx(elevation_rad) * max(0.0, math.sin(elevation_rad))
+    return direct_lx + _diffuse_lx(elevation_rad)[0]
+
+
 def _direct_normal_lx(elevation_rad: float) -> float:
     if elevation_rad <= 0.0:
         return 0.0

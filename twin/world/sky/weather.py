@@ -53,7 +53,7 @@ _STEPS = (0.0, 0.5, 1.0)
 _FILM_MM = (0.0, 0.2, 1.0, 2.0)
 _FILM_FRICTION = (0.80, 0.65, 0.55, 0.50)
 _SNOW_FRICTION = (0.80, 0.30, 0.20)
-_GUST_SHARE = 0.2
+GUST_SHARE = 0.2
 """Standard deviation of gusts over mean wind near the ground; see :mod:`twin.world.sky.wind`."""
 
 
@@ -129,7 +129,7 @@ def weather_of(
 def parameters(conditions: Conditions, family: str = "physical") -> WeatherParameters:
     """What ``conditions`` mean physically in a family."""
     c = conditions
-    rain_mm_per_h = _steady(_through(c.rain, *_RAIN_MM_PER_H))
+    rain_mm_per_h = rain_at(c.rain)
     snow_per_m = _snow_per_m(c.snow)
     extinction_per_m = AIR_PER_M + _fog_per_m(c.fog) + _rain_per_m(rain_mm_per_h) + snow_per_m
     water_mm = max(_table(c.rain, _FILM_MM[:3]), 0.02 * c.fog, 0.05 * c.snow)
@@ -150,12 +150,62 @@ def parameters(conditions: Conditions, family: str = "physical") -> WeatherParam
         snow_cover=_table(c.snow, (0.0, 0.55, 0.95)),
         friction=min(film_friction(_table(c.rain, _FILM_MM[:3])), _table(c.snow, _SNOW_FRICTION)),
         rain_mm_per_h=rain_mm_per_h,
-        snow_mm_per_h=_steady((snow_per_m / _DB_PER_KM / 5.53) ** (1.0 / 1.38)),
+        snow_mm_per_h=snowfall_at(c.snow),
         wind_mps=wind_mps,
-        gust_mps=_GUST_SHARE * wind_mps,
+        gust_mps=GUST_SHARE * wind_mps,
         water_mm=water_mm,
     )
     return physical if family == "physical" else _autodrive(physical, c)
+
+
+def fog_extinction_per_m(weather: WeatherParameters) -> float:
+    """What fog adds to the extinction of a weather [1/m]."""
+    rest = weather.extinction_per_m - AIR_PER_M - _rain_per_m(weather.rain_mm_per_h)
+    return max(0.0, rest - _snowfall_per_m(weather.snow_mm_per_h))
+
+
+def rain_at(intensity: float) -> float:
+    """Rain of an intensity from 0 to 1 [mm/h]."""
+    return _steady(_through(intensity, *_RAIN_MM_PER_H))
+
+
+def snowfall_at(intensity: float) -> float:
+    """Snowfall of an intensity from 0 to 1, as water [mm/h]."""
+    return _steady((_snow_per_m(intensity) / _DB_PER_KM / 5.53) ** (1.0 / 1.38))
+
+
+def with_parts(
+    base: WeatherParameters,
+    fog_per_m: float,
+    rain_mm_per_h: float,
+    snow_mm_per_h: float,
+    family: str = "physical",
+) -> WeatherParameters:
+    """The weather with other fog, rain and snow; clouds and wind stay.
+
+    Args:
+        fog_per_m: extinction that fog adds [1/m].
+        rain_mm_per_h: rain; of more than heavy rain, sight suffers and nothing else.
+        snow_mm_per_h: snowfall as water, in the same way.
+    """
+    snow_per_m = _snowfall_per_m(snow_mm_per_h)
+    light, heavy = (VISIBILITY_PER_EXTINCTION / v_m - AIR_PER_M for v_m in _SNOW_VISIBILITY_M)
+    thin, thick = (MOR_PER_EXTINCTION / mor_m - AIR_PER_M for mor_m in _FOG_MOR_M)
+    conditions = Conditions(
+        cloud=base.cloud_cover,
+        fog=_intensity(fog_per_m, thin, thick),
+        rain=_intensity(rain_mm_per_h, *_RAIN_MM_PER_H),
+        snow=_intensity(snow_per_m, light, heavy),
+    )
+    extinction_per_m = AIR_PER_M + fog_per_m + _rain_per_m(rain_mm_per_h) + snow_per_m
+    return replace(
+        parameters(conditions, family),
+        extinction_per_m=_steady(extinction_per_m),
+        rain_mm_per_h=rain_mm_per_h,
+        snow_mm_per_h=snow_mm_per_h,
+        wind_mps=base.wind_mps,
+        gust_mps=base.gust_mps,
+    )
 
 
 def film_friction(water_mm: float) -> float:
@@ -198,6 +248,11 @@ def _through(intensity: float, light: float, heavy: float) -> float:
     return heavy * intensity ** math.log2(heavy / light)
 
 
+def _intensity(value: float, light: float, heavy: float) -> float:
+    """The intensity, at most 1, at which :func:`_through` gives a value."""
+    return min(1.0, _steady((value / heavy) ** (1.0 / math.log2(heavy / light))))
+
+
 def _fog_per_m(intensity: float) -> float:
     light, heavy = (MOR_PER_EXTINCTION / mor_m - AIR_PER_M for mor_m in _FOG_MOR_M)
     return _through(intensity, light, heavy)
@@ -206,6 +261,10 @@ def _fog_per_m(intensity: float) -> float:
 def _snow_per_m(intensity: float) -> float:
     light, heavy = (VISIBILITY_PER_EXTINCTION / v_m - AIR_PER_M for v_m in _SNOW_VISIBILITY_M)
     return _through(intensity, light, heavy)
+
+
+def _snowfall_per_m(mm_per_h: float) -> float:
+    return 5.53 * float(mm_per_h**1.38) * _DB_PER_KM
 
 
 def _rain_per_m(mm_per_h: float) -> float:

@@ -50,6 +50,10 @@ class Winds:
         """Strength of a slot's wind from now on: mean and standard deviation of its gusts."""
         self._mean[slot], self._sigma[slot] = mean_mps, gust_mps
 
+    def turn(self, slot: int, toward: tuple[float, float]) -> None:
+        """Direction of a slot's wind from now on, a unit vector along it."""
+        self._toward[slot] = toward
+
     def clear(self, slot: int) -> None:
         """Calm a slot."""
         for array in (self.now, self._gust, self._toward):

@@ -20,13 +20,14 @@ from twin.world.meshes.imports import add_imports
 from twin.world.meshes.kept_files import kept_files
 from twin.world.meshes.mesh import Mesh, MeshBuilder
 from twin.world.road_scene import add_roads, road_lane
+from twin.world.roadside.roadside import add_roadside
 from twin.world.scene import Scene
 from twin.world.street import sidewalks
 from twin.world.street.ambient import baked
 from twin.world.street.bends import add_bends
 from twin.world.street.buildings import add_buildings
 from twin.world.street.ground import add_ground
-from twin.world.street.layout import Hull, lay_out
+from twin.world.street.layout import Hull, Layout, lay_out
 from twin.world.street.parking import add_obstacle, add_parked
 from twin.world.things import Thing, named, numbered
 
@@ -56,7 +57,9 @@ class World:
     lane: LanePath = field(default_factory=lambda: straight(0.0, 1.0))
     """Centre line of the ego's lane."""
     lane_known: bool = True
-    """The lane is known as far as it goes; False: it says where an ego starts, and no more."""
+    """There is a lane, of a street or a road; False: it says where an ego starts, and no more."""
+    lane_start_z_m: float = 0.0
+    """Height at which the lane begins [m]."""
     kinds: tuple[ObjectKind, ...] = ()
     """Meshes of movable objects."""
     motion: Motion = field(default_factory=Still)
@@ -82,6 +85,9 @@ class World:
     """Number of the first colliders that are vehicles; instance i is the object of collider i."""
     things: tuple[Thing, ...] = ()
     """What the hulls belong to: one entry per collider, then one per movable object."""
+    signals: tuple[str, ...] = ()
+    """Traffic lights whose lamps a scenario switches, by their ids in the road file; faces of
+    :data:`twin.world.meshes.materials.SIGNAL_LAMP` say by their tag which they are."""
     notes: tuple[str, ...] = ()
     """What was left out or made smaller when files were imported, one line each."""
 
@@ -157,62 +163,54 @@ def _content(file: str) -> bytes:
         raise ValueError(f"{file}: {error.strerror or error}") from None
 
 
+@dataclass(slots=True)
+class _Parts:
+    """What a world is made of besides faces."""
+
+    cars: list[Hull]
+    classes: list[str]
+    things: list[Thing]
+    lane: LanePath
+    lane_known: bool
+    lane_start_z_m: float = 0.0
+    others: list[Hull] = field(default_factory=list)
+    lamps_right: tuple[float, float] = _NO_LAMPS
+    lamps_left: tuple[float, float] = _NO_LAMPS
+    lamps: np.ndarray | None = None
+    signals: tuple[str, ...] = ()
+
+
 def _build(scene: Scene, bodies: int = 0) -> World:
     files = kept_files(scene)  # first: a file that cannot be used is refused at once
     mesh = MeshBuilder()
     layout = lay_out(scene)
-    colliders: list[Hull] = add_obstacle(mesh, scene, layout)
-    classes = ["car"] * len(colliders)
-    things = [Thing(OBSTACLE, "car")] * len(colliders)
-    others: list[Hull] = []
-    lamps_right = lamps_left = _NO_LAMPS
-    bent_lamps: np.ndarray | None = None
+    cars: list[Hull] = add_obstacle(mesh, scene, layout)
+    things = [Thing(OBSTACLE, "car")] * len(cars)
+    parts = _Parts(cars, ["car"] * len(cars), things, layout.lane, scene.street)
     if scene.street:
-        stop = sidewalks.bus_stop(layout)
-        add_ground(mesh, scene, layout)
-        free = [(*stop, 1.0)] if stop else []
-        parked, sorts = add_parked(mesh, scene, layout, len(colliders), free)
-        colliders += parked
-        classes += sorts
-        things += [Thing(f"parked {body} {n}", body) for n, body in enumerate(sorts, start=1)]
-        houses = [*add_buildings(mesh, scene, layout), *add_bends(mesh, scene, layout)]
-        trees = sidewalks.add_trees(mesh, scene, layout)
-        others += [*houses, *trees]
-        lamps, posts = sidewalks.add_lamps(mesh, scene, layout)
-        if layout.lane.closed:
-            bent_lamps = np.concatenate(lamps)
-        else:
-            lamps_right, lamps_left = (
-                tuple(row[0].tolist()) if len(row) else _NO_LAMPS for row in lamps
-            )
-        signs, poles = sidewalks.add_signs(mesh, scene, layout, len(classes))
-        classes += ["traffic_sign"] * signs
-        pieces = sidewalks.add_pieces(mesh, scene, layout)
-        others += posts + poles + pieces
-        things += numbered("building", "building", len(houses))
-        things += numbered("tree", "vegetation", len(trees))
-        things += numbered("street lamp", "pole", len(posts))
-        things += numbered("sign", "traffic_sign", len(poles))
-        things += numbered("street furniture", "pole", len(pieces))
-    lane, lane_known = _roads(mesh, scene) if scene.opendrive else (layout.lane, scene.street)
-    imported = add_imports(mesh, scene, len(classes), files)
-    classes += imported.classes
+        _add_street(mesh, scene, layout, parts)
+    if scene.opendrive:
+        _add_roads(mesh, scene, parts)
+    imported = add_imports(mesh, scene, len(parts.classes), files)
+    classes = parts.classes + imported.classes
     solid = [item for item in scene.meshes if item.solid]
-    things += [named(Path(m.file).stem, m.object_class or m.semantic) for m in solid]
+    things = [named(Path(m.file).stem, m.object_class or m.semantic) for m in solid]
     cast = _cast(scene, bodies)
     meshes = [mesh.build(), *(kind.mesh for kind in cast.kinds)]
     if scene.bake:
         meshes = baked(meshes)
     kinds = zip(cast.kinds, meshes[1:], strict=True)
+    colliders = parts.cars + parts.others + imported.hulls
     return World(
         mesh=meshes[0],
-        colliders=np.array(colliders + others + imported.hulls, float).reshape(-1, 5),
+        colliders=np.array(colliders, float).reshape(-1, 5),
         instances=len(classes),
-        lamps_right=lamps_right,
-        lamps_left=lamps_left,
-        lamps=bent_lamps,
-        lane=lane,
-        lane_known=lane_known,
+        lamps_right=parts.lamps_right,
+        lamps_left=parts.lamps_left,
+        lamps=parts.lamps,
+        lane=parts.lane,
+        lane_known=parts.lane_known,
+        lane_start_z_m=parts.lane_start_z_m,
         kinds=tuple(replace(kind, mesh=own) for kind, own in kinds),
         motion=cast.motion,
         textures=imported.textures,
@@ -222,16 +220,54 @@ def _build(scene: Scene, bodies: int = 0) -> World:
         static_classes=tuple(OBJECT_CLASSES.index(name) for name in classes),
         mover_classes=cast.classes,
         has_obstacle=scene.obstacle is not None,
-        cars=len(colliders),
-        things=(*things, *cast.things),
+        cars=len(parts.cars),
+        things=(*parts.things, *things, *cast.things),
         notes=imported.notes,
+        signals=parts.signals,
     )
 
 
-def _roads(mesh: MeshBuilder, scene: Scene) -> tuple[LanePath, bool]:
-    """Add the roads of a file; the ego's lane on them, and whether all of it is known."""
+def _add_street(mesh: MeshBuilder, scene: Scene, layout: Layout, parts: _Parts) -> None:
+    """Add the generated street of a scene."""
+    stop = sidewalks.bus_stop(layout)
+    add_ground(mesh, scene, layout)
+    free = [(*stop, 1.0)] if stop else []
+    parked, sorts = add_parked(mesh, scene, layout, len(parts.cars), free)
+    parts.cars += parked
+    parts.classes += sorts
+    parts.things += [Thing(f"parked {body} {n}", body) for n, body in enumerate(sorts, start=1)]
+    houses = [*add_buildings(mesh, scene, layout), *add_bends(mesh, scene, layout)]
+    trees = sidewalks.add_trees(mesh, scene, layout)
+    lamps, posts = sidewalks.add_lamps(mesh, scene, layout)
+    if layout.lane.closed:
+        parts.lamps = np.concatenate(lamps)
+    else:
+        parts.lamps_right, parts.lamps_left = (
+            tuple(row[0].tolist()) if len(row) else _NO_LAMPS for row in lamps
+        )
+    signs, poles = sidewalks.add_signs(mesh, scene, layout, len(parts.classes))
+    parts.classes += ["traffic_sign"] * signs
+    pieces = sidewalks.add_pieces(mesh, scene, layout)
+    parts.others += [*houses, *trees, *posts, *poles, *pieces]
+    parts.things += numbered("building", "building", len(houses))
+    parts.things += numbered("tree", "vegetation", len(trees))
+    parts.things += numbered("street lamp", "pole", len(posts))
+    parts.things += numbered("sign", "traffic_sign", len(poles))
+    parts.things += numbered("street furniture", "pole", len(pieces))
+
+
+def _add_roads(mesh: MeshBuilder, scene: Scene, parts: _Parts) -> None:
+    """Add the roads of a file and what stands beside them."""
     add_roads(mesh, scene.opendrive)
-    return road_lane(scene.opendrive)
+    lane = road_lane(scene.opendrive)
+    parts.lane, parts.lane_known = lane.path, True
+    parts.lane_start_z_m = float(lane.course.z_m[0])
+    beside = add_roadside(mesh, scene, len(parts.classes))
+    parts.classes += ["traffic_sign"] * beside.plates
+    parts.others += beside.hulls
+    parts.things += beside.things
+    parts.signals = beside.signals
+    parts.lamps = beside.lamps_m
 
 
 def _cast(scene: Scene, bodies: int) -> Cast:

@@ -17,7 +17,7 @@ RED: Color = (0.50, 0.02, 0.025)
 BLUE: Color = (0.02, 0.09, 0.36)
 BLACK: Color = (0.015, 0.015, 0.015)
 YELLOW: Color = (0.75, 0.46, 0.02)
-_GREY: Color = (0.33, 0.34, 0.35)
+GREY: Color = (0.33, 0.34, 0.35)
 _HOUSING: Color = (0.025, 0.028, 0.027)
 
 _SEGMENTS = {  # seven-segment digits, clockwise from the top, then the middle
@@ -52,7 +52,7 @@ class _Plate:
     def back(self, outline: np.ndarray) -> None:
         """The grey back, seen from behind."""
         mirrored = outline * (-1.0, 1.0) + (0.0, self._z)
-        self._mesh.polygon(mirrored, -0.06, materials.PLAIN, _GREY, front=1.0)
+        self._mesh.polygon(mirrored, -0.06, materials.PLAIN, GREY, front=1.0)
 
 
 def speed_limit(mesh: MeshBuilder, z_m: float, text: str = "50") -> None:
@@ -155,7 +155,7 @@ def add_sign(mesh: MeshBuilder, plate: Plate, instance: int, z_m: float = 2.35) 
     """A pole on the ground z = 0 with one plate, which is the instance."""
     with mesh.label("pole"):
         top = (0.0, 0.0, z_m + 0.42)
-        mesh.tube((0.0, 0.0, 0.0), top, (0.038, 0.038), 6, materials.PLAIN, _GREY)
+        mesh.tube((0.0, 0.0, 0.0), top, (0.038, 0.038), 6, materials.PLAIN, GREY)
     with mesh.label("traffic_sign", instance):
         plate(mesh, z_m)
 
@@ -196,10 +196,10 @@ def add_signal(mesh: MeshBuilder, green: bool, arm_m: float) -> None:
     height = 5.6 if arm_m > 0 else 3.3
     with mesh.label("pole"):
         base = ((0.0, 0.0, 0.0), (0.0, 0.0, height))
-        mesh.tube(*base, (0.10, 0.07), 8, materials.PLAIN, _GREY)
+        mesh.tube(*base, (0.10, 0.07), 8, materials.PLAIN, GREY)
         if arm_m > 0:
             tip = (0.0, arm_m, height + 0.12)
-            mesh.tube((0.0, 0.0, height - 0.1), tip, (0.06, 0.045), 6, materials.PLAIN, _GREY)
+            mesh.tube((0.0, 0.0, height - 0.1), tip, (0.06, 0.045), 6, materials.PLAIN, GREY)
         with mesh.place(-0.20, 0.0):
             _head(mesh, 2.75, on)
         if arm_m > 0:

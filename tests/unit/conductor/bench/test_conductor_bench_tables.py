@@ -97,7 +97,11 @@ def test_a_small_run_with_files_of_attempts_is_judged(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "judged", [None, JudgementFile(attempts=3, agree=2, differences={"a": ["no"]})]
+    "judged",
+    [
+        pytest.param(None, marks=pytest.mark.slow),
+        JudgementFile(attempts=3, agree=2, differences={"a": ["no"]}),
+    ],
 )
 def test_attempts_that_are_not_judged_give_no_figure(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, judged: JudgementFile | None

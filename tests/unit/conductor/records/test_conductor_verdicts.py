@@ -30,6 +30,23 @@ def test_only_the_verdict_pass_is_a_pass(outcome: str, verdict: str) -> None:
     assert no_collision(outcome, verdict) is expected
 
 
+@pytest.mark.parametrize("outcome", ["verdict", "failed", ""])
+@pytest.mark.parametrize(
+    ("verdict", "passes"),
+    [
+        *(("avoided", True), ("mitigated", False), ("not_mitigated", False), ("fail", False)),
+        *(("inconclusive", False), ("false_reaction", False)),
+    ],
+)
+def test_of_the_words_of_trials_one_passes(outcome: str, verdict: str, passes: bool) -> None:
+    assert is_pass(outcome, verdict) == (outcome == "verdict" and passes)
+    scalars = {"impact_speed_mps": 3.0, "trial_speed_mps": 9.0}
+    decided = outcome == "verdict"
+    assert no_collision(outcome, verdict, scalars) is (False if decided else None)
+    scalars["impact_speed_mps"] = None
+    assert no_collision(outcome, verdict, scalars) is (True if decided else None)
+
+
 @pytest.mark.parametrize("type_", [Result, CaseOutcome, CaseEnd, Thumbnail])
 @pytest.mark.parametrize("said", [True, False])
 @pytest.mark.parametrize("verdict", EVERY)

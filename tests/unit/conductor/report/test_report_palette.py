@@ -22,7 +22,9 @@ from conductor.report.reading.leases import read_leases
 from schemas.campaign import WEATHERS
 from viewer.recording.scenery import VERDICT_COLORS
 
-VERDICTS = ("pass", "false_braking", "collision", "lane_departure", "time_up")
+SHIPPED = ("pass", "false_braking", "collision", "lane_departure", "time_up")
+TRIALS = ("avoided", "mitigated", "not_mitigated", "fail", "false_reaction", "inconclusive")
+VERDICTS = SHIPPED + TRIALS
 
 
 def _luminance(color: str) -> float:
@@ -68,7 +70,7 @@ def test_a_cell_shows_the_worst_of_its_cases(tmp_path: Path) -> None:
 
 def test_the_legend_of_the_picture_of_maps_holds_every_status(tmp_path: Path) -> None:
     outcomes = ("failed", "unresolved", "cancelled")
-    every = ["pass", "false_braking", "collision", "lane_departure", "time_up", *outcomes, ""]
+    every = [*VERDICTS, *outcomes, ""]
 
     def change(case: Any, end: Any) -> Any:
         status = every[int(case.variation.repeat)]

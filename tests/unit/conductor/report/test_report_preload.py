@@ -41,7 +41,7 @@ def files(monkeypatch) -> list[str]:
 
 def test_every_file_is_read_once_and_the_report_is_the_same(tmp_path: Path, files) -> None:
     make_campaign(tmp_path / "other")
-    make_report(tmp_path / "other")
+    make_report(tmp_path / "other", plots=False)
     files.clear()
     run = tmp_path / "run"
     ahead = ReportPreload(run)
@@ -68,7 +68,7 @@ def test_a_file_that_changes_afterwards_is_looked_at_again(tmp_path: Path) -> No
     table = read_kpi(path)
     write_kpi(table.slice(1), path)
     ahead.finish()
-    content = make_report(tmp_path).content
+    content = make_report(tmp_path, plots=False).content
     assert content.damaged == 1
     assert any(CASE in alarm for alarm in content.evidence.alarms)
 
@@ -106,7 +106,7 @@ def test_a_folder_that_cannot_be_read_is_left_to_the_report(tmp_path: Path, outc
     ahead.look()
     ahead.finish()
     with pytest.raises(UsageError if outcomes is None else InfrastructureError) as error:
-        make_report(tmp_path)
+        make_report(tmp_path, plots=False)
     assert str(tmp_path) in str(error.value)
 
 
@@ -116,5 +116,5 @@ def test_a_damaged_file_is_left_to_the_report(tmp_path: Path) -> None:
     ahead = ReportPreload(tmp_path)
     ahead.look()
     ahead.finish()
-    content = make_report(tmp_path).content
+    content = make_report(tmp_path, plots=False).content
     assert (content.damaged, content.read + content.unchanged) == (1, 7)

@@ -91,6 +91,16 @@ def test_objects_of_a_shipped_scene_are_checked():
     assert "stroller" in mistake.message
 
 
+def test_a_load_that_the_vehicle_cannot_carry_is_one_line_each():
+    data = {"campaign": "c", "matrix": {"scenario.load_kg": [0, 400, 720, 900]}}
+    assert check({**data, "matrix": {"scenario.load_kg": [0, 400]}})[1] == []
+    _, mistakes = check(data)
+    told = [mistake.line("c.yaml") for mistake in mistakes]
+    assert len(told) == 2
+    assert all("scenario.vehicle: vehicle opencav: a load of" in line for line in told)
+    assert "mass_max_kg 2750" in told[0]
+
+
 def test_what_was_good_is_not_looked_at_again_until_it_changes(tmp_path, monkeypatch):
     good, varied = {"objects": [WALKER]}, {"matrix": {"objects.walker.start_s": [1.0]}}
     bad = {**good, "obstacel": {"x_m": 200}}
@@ -140,6 +150,7 @@ def example(tmp_path):
     return copy, validate
 
 
+@pytest.mark.slow
 def test_an_implementation_that_cannot_be_imported_is_one_line_with_its_distribution(example):
     copy, validate = example
     assert validate()[0] == 0

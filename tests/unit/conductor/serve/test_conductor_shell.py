@@ -355,8 +355,19 @@ def _bytes_of(folder: Path) -> dict[str, bytes]:
     return {str(path.relative_to(folder)): path.read_bytes() for path in files}
 
 
-@pytest.mark.parametrize("knows", [True, False], ids=["", "a journal of an earlier version"])
-@pytest.mark.parametrize("ended", [True, False], ids=["finished", "unfinished"])
+@pytest.mark.parametrize(
+    ("ended", "knows"),
+    [
+        pytest.param(True, True, id="finished"),
+        pytest.param(False, True, id="unfinished"),
+        pytest.param(False, False, id="unfinished, a journal of an earlier version"),
+        pytest.param(
+            *(True, False),
+            id="finished, a journal of an earlier version",
+            marks=pytest.mark.slow,
+        ),
+    ],
+)
 @pytest.mark.parametrize("alone", [True, False], ids=["run", "served"])
 def test_a_copy_of_a_state_folder_goes_on_by_itself(
     tmp_path: Path,

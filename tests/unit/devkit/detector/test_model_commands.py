@@ -10,12 +10,15 @@ import cv2
 import numpy as np
 import pytest
 from darknet_oracle import random_weights
+from typer.testing import CliRunner
 from waiting import PATIENCE_S
 
+from devkit.cli import app
 from devkit.darknet.build import read_network
 from devkit.darknet.weights import write_weights
 from devkit.detector.detector import Detector
 from devkit.detector.model_files import shipped_models
+from twin.base.errors import UsageError
 
 
 def devkit(*arguments: object) -> subprocess.CompletedProcess[str]:
@@ -81,11 +84,13 @@ def test_another_input_size(files):
 
 
 def refused(*arguments: object) -> str:
-    done = devkit(*arguments)
-    assert (done.returncode, done.stdout) == (2, "")
-    assert done.stderr.startswith("devkit: ")
-    assert done.stderr.count("\n") == 1
-    return done.stderr
+    """The line of a command that is called in this process, which takes a tenth of the time."""
+    done = CliRunner().invoke(app, [str(argument) for argument in arguments])
+    assert isinstance(done.exception, UsageError), (done.output, done.exception)
+    assert done.stdout == ""
+    line = str(done.exception)
+    assert "\n" not in line
+    return line
 
 
 def test_what_is_wrong_is_said_in_one_line_and_nothing_is_written(files):
@@ -143,10 +148,8 @@ def test_detect_and_evaluate_take_the_names_of_shipped_models(files, tmp_path):
     seen = devkit("detect", name, image)
     assert (seen.returncode, seen.stderr) == (0, "")
     assert seen.stdout.startswith(f"{image}: ")
-    wrong = devkit("detect", f"{name}x", image)
-    assert wrong.returncode == 2
-    assert f"no such model is shipped; did you mean '{name}'?" in wrong.stderr
-    nothing = devkit("evaluate", name, tmp_path / "none")
-    assert nothing.returncode == 2
-    assert "none" in nothing.stderr
-    assert name not in nothing.stderr, "the model was found"
+    line = refused("detect", f"{name}x", image)
+    assert f"no such model is shipped; did you mean '{name}'?" in line
+    line = refused("evaluate", name, tmp_path / "none")
+    assert "none" in line
+    assert name not in line, "the model was found"

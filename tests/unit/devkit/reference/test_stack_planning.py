@@ -308,12 +308,25 @@ def test_the_tick_of_the_trigger_already_brakes():
     assert plan(Cruise((True,)), [THREAT], 8.0, VIEW, PLANNER) == (Brake(), braking)
 
 
+def test_it_warns_from_the_warning_time_on_and_no_later_than_the_first_threat():
+    far = box_of(40.0, -0.9, 0.9)  # 5 s away at 8 m/s
+    for warning_ttc_s, expected in ((0.0, False), (4.9, False), (5.1, True)):
+        planner = Planner(warning_ttc_s=warning_ttc_s, area_min_ratio=0.0)
+        state, drive = plan(Cruise(), [far], 8.0, VIEW, planner)
+        assert (drive.warning, drive.aeb) == (expected, False)
+        state, drive = plan(state, None, 8.0, VIEW, planner)
+        assert drive.warning == expected, "kept until the next frame"
+        assert not plan(state, [], 8.0, VIEW, planner)[1].warning
+    assert plan(Cruise(), [THREAT], 8.0, VIEW, PLANNER)[1].warning
+    assert plan(Brake(), [], 8.0, VIEW, PLANNER)[1].warning
+
+
 def test_the_trigger_is_the_nearest_object_in_the_path_and_told_once():
     parked, far = box_of(9.0, -5.0, -3.0), box_of(22.0, -0.9, 0.9)
     faint = changed(THREAT, confidence=0.1)
     seen = [parked, faint, far, THREAT]
     state, first = plan(Cruise(), seen, 8.0, VIEW, PLANNER)
-    assert first == DrivePlan(8.0, aeb=False)
+    assert first == DrivePlan(8.0, aeb=False, warns=True)
     state, second = plan(state, seen, 8.0, VIEW, PLANNER)
     assert second == DrivePlan(0.0, aeb=True, trigger=3)
     assert plan(state, seen, 8.0, VIEW, PLANNER)[1] == DrivePlan(0.0, aeb=True), (

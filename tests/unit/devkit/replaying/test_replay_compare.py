@@ -38,7 +38,14 @@ def test_every_field_is_compared_alone():
         "sensors": changed(sensors=SensorErrors()),
     }
     assert set(others) == set(FIELDS)
-    assert set(Command.__struct_fields__) == {*FIELDS, "slot", "token", "tick", "trigger"}
+    assert set(Command.__struct_fields__) == {
+        *FIELDS,
+        "slot",
+        "token",
+        "tick",
+        "trigger",
+        "warning",
+    }
     for name, other in others.items():
         found = rows([(PLAIN, PLAIN), (PLAIN, other), (PLAIN, other)])
         assert {n for n, row in found.items() if row.differ} == {name}

@@ -73,6 +73,7 @@ def test_a_variant_that_cannot_be_used_says_why_to_who_names_it(tmp_path, old, n
     assert reason in lines[0]
 
 
+@pytest.mark.slow
 def test_what_a_variant_of_others_loads_is_tried_before_any_case_is_leased(tmp_path):
     env = beside(tmp_path, "1.0") | {"XDG_CACHE_HOME": str(tmp_path / "cache")}
     copy = tmp_path / "plugin_example"

@@ -147,6 +147,7 @@ def test_a_run_that_was_begun_with_another_version_says_which(leased):
     assert "was begun with plug-in 'plugin-example' 0.9, installed is 1.0; put it back" in leased[2]
 
 
+@pytest.mark.slow
 def test_a_file_that_names_another_version_is_refused(tmp_path):
     env = beside(tmp_path / "site", "1.0")
     for version, code in (("1.0", 0), ("0.9", 2)):

@@ -15,7 +15,8 @@ from twin.world.content import SceneObject
 from twin.world.scene import load_scene
 from twin.world.street.build import build_world
 
-FIELDS = [key.name for key in fields(Placement) if key.name not in ("half_m", "class_index")]
+_OPTIONAL = ("half_m", "class_index", "lights", "signals")
+FIELDS = [key.name for key in fields(Placement) if key.name not in _OPTIONAL]
 """What a script says; sizes and classes of its objects are those of the scene."""
 
 

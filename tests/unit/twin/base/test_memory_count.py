@@ -15,7 +15,9 @@ def test_it_counts():
     assert 0 < few.slots() < many.slots()
 
 
-@pytest.mark.parametrize("of", [b"", b"{}", b"\xff" * 200_000])
+@pytest.mark.parametrize(
+    "of", [pytest.param(b"", marks=pytest.mark.slow), b"{}", b"\xff" * 200_000]
+)
 def test_what_it_cannot_count_is_left_open(of):
     assert MemoryCount(of, ("--campaign", "-", "--free-gb", "1")).slots() is None
 

@@ -32,6 +32,6 @@ def test_lines_name_the_target_of_the_device():
 
 @pytest.mark.slow
 def test_measure():
-    figures = measure("cpu", 1, 2, demo=False)
+    figures = measure("cpu", 1, 2, demo=False, cameras=False)
     assert figures.step_ms > 0.0
     assert figures.share is None

@@ -101,6 +101,20 @@ def test_a_table_for_people(scenario: Path) -> None:
     assert result.exit_code == 0
     for words in ("1.000", "story::act::group::maneuver::brake::stop", "end"):
         assert words in result.output
+    assert result.output.splitlines()[-1] == "ended at 4.000 s: end"
+    assert _play(scenario, "--until-s", "0.5").output.splitlines()[-1] == "still running at 0.500 s"
+
+
+def test_of_a_file_written_by_hand_events_are_told_and_why_it_ended() -> None:
+    """The ego drives through the van within less than the second after which it ends."""
+    lines = _play("cut-in").output.splitlines()
+    kinds = {line.split("│")[2].strip() for line in lines if line.count("│") == 5}
+    assert kinds == {"storyboard", "event"}
+    assert lines[-1] == "ended at 8.310 s: ego has touched something (+1 s)"
+    (answer,) = json.loads(_play("cut-in", "--output", "json").stdout)
+    assert answer["ended_by"] == "ego has touched something (+1 s)"
+    assert {"act", "maneuver", "event"} < {row["kind"] for row in answer["transitions"]}
+    assert _play("free-traffic").output.splitlines()[-1] == "ended at 30.000 s: 30 s"
 
 
 def test_it_ends_when_told(scenario: Path) -> None:
@@ -133,6 +147,7 @@ def test_all_permutations_and_one(scenario: Path) -> None:
         (["--permutation", "1"], "--permutation needs --distribution"),
         (["--distribution", "speeds.xosc", "--permutation", "3"], "permutation 3 of 3"),
         (["--csv", "nowhere/poses.csv"], "nowhere"),
+        (["--distribution", "speeds.xosc", "--speed", "4"], "--speed needs --permutation"),
     ],
 )
 def test_usage(

@@ -141,7 +141,7 @@ def test_without_a_street_there_is_no_lane(tmp_path):
         "terrain: {heightmap: flat.npy, size_m: [400, 400], semantic: road}\n"
     )
     one = case(scene=str(path))
-    with pytest.raises(ValueError, match="lane_keeping needs a street, and this scene has none"):
+    with pytest.raises(ValueError, match="lane_keeping needs a lane: a generated street or"):
         Engine(one, 1).reset(0, one)
 
 
@@ -176,6 +176,7 @@ def test_laps_add_up_and_ways_back_count_less():
     assert (along.distance_m, along.lateral_m) == (90.0, 1.0)
 
 
+@pytest.mark.slow
 def test_the_stack_follows_a_narrow_bend_of_the_loop_by_its_camera():
     """Into and out of the arc of 25 m radius, left, at 8 m/s."""
     one = case(camera={"width": 320, "height": 180}, scene="downtown-loop", distance_m=58.0)

@@ -106,6 +106,7 @@ def drive(tmp_path_factory):
     return json.loads(done.stdout.splitlines()[-1])
 
 
+@pytest.mark.slow
 def test_slots_of_a_rig_read_rows_of_other_lengths(drive):
     assert drive["rigs"] == 1
     assert sorted(drive["range_m"]) == [1.0, 500.0]

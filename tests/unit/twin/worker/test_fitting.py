@@ -7,6 +7,7 @@ import subprocess
 import sys
 
 import msgspec
+import pytest
 
 from conductor.run.source import find
 from schemas.files.yaml_file import load_yaml
@@ -21,6 +22,7 @@ def count(text: bytes, *options: str) -> subprocess.CompletedProcess:
     return subprocess.run(command, input=text, capture_output=True)
 
 
+@pytest.mark.slow
 def test_the_count_of_a_case_is_a_part_of_that_of_its_campaign():
     case = count(msgspec.json.encode(CASE), "--slots", "7", "--output", "json")
     command = [sys.executable, "-m", "twin", "memory", "--campaign", str(find("aeb-demo"))]

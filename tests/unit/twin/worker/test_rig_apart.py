@@ -71,7 +71,7 @@ def test_without_a_driver_nobody_is_apart(monkeypatch):
     assert apart("cuda:0") == {}
 
 
-@pytest.mark.parametrize("alone", [False, True])
+@pytest.mark.parametrize("alone", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_processes_of_a_case_that_runs_alone_are_apart(tmp_path, monkeypatch, alone):
     """And those that load for the next rig are of no use to it."""
     monkeypatch.setattr(

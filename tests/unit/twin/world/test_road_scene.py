@@ -11,11 +11,14 @@ import warp as wp
 from schemas.files.assets import asset_digest, is_path
 from schemas.messages import SEMANTIC_CLASSES, Command
 from schemas.plan import expand, parse_campaign
+from schemas.wire.control import Lease
 from tests.road_files import LINE, WIDTH, geometry, lane, road, section, xodr
 from twin.rig.engine import Engine
 from twin.rig.slot import Finished
 from twin.validate.scene_check import Variant, check_scenes
-from twin.vehicle.ground import drivable
+from twin.vehicle.columns import COLUMN
+from twin.vehicle.ground import drivable, height_near
+from twin.view.samples import stage_of
 from twin.world.scene import load_scene
 from twin.world.street.build import build_world
 
@@ -52,6 +55,19 @@ def test_the_ground_under_wheels_is_the_road(tmp_path):
     tarmac = world.mesh.semantic == SEMANTIC_CLASSES.index("road")
     points = world.mesh.points_m[np.unique(world.mesh.faces[tarmac])]
     assert np.allclose(points[:, 2], 1.0 + 0.05 * points[:, 0], atol=1e-4)
+    assert height_near(world, 80.0, -2.0, 0.0) == pytest.approx(5.0, abs=1e-4)
+    assert height_near(world, 5000.0, 0.0, 7.0) == 7.0, "nothing is there"
+
+
+def test_of_two_storeys_the_nearer_carries_a_car(tmp_path):
+    """A bridge of 6 m over a road."""
+    high = '<elevationProfile><elevation s="0" a="6" b="0" c="0" d="0"/></elevationProfile>'
+    across = geometry(LINE, 80.0, at=(50.0, -40.0, 0.5 * np.pi))
+    bridge = road(80.0, across, road_id="1", more=high)
+    world = build_world(load_scene(write(tmp_path, xodr(road(100.0), bridge))))
+    assert height_near(world, 50.0, -1.0, 0.3) == pytest.approx(0.0, abs=1e-3)
+    assert height_near(world, 50.0, -1.0, 5.5) == pytest.approx(6.0, abs=1e-3)
+    assert height_near(world, 20.0, -1.0, 5.5) == pytest.approx(0.0, abs=1e-3)
 
 
 def test_an_ego_starts_in_the_rightmost_lane_and_keeps_it(tmp_path):
@@ -81,11 +97,62 @@ def test_an_ego_starts_in_the_rightmost_lane_and_keeps_it(tmp_path):
     engine.close()
 
 
-def test_of_a_curved_lane_only_the_start_is_known(tmp_path):
+def test_a_curved_lane_is_known_to_its_end(tmp_path):
     bend = geometry('<arc curvature="0.01"/>', 100.0)
     world = build_world(load_scene(write(tmp_path, xodr(road(100.0, bend)))))
-    assert not world.lane_known
+    assert world.lane_known
     assert world.lane.at(0.0).y_m == pytest.approx(-1.75)
+    middle = world.lane.at(101.75 * np.linspace(0.0, 1.0, 12))
+    off_m = np.hypot(middle.x_m, middle.y_m - 100.0) - 101.75
+    assert np.abs(off_m).max() < 0.002
+    assert world.lane.length_m == pytest.approx(101.75, abs=0.01)
+
+
+def test_an_ego_begins_at_the_height_of_its_lane(tmp_path):
+    high = '<elevationProfile><elevation s="0" a="40" b="0.02" c="0" d="0"/></elevationProfile>'
+    name = write(tmp_path, xodr(road(100.0, more=high)))
+    campaign, mistakes = parse_campaign(
+        {
+            "campaign": "road",
+            "camera": {"width": 32, "height": 18, "hz": 10},
+            "scenario": {"type": "lane_keeping", "scene": name, "distance_m": 50.0},
+            "matrix": {"weather": ["clear"]},
+        }
+    )
+    assert campaign is not None, mistakes
+    engine = Engine(expand(campaign)[0], 1)
+    engine.reset(0, expand(campaign)[0])
+    for tick in range(20):
+        engine.sense()
+        engine.step([Command(0, 1, tick, 0.0, 0.5, 0.0)])
+    assert engine.state[0, COLUMN["z_m"]] == pytest.approx(40.0, abs=0.15)
+    engine.close()
+
+
+def test_views_see_the_lane_at_its_height(tmp_path):
+    high = '<elevationProfile><elevation s="0" a="4" b="0.02" c="0" d="0"/></elevationProfile>'
+    bend = geometry('<arc curvature="0.01"/>', 100.0)
+    narrow = section(right=lane(-1, WIDTH.replace("3.5", "3.0")))
+    file = write(tmp_path, xodr(road(100.0, bend, narrow, more=high)))
+    campaign, mistakes = parse_campaign(
+        {
+            "campaign": "road",
+            "scenario": {"type": "lane_keeping", "scene": file, "distance_m": 50.0},
+            "matrix": {"weather": ["clear"]},
+        }
+    )
+    assert campaign is not None, mistakes
+    lease = Lease(1, 1, "", expand(campaign)[0])
+    stage = stage_of(lease, np.zeros((0, 5)), 0, None)
+    assert stage.lane_width_m == pytest.approx(3.0)
+    assert len(stage.lane) == len(stage.lane_z_m) > 30
+    for (x_m, y_m, _), z_m in zip(stage.lane, stage.lane_z_m, strict=True):
+        angle = np.arctan2(x_m, 100.0 - y_m)
+        assert z_m == pytest.approx(4.0 + 0.02 * 100.0 * angle, abs=0.01)
+        assert np.hypot(x_m, 100.0 - y_m) == pytest.approx(101.5, abs=0.002)
+    file = write(tmp_path, STRAIGHT)
+    flat = stage_of(lease, np.zeros((0, 5)), 0, None)
+    assert flat.lane_z_m == []
 
 
 def test_left_hand_traffic_starts_on_the_other_side(tmp_path):

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import trimesh
 from msgspec.structs import replace
+from road_files import xodr
 
 from schemas.files.assets import asset_files
 from schemas.messages import OBJECT_CLASSES, SEMANTIC_CLASSES
@@ -24,6 +25,7 @@ from twin.world.scene import (
     Scene,
     load_scene,
 )
+from twin.world.scenery import HouseRow, RoadScenery, TreeRow
 from twin.world.street.build import build_world
 
 BARE = "schema: 1\nscene: own\nstreet: false\nbake: false\nobstacle: {x_m: 60}\n"
@@ -196,7 +198,7 @@ def test_names_in_scene_files_are_those_of_the_tables():
 
 def test_the_examples_of_the_page_work(tmp_path):
     page = Path(__file__).parents[4] / "docs/scene.md"
-    around, example = re.findall(r"```yaml\n(.*?)```", page.read_text(), re.DOTALL)
+    town, around, example = re.findall(r"```yaml\n(.*?)```", page.read_text(), re.DOTALL)
     (tmp_path / "around.yaml").write_text(around)
     lane = load_scene(str(tmp_path / "around.yaml")).road.lane()
     assert lane.closed
@@ -205,6 +207,10 @@ def test_the_examples_of_the_page_work(tmp_path):
     for name in ("road.glb", "hall.glb", "scan/yard.ply"):
         trimesh.creation.box((1.0, 1.0, 1.0)).export(tmp_path / name)
     cv2.imwrite(str(tmp_path / "hills.png"), np.zeros((16, 16), np.uint16))
+    (tmp_path / "town.xodr").write_bytes(xodr())
+    (tmp_path / "town.yaml").write_text(town)
+    names = [thing.name for thing in build_world(load_scene(str(tmp_path / "town.yaml"))).things]
+    assert {"house 1", "tree 16", "hall"} <= set(names)
     path = tmp_path / "yard.yaml"
     path.write_text(example)
     world = build_world(load_scene(str(path)))
@@ -229,6 +235,9 @@ def test_the_page_names_every_key():
         SceneObject,
         MeshFile,
         Terrain,
+        RoadScenery,
+        HouseRow,
+        TreeRow,
     ):
         for key in type_.__struct_fields__:
             assert f"`{key}`" in page or f"{key}:" in page, key

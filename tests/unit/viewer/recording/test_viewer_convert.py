@@ -9,7 +9,7 @@ from view_messages import STAGE, controls, detection, end, start, state
 from schemas.messages import OBJECT_CLASSES, SEMANTIC_CLASSES
 from viewer.recording import naming
 from viewer.recording.convert import CaseConverter
-from viewer.recording.scenery import ORANGE, RED, verdict_color
+from viewer.recording.scenery import ORANGE, RED, outline, verdict_color
 from viewer.recording.summary import ended_text, running_text
 
 
@@ -200,3 +200,15 @@ def test_verdict_and_its_words():
     assert "NO VERDICT" in ended_text(start(), None, lost=0)
     given_up = CaseConverter(start()).end(end(9, outcome="", verdict=""))
     assert "given up" in values(given_up)[naming.EVENTS]["text"][0][0]
+
+
+def test_a_lane_is_drawn_at_its_height_and_level_where_heights_do_not_fit():
+    def heights(stage):
+        strips = next(what for where, what in outline(stage) if where == naming.STREET).strips
+        return [point[2] for point in strips.as_arrow_array().to_pylist()[0]]
+
+    lane = [[0.0, 0.0, 0.0], [10.0, 0.0, 0.1], [20.0, 2.0, 0.2]]
+    stage = msgspec.structs.replace(STAGE, lane=lane, lane_z_m=[1.0, 2.0, 4.0])
+    assert heights(stage) == pytest.approx([1.02, 2.02, 4.02])
+    assert heights(msgspec.structs.replace(stage, lane_z_m=[])) == pytest.approx([0.02] * 3)
+    assert heights(msgspec.structs.replace(stage, lane_z_m=[5.0])) == pytest.approx([0.02] * 3)

@@ -2,9 +2,20 @@
 
 from __future__ import annotations
 
-from twin.road.opendrive.furniture import ObjectOutline, OutlineCorner, RoadObject, RoadSignal
-from twin.road.opendrive.reading.node import Node
+from twin.road.opendrive.furniture import (
+    ObjectOutline,
+    ObjectRepeat,
+    OutlineCorner,
+    RoadObject,
+    RoadSignal,
+    copies_of,
+)
+from twin.road.opendrive.reading.node import NUMBER_MAX, Node
 
+REPEATS_MAX = 10_000
+"""Most copies of an object in one row."""
+CORNERS_MAX = 200
+"""Most corners of an outline."""
 _ORIENTATIONS = ("+", "-", "none")
 
 
@@ -30,10 +41,15 @@ def _yes(node: Node, key: str) -> bool:
 
 
 def _object(node: Node, length_m: float) -> RoadObject:
-    outlines = []
+    outlines, repeats = [], []
     for child in node.children():
+        if child.name == "repeat":
+            repeats.append(_repeat(child, node, length_m))
+            continue
         for outline in child.children() if child.name == "outlines" else (child,):
             corners = tuple(_corner(corner, length_m) for corner in outline.children())
+            if len(corners) > CORNERS_MAX:
+                outline.refuse(f"{len(corners)} corners; at most {CORNERS_MAX} are read")
             outlines.append(ObjectOutline(corners, outline.flag("closed", default=True)))
     return RoadObject(
         id=node.text("id"),
@@ -53,8 +69,47 @@ def _object(node: Node, length_m: float) -> RoadObject:
         orientation=node.choice("orientation", _ORIENTATIONS, "none"),
         dynamic=_yes(node, "dynamic"),
         outlines=tuple(outlines),
+        repeats=tuple(repeats),
         line=node.line,
     )
+
+
+def _repeat(node: Node, parent: Node, length_m: float) -> ObjectRepeat:
+    """A row; what it does not say is as the object ``parent`` has it."""
+    s = _station(node, length_m)
+    way = node.number("length", low=0.0)
+    if s + way > length_m + 0.01:
+        node.notes.add(node.message(f"it ends at s={s + way:g}; the road is {length_m:g} m long"))
+    way = max(min(way, length_m - s), 0.0)
+    distance = node.number("distance", low=0.0)
+    row = ObjectRepeat(
+        s_m=s,
+        length_m=way,
+        distance_m=distance,
+        t_m=_change(node, "t", parent.number("t")),
+        z_offset_m=_change(node, "zOffset", parent.number("zOffset", 0.0)),
+        size_m=(
+            _size(node, parent, "length"),
+            _size(node, parent, "width"),
+            _size(node, parent, "height"),
+        ),
+        radius_m=_size(node, parent, "radius"),
+        line=node.line,
+    )
+    # The quotient of numbers that are read is finite, but may be larger than any count.
+    if distance > 0.0 and (way / distance > REPEATS_MAX or copies_of(row) > REPEATS_MAX):
+        node.refuse(f"{way / distance + 1:.0f} objects in a row; at most {REPEATS_MAX} are read")
+    return row
+
+
+def _size(node: Node, parent: Node, name: str) -> tuple[float, float]:
+    return _change(node, name, parent.number(name, 0.0, low=0.0), 0.0)
+
+
+def _change(node: Node, name: str, usual: float, low: float = -NUMBER_MAX) -> tuple[float, float]:
+    """A value at the beginning and the end of a row; ``usual`` where nothing is said."""
+    begin = node.number(f"{name}Start", usual, low=low)
+    return begin, node.number(f"{name}End", begin, low=low)
 
 
 def _corner(node: Node, length_m: float) -> OutlineCorner:

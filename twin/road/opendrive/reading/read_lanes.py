@@ -20,6 +20,8 @@ from twin.road.opendrive.records import (
     SpeedLimit,
 )
 
+FRICTION_MAX = 2.0
+"""Highest friction of a lane that counts [-]."""
 WIDTH_NEGATIVE_M = 1e-3
 """How far below zero a width may fall, by rounding in the file; it counts as zero [m]."""
 _UNITS = {"m/s": 1.0, "km/h": 1.0 / 3.6, "mph": 0.44704}
@@ -200,9 +202,12 @@ def _mark_line(node: Node, width_m: float, color: str) -> MarkLine:
 
 
 def _material(node: Node) -> LaneMaterial:
+    friction = node.number("friction", low=0.0)
+    if friction > FRICTION_MAX:
+        node.notes.add(node.message(f"friction={friction:g} counts as {FRICTION_MAX:g}"))
     return LaneMaterial(
         node.number("sOffset", low=0.0),
-        node.number("friction", low=0.0),
+        min(friction, FRICTION_MAX),
         node.text("surface", ""),
         node.number("roughness", 0.0),
     )

@@ -57,6 +57,7 @@ def read_network(data: bytes, name: str) -> RoadNetwork:
         head.refuse(f"version {version[0]}.{version[1]}; 1.4 to 1.8 are read")
     roads: dict[str, RoadRecord] = {}
     junctions: dict[str, Junction] = {}
+    controllers: dict[str, tuple[str, ...]] = {}
     nodes: dict[tuple[str, str], Node] = {}
     for node in top.children():
         if node.name == "header":
@@ -68,6 +69,9 @@ def read_network(data: bytes, name: str) -> RoadNetwork:
         if node.name == "junction":
             junctions[key[1]] = read_junction(node, key[1])
             continue
+        if node.name == "controller":
+            controllers[key[1]] = tuple(child.text("signalId", "") for child in node.children())
+            continue
         if len(roads) == ROADS_MAX:
             node.refuse(f"more than {ROADS_MAX} roads")
         roads[key[1]] = read_road(node, key[1])
@@ -77,7 +81,8 @@ def read_network(data: bytes, name: str) -> RoadNetwork:
     if total > NETWORK_LENGTH_MAX_M:
         top.refuse(f"{total:g} m of roads; at most {NETWORK_LENGTH_MAX_M:g} m are read")
     geo, offset = _reference(head)
-    network = RoadNetwork(name, version, head.text("name", ""), geo, offset, roads, junctions, ())
+    title = head.text("name", "")
+    network = RoadNetwork(name, version, title, geo, offset, roads, junctions, (), controllers)
     _check_links(network, nodes)
     further = [f"{name}: {notes.further} more were left out"] if notes.further else []
     return replace(network, notes=(*notes.lines, *further))

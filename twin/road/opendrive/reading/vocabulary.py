@@ -46,10 +46,11 @@ CHILDREN: dict[str, dict[str, RoadElementRule]] = {
         "header": _read("version, name, geographic reference"),
         "road": _read("roads"),
         "junction": _read("junctions"),
-        "controller": _noted("traffic lights do not switch"),
+        "controller": _read("signals that a scenario switches together"),
         "junctionGroup": _IGNORED,
         "station": _noted("stops of trams and buses"),
     },
+    "controller": {"control": _read("one of its signals")},
     "header": {
         "geoReference": _read("kept as text; coordinates stay those of the file"),
         "offset": _read("kept; coordinates stay those of the file"),
@@ -129,11 +130,13 @@ CHILDREN: dict[str, dict[str, RoadElementRule]] = {
     "object": {
         "outlines": _read("outlines"),
         "outline": _read("its outline (OpenDRIVE 1.4)"),
-        "repeat": _noted("repeated objects stand once"),
+        "repeat": _read("rows, and bodies drawn along the road; sizes change linearly"),
         "material": _IGNORED,
         "validity": _noted("lanes that an object is for"),
-        "parkingSpace": _noted("parking spaces"),
-        "markings": _noted("markings of objects"),
+        "parkingSpace": _noted("who may park; spaces are objects of type parkingSpace"),
+        "markings": _noted(
+            "markings of objects; parking spaces and crosswalks have those of their type"
+        ),
         "borders": _noted("borders of objects"),
         "surface": _noted("surfaces of objects"),
         "skeleton": _noted("skeletons of objects"),
@@ -162,7 +165,7 @@ CHILDREN: dict[str, dict[str, RoadElementRule]] = {
     "junction": {
         "connection": _read("ways through it"),
         "priority": _read("which road goes first"),
-        "controller": _noted("traffic lights do not switch"),
+        "controller": _noted("which controllers belong to a junction"),
         "surface": _refused("surfaces of OpenCRG"),
         "boundary": _noted("boundaries of junctions"),
         "elevationGrid": _refused("an elevation grid bends the surface"),

@@ -28,6 +28,8 @@ _SORTS = {
     EntityCategory.ANIMAL: "animal",
     EntityCategory.OBSTACLE: "obstacle",
 }
+FLAT_M = 0.1
+"""A body no higher than this has no hull: it is driven over, as a plate on the road [m]."""
 _LIT = ("car", "van", "truck", "trailer", "bus", "motorcycle", "bicycle")
 """Sorts with lamps."""
 
@@ -76,7 +78,8 @@ class SlotBodies:
             at = slot, row
             self.there[at], self.entity[at], self.kind[at] = True, index, look.kind
             self.phases[at], self.way_m[at] = look.phases, look.way_m
-            self.half_m[at] = box.length_m / 2, box.width_m / 2
+            if box.height_m > FLAT_M:
+                self.half_m[at] = box.length_m / 2, box.width_m / 2
             self.centre_m[at] = box.centre_x_m, box.centre_y_m
             self.class_index[at], self.lit[at] = class_index(sort), sort in _LIT
             things.append(named(entity.name, CLASS_OF[sort] if sort != "obstacle" else sort))

@@ -9,8 +9,10 @@ from schemas.case import Case
 from schemas.files.assets import file_digest
 from schemas.files.yaml_file import YamlError
 from schemas.kinds.scenarios.storyboard import KIND
+from schemas.sections.trial import Trial
+from schemas.validation import suggest
 from twin.scenario.storyboard.case.files import LoadedStoryboard, load_storyboard
-from twin.world.road_scene import road_mistake
+from twin.world.roadside.roadside import road_mistake
 from twin.world.scene import load_scene
 from twin.world.things import NAME_MAX
 
@@ -42,6 +44,11 @@ def _mistakes(case: Case) -> Iterator[str]:
         yield from (line if name in line else f"{name}: {line}" for line in str(error).splitlines())
         return
     yield from program_mistakes(name, loaded)
+    if config.trial is not None:
+        try:
+            target_row(name, loaded, config.trial)
+        except ValueError as error:
+            yield str(error)
     yield from _place_mistakes(case, name, loaded)
 
 
@@ -54,12 +61,33 @@ def program_mistakes(name: str, loaded: LoadedStoryboard) -> Iterator[str]:
     yield from (f"{name}: name '{other[:30]}...' is too long" for other in long)
 
 
+def target_row(name: str, loaded: LoadedStoryboard, trial: Trial) -> int:
+    """Body of a scenario that a trial is about.
+
+    Args:
+        name: of the scenario, for messages.
+        loaded: the scenario.
+        trial: the trial.
+
+    Raises:
+        ValueError: it has no such body; one line.
+    """
+    names = [loaded.program.entities[index].name for index in loaded.bodies]
+    if not names:
+        raise ValueError(f"{name}: a trial needs an actor beside the ego, it has none")
+    if not trial.target:
+        return 0
+    if trial.target not in names:
+        raise ValueError(f"{name}: trial.target: {suggest(trial.target, names)}")
+    return names.index(trial.target)
+
+
 def _place_mistakes(case: Case, name: str, loaded: LoadedStoryboard) -> Iterator[str]:
     """Whether the rig's scene is where the storyboard takes place."""
     if case.rig.scene == name:
         if not loaded.road:
             yield f"{name}: it has no road; name a scene in scenario.scene"
-        elif mistake := road_mistake(loaded.road):
+        elif mistake := road_mistake(load_scene(loaded.road)):
             yield mistake
         return
     try:

@@ -8,7 +8,8 @@ import numpy as np
 
 from schemas.kinds.scenarios.storyboard import StoryboardConfig
 from twin.scenario.driver import BRAKED
-from twin.scenario.protocol import Rows, Scalars, Verdict
+from twin.scenario.protocol import FirstContact, Rows, Scalars, Verdict
+from twin.scenario.storyboard.case.trial import TRIAL_SCALARS, TrialRun
 from twin.scenario.surroundings import Surroundings
 
 
@@ -16,9 +17,10 @@ class StoryboardFamily:
     """One case of a storyboard, as far as its rows tell it; the bodies move elsewhere."""
 
     def __init__(
-        self, _config: StoryboardConfig, ground: Surroundings, _x_m: float, _y_m: float
+        self, config: StoryboardConfig, ground: Surroundings, _x_m: float, _y_m: float
     ) -> None:
         self._events = ground.events
+        self._trial = TrialRun(config, ground) if config.trial is not None else None
 
     @classmethod
     def start(cls, _config: StoryboardConfig, ground: Surroundings) -> tuple[float, float, float]:
@@ -48,6 +50,7 @@ class StoryboardFamily:
             "event_last": int(rows.column("event_last")[-1]) if begun else None,
             "event_last_s": float(rows.column("event_last_s")[-1]) if begun else None,
             **_intervention(rows),
+            **_warning(rows),
         }
 
     def judge(self, rows: Rows, moved: bool) -> Verdict:
@@ -59,6 +62,18 @@ class StoryboardFamily:
             return Verdict("pass", [*reasons, *_intervention_words(rows)])
         reasons = [f"time is up at {speed_mps:.2f} m/s, and the storyboard still runs"]
         return Verdict("time_up", [*reasons, *self.before_end(rows)])
+
+    def trial_scalars(self, rows: Rows, contact: FirstContact | None) -> Scalars:
+        """Scalars of the trial; None without one."""
+        none: Scalars = dict.fromkeys(TRIAL_SCALARS)
+        return none if self._trial is None else self._trial.scalars(rows, contact)
+
+    def trial_verdict(self, rows: Rows, contact: FirstContact | None) -> Verdict | None:
+        """The verdict of the trial; None: the case is none."""
+        if self._trial is None:
+            return None
+        verdict = self._trial.verdict(rows, contact)
+        return Verdict(verdict.verdict, [*verdict.reasons, *_intervention_words(rows)])
 
     def before_end(self, rows: Rows) -> list[str]:
         """The last event before a case's end and the stack's intervention, in words."""
@@ -84,6 +99,23 @@ def _intervention(rows: Rows) -> Scalars:
     for name in ("dtc_m", "ttc_s"):
         if rows.valid(name)[first]:
             values[f"intervention_{name}"] = float(rows.column(name)[first])
+    return values
+
+
+def _warning(rows: Rows) -> Scalars:
+    """When the stack first warned of a collision; None: it did not."""
+    values: Scalars = {f"warning_{name}_s": None for name in ("time", "ttc", "before_braking")}
+    time_s = rows.column("sim_time_ns") / 1e9
+    warned = np.flatnonzero(rows.column("warning"))
+    if not len(warned):
+        return values
+    first = int(warned[0])
+    values["warning_time_s"] = float(time_s[first])
+    if rows.valid("ttc_s")[first]:
+        values["warning_ttc_s"] = float(rows.column("ttc_s")[first])
+    braked = np.flatnonzero(rows.column("brake") > 0.0)
+    if len(braked):
+        values["warning_before_braking_s"] = float(time_s[braked[0]] - time_s[first])
     return values
 
 

@@ -14,18 +14,28 @@ from schemas.kinds.scenarios.storyboard import KIND
 from twin.actors.motion import ObjectKind, Placement
 from twin.actors.palette import nobody
 from twin.road.opendrive.grid import cosine, settled, sine
-from twin.road.tables.road_tables import RoadTables, road_tables
+from twin.road.tables.road_tables import road_tables
 from twin.scenario.case_files import check_scenario_files
-from twin.scenario.case_motion import StartPose
+from twin.scenario.case_motion import CaseTarget, StartPose
 from twin.scenario.driver import LedPose, RobotLimits
+from twin.scenario.storyboard.case.appearance import INIT, Appearance, appearance_of
 from twin.scenario.storyboard.case.bodies import SlotBodies
-from twin.scenario.storyboard.case.checks import STEP_NS, other_road, program_mistakes
+from twin.scenario.storyboard.case.checks import (
+    STEP_NS,
+    other_road,
+    program_mistakes,
+    target_row,
+)
 from twin.scenario.storyboard.case.files import (
     LoadedStoryboard,
     load_storyboard,
     scene_name,
 )
+from twin.scenario.storyboard.case.lamps import SlotLamps
+from twin.scenario.storyboard.case.moved_bodies import BodyAction, MovedBodies
 from twin.scenario.storyboard.case.rig_player import RigPlayer
+from twin.scenario.storyboard.case.signals import ProgramSignals
+from twin.scenario.storyboard.case.trial import TARGET_COLUMNS
 from twin.scenario.storyboard.player.columns import Real, Whole
 from twin.scenario.storyboard.program.entities import BodyBox
 from twin.scenario.storyboard.program.program import ElementKind, Program
@@ -33,6 +43,7 @@ from twin.vehicle.columns import COLUMN, PHYSICS_STEP_NS
 from twin.vehicle.vehicle_file import Vehicle
 from twin.world.road_scene import road_map
 from twin.world.scene import load_scene
+from twin.world.sky.scripted import ScriptedEnvironment
 from twin.world.things import Thing
 
 _BRAKING_MPS2 = 0.3
@@ -64,6 +75,7 @@ class StoryboardMotion:
         kinds: Sequence[ObjectKind],
         slots: int,
         device: Any,  # noqa: ARG002 - see below
+        signals: Sequence[str] = (),
     ) -> None:
         """See :class:`twin.scenario.case_motion.CaseMotionMaker`."""
         self.count = case.rig.bodies
@@ -74,18 +86,25 @@ class StoryboardMotion:
             raise ValueError(f"control_hz {case.rig.control_hz}: no whole steps of 10 ms")
         loaded = _load(case)
         self._scene = scene_file(case)
-        roads = _tables(self._scene)
+        roads = road_map(self._scene) if self._scene else None
+        tables = road_tables(roads.network) if roads else None
         self._step_s = STEP_NS / 1e9
         self._programs: dict[int, tuple[LoadedStoryboard, Program]] = {}
-        # On the CPU whatever the rig's device: driver models do not repeat on a GPU (record 0028),
-        # and what they say is needed on the host after every step.
-        self._player = RigPlayer(self._program(loaded), roads, slots, self._step_s, "cpu")
+        # On the CPU whatever the rig's device: what the player says is needed on the host after
+        # every step, and nothing says yet that a GPU is faster then (record 0028).
+        self._player = RigPlayer(self._program(loaded), tables, slots, self._step_s, "cpu")
         self._player.prepare(loaded.ego)
         self._cases: list[_SlotCase | None] = [None] * slots
         self._bodies = SlotBodies(slots, self.count)
+        self._moved = MovedBodies(self._player, self._bodies, roads, self._step_s)
         self._all = np.arange(slots)[:, None]
         self._way_m = np.zeros((slots, self.count))
         self._yaw_rate = np.zeros((slots, self.count))
+        self._lamps = SlotLamps(slots, self.count, self._step_s)
+        self._steps = np.zeros(slots, np.int64)
+        self._signals = tuple(signals)
+        self._signal_lamps = np.zeros((slots, len(signals)), np.int32)
+        self._weathered: list[int] = []
         self._placement = nobody(slots, self.count)
         self._running = np.zeros(slots, np.bool_)
         self._full = np.zeros(slots, np.bool_)
@@ -106,11 +125,16 @@ class StoryboardMotion:
         wrong += [f"{name}: {line}" for line in [other_road(self._scene, loaded.road)] if line]
         if wrong:
             raise ValueError(wrong[0])
+        self._moved.clear(slot)
         self._player.begin(slot, self._program(loaded), loaded.ego)
         self._cases[slot] = run = _SlotCase(loaded, self._bodies.begin(slot, loaded))
+        run.signals = ProgramSignals(loaded.program, self._signals)
+        self._begin_appearance(slot, run, by_file=config.environment == "file")
         self._way_m[slot] = self._yaw_rate[slot] = 0.0
         self._stale = True
         self._watch([slot])
+        if config.trial is not None:
+            run.target = target_row(name, loaded, config.trial)
         if config.driver == "robot":
             run.limits = RobotLimits(config.robot_brake, math.radians(config.robot_steering_deg))
             run.led_pose = self._led(slot, run)
@@ -137,8 +161,10 @@ class StoryboardMotion:
     def clear(self, slot: int) -> None:
         """Nobody is in a slot any more."""
         self._player.end(slot)
+        self._moved.clear(slot)
         self._bodies.clear(slot)
         self._cases[slot] = None
+        self._signal_lamps[slot] = 0
         self._running[slot] = False
         self._stale = True
 
@@ -197,7 +223,24 @@ class StoryboardMotion:
         self._yaw_rate = np.where(goes_on, rate, self._yaw_rate)
         self._way_m = np.where(goes_on, self._way_m + ahead, self._way_m)
         self._stale = True
-        self._watch(np.flatnonzero(active).tolist())
+        going = np.flatnonzero(active).tolist()
+        self._moved.step(going)
+        self._watch(going)
+
+    def act(self, slot: int, action: BodyAction) -> int:
+        """Carry out an intervention on a body; the body it was done to.
+
+        Raises:
+            ValueError: no such body, or it cannot be done; one line.
+        """
+        body = self._moved.act(slot, action)
+        self._yaw_rate[slot, body] = 0.0
+        self._stale = True
+        return body
+
+    def moved(self, slot: int) -> frozenset[int]:
+        """Bodies of a slot that an intervention has taken off its storyboard."""
+        return self._moved.rows(slot)
 
     def at(self, time_s: np.ndarray, varied: Any = None) -> Placement:  # noqa: ARG002 - now
         """Where all bodies are now."""
@@ -219,6 +262,11 @@ class StoryboardMotion:
             values["robot_drives"] = float(run.limits is not None)
         if run.intervention:
             values["intervention_kind"] = float(run.intervention)
+        if run.target is not None:
+            now, at = self.at(np.zeros(0)), (slot, run.target)
+            place, velocity = now.position_m[at], now.velocity_mps[at]
+            moved = (place[0], place[1], now.yaw_rad[at], velocity[0], velocity[1])
+            values |= {name: float(v) for name, v in zip(TARGET_COLUMNS, moved, strict=True)}
         return values
 
     def ended(self, slot: int) -> bool:
@@ -230,9 +278,29 @@ class StoryboardMotion:
         limits = self._player.overflows(slot) if self._full[slot] else ()
         return f"limit of the storyboard met: {limits[0]}" if limits else ""
 
+    def environment(self, slot: int) -> ScriptedEnvironment | None:
+        """What the storyboard of a slot has said of weather, light and road so far."""
+        run = self._cases[slot]
+        return None if run is None else run.environment
+
+    def weathered(self) -> Sequence[int]:
+        """Slots in which that has changed since this was asked last."""
+        slots, self._weathered = self._weathered, []
+        return slots
+
     def things(self, slot: int) -> Sequence[Thing]:
         """What the bodies of a slot are [M]."""
         return self._run(slot).things
+
+    def target(self, slot: int) -> CaseTarget | None:
+        """What the trial of a slot is about, and where it is now; None: the case is no trial."""
+        run = self._run(slot)
+        if run.target is None:
+            return None
+        now, at = self.at(np.zeros(0)), (slot, run.target)
+        place, half_m = now.position_m[at][:2].tolist(), now.half_m[at].tolist()
+        hull = np.array([*place, float(now.yaw_rad[at]), *half_m])
+        return CaseTarget(run.things[run.target].name, hull)
 
     def events(self, slot: int) -> tuple[str, ...]:
         """Names of the events of a slot's storyboard, in the order of its file."""
@@ -255,6 +323,7 @@ class StoryboardMotion:
     def _watch(self, slots: Sequence[int]) -> None:
         """What has begun in slots since it was looked at last."""
         now = self._player.now()
+        self._steps[slots] = now.steps[slots]
         self._running[slots] = now.running[slots]
         self._full[slots] = now.full[slots]
         for slot in slots:
@@ -266,35 +335,83 @@ class StoryboardMotion:
                 if number is not None:
                     run.events_started += 1
                     run.event_last, run.event_last_s = number, step * self._step_s
+                elif element in run.changes:
+                    self._appear(slot, run, element, step)
             run.seen = int(now.transitions[slot])
+
+    def _begin_appearance(self, slot: int, run: _SlotCase, *, by_file: bool) -> None:
+        """Lamps and weather of a case that begins are those of its storyboard's Init."""
+        self._lamps.begin(slot)
+        self._signal_lamps[slot] = 0
+        run.appearance = appearance_of(run.loaded, by_file=by_file)
+        run.changes = run.appearance.elements
+        run.environment = None
+        self._appear(slot, run, INIT, 0)
+
+    def _appear(self, slot: int, run: _SlotCase, element: int, step: int) -> None:
+        """An action on lamps or weather has begun."""
+        for row, action in run.appearance.switches.get(element, ()):
+            entity = self._bodies.entity[slot, row]
+            modes = int(self._player.bodies.wholes.numpy()[slot, entity, Whole.LIGHTS])
+            if modes >> 2 * action.light & 3 == action.mode:  # else others triggered the event
+                self._lamps.switch(slot, row, action, step)
+        for later in run.appearance.environments.get(element, ()):
+            run.environment = later if run.environment is None else run.environment.then(later)
+            if element != INIT:
+                self._weathered.append(slot)
+
+    def _signals_now(self) -> np.ndarray | None:
+        """Lamps of the traffic lights [S, K]; None: there are none."""
+        if not self._signals:
+            return None
+        for slot, run in enumerate(self._cases):
+            if run is not None and len(run.signals.columns):
+                lamps = run.signals.lamps(self._player.values_of(slot))
+                self._signal_lamps[slot, run.signals.columns] = lamps
+        return self._signal_lamps.copy()
 
     def _placed(self) -> Placement:
         """All bodies as the player has them."""
         bodies, there = self._bodies, self._bodies.there
         real = self._player.bodies.reals.numpy()[self._all, bodies.entity]
-        wholes = self._player.bodies.wholes.numpy()[self._all, bodies.entity, Whole.VISIBLE]
-        seen = there & (wholes & _GRAPHICS != 0)
+        wholes = self._player.bodies.wholes.numpy()
+        visible = wholes[self._all, bodies.entity, Whole.VISIBLE]
+        modes = wholes[self._all, bodies.entity, Whole.LIGHTS]
+        seen = there & (visible & _GRAPHICS != 0)
+        for body in self._moved.away():
+            seen[body] = False
         heading, rate = real[..., Real.HEADING], self._yaw_rate
         ahead, aside = bodies.centre_m[..., 0], bodies.centre_m[..., 1]
         c, s = cosine(heading), sine(heading)
         off_x, off_y = ahead * c - aside * s, ahead * s + aside * c
+        # Bodies stand level; the middle of a box stands on the slope that its origin stands on.
+        pitch, roll = real[..., Real.PITCH], real[..., Real.ROLL]
+        off_z = aside * sine(roll) * cosine(pitch) - ahead * sine(pitch)
         phase = np.floor(self._way_m / bodies.way_m * bodies.phases).astype(np.int64)
         moving = (np.abs(real[..., Real.SPEED]) > _STILL_MPS) & (bodies.phases > 0)
         kind = bodies.kind + np.where(moving, 1 + phase % np.maximum(bodies.phases, 1), 0)
         place = (settled(real[..., Real.X] + off_x), settled(real[..., Real.Y] + off_y))
         velocity = (real[..., Real.VX] - rate * off_y, real[..., Real.VY] + rate * off_x)
         still = np.zeros(there.shape)
-        slows = real[..., Real.ACCELERATION] < -_BRAKING_MPS2
+        shown = self._lamps.shown(
+            np.where(there, modes, 0),
+            bodies.lit,
+            real[..., Real.ACCELERATION] < -_BRAKING_MPS2,
+            real[..., Real.SPEED] < -_STILL_MPS,
+            self._steps,
+        )
         return Placement(
             kind=np.where(seen, kind, -1).astype(np.int32),
-            position_m=_vectors(there, *place, real[..., Real.Z]),
+            position_m=_vectors(there, *place, real[..., Real.Z] + settled(off_z)),
             yaw_rad=np.where(there, heading, 0.0),
             velocity_mps=_vectors(there, *velocity, still),
             yaw_rate_radps=np.where(there, rate, 0.0),
-            brake=(bodies.lit & slows).astype(np.float32),
-            lamps=bodies.lit.astype(np.float32),
+            brake=shown.brake.astype(np.float32),
+            lamps=shown.lamps.astype(np.float32),
             half_m=bodies.half_m.copy(),
             class_index=bodies.class_index.copy(),
+            lights=shown.lights,
+            signals=self._signals_now(),
         )
 
 
@@ -309,7 +426,8 @@ class _SlotCase:
     __slots__ = (
         *("loaded", "things", "names", "numbers", "seen"),
         *("events_started", "event_last", "event_last_s"),
-        *("limits", "led_pose", "intervention"),
+        *("limits", "led_pose", "intervention", "appearance"),
+        *("changes", "environment", "signals", "target"),
     )
 
     def __init__(self, loaded: LoadedStoryboard, things: tuple[Thing, ...]) -> None:
@@ -329,8 +447,17 @@ class _SlotCase:
         self.limits: RobotLimits | None = None
         """Of the robot that drives the ego; None: the stack does."""
         self.led_pose = LedPose(*[0.0] * len(LedPose._fields))
+        self.target: int | None = None
+        """Body that the trial is about; None: the case is no trial."""
         self.intervention = 0
         """How the stack intervened; 0: it has not."""
+        self.appearance: Appearance
+        """What its actions do to lamps and weather."""
+        self.changes: set[int]
+        """Elements of these."""
+        self.environment: ScriptedEnvironment | None = None
+        """What it has said of the weather so far."""
+        self.signals: ProgramSignals
 
 
 def scene_file(case: Case) -> str:
@@ -345,10 +472,6 @@ def scene_file(case: Case) -> str:
 def _load(case: Case) -> LoadedStoryboard:
     config = KIND.config_of(case.variation.scenario)
     return load_storyboard(config.storyboard, config.numbers)
-
-
-def _tables(road: str) -> RoadTables | None:
-    return road_tables(road_map(road).network) if road else None
 
 
 def _with_vehicle(loaded: LoadedStoryboard, vehicle: Vehicle) -> Program:

@@ -17,7 +17,7 @@ from twin.scenario.storyboard.interpreter.arrays import (
     play_arrays,
     program_arrays,
 )
-from twin.scenario.storyboard.player.columns import TRANSITIONS_MAX, SlotColumn
+from twin.scenario.storyboard.player.columns import TRANSITIONS_MAX, SlotColumn, Whole
 from twin.scenario.storyboard.player.storyboard_player import StoryboardPlayer
 from twin.scenario.storyboard.player.tables import pack_programs
 from twin.scenario.storyboard.program.conditions import ElementState
@@ -31,6 +31,8 @@ class SlotsNow:
     running: np.ndarray
     """bool: the storyboard has not ended, held or not."""
     transitions: np.ndarray
+    """How many there were."""
+    steps: np.ndarray
     """How many there were."""
     full: np.ndarray
     """bool: a limit was met, :meth:`RigPlayer.overflows` says which."""
@@ -102,6 +104,20 @@ class RigPlayer(StoryboardPlayer):
         ]
         wp.launch(impose_egos_kernel, dim=self.slots, inputs=inputs, device=self.device)
 
+    def jump(self, slot: int, entity: int) -> None:
+        """An entity was put somewhere: the way to there is none that it drove."""
+        self._set_whole(slot, entity, Whole.JUMPED, 1)
+
+    def release(self, slot: int, entity: int) -> None:
+        """Nothing else says any more where an entity is: it goes on from there as its program
+        says."""
+        self._set_whole(slot, entity, Whole.IMPOSED, 0)
+
+    def _set_whole(self, slot: int, entity: int, column: Whole, value: int) -> None:
+        rows = self.bodies.wholes.numpy().copy()
+        rows[slot, entity, column] = value
+        self.bodies.wholes.assign(rows)
+
     def now(self) -> SlotsNow:
         """What the slots are at."""
         slots = self._play.slots.numpy()
@@ -109,8 +125,14 @@ class RigPlayer(StoryboardPlayer):
         return SlotsNow(
             running,
             slots[:, SlotColumn.TRANSITIONS].copy(),
+            slots[:, SlotColumn.STEP].copy(),
             slots[:, SlotColumn.OVERFLOW] != 0,
         )
+
+    def values_of(self, slot: int) -> np.ndarray:
+        """Values of the variables of a slot's program, a view [V]."""
+        values: np.ndarray = self._play.variables.numpy()[slot]
+        return values
 
     def begun(self, slot: int, first: int) -> list[tuple[int, int]]:
         """Step and element of the starts in a slot from transition ``first`` on."""
@@ -166,7 +188,7 @@ class RigPlayer(StoryboardPlayer):
                 _copy_into(getattr(old, name), getattr(new, name))
 
 
-_WIDE = ("entities", "elements", "conditions", "instances", "variables")
+_WIDE = ("entities", "elements", "conditions", "instances", "variables", "controllers")
 
 
 def _copy_into(old: Any, new: Any) -> None:

@@ -15,6 +15,7 @@ from twin.scenario.storyboard.compile.context import (
 from twin.scenario.storyboard.openscenario.element import ScenarioElement
 from twin.scenario.storyboard.program.actions import (
     LIGHTS,
+    UNSEEN,
     AddEntityAction,
     CommandAction,
     ControllerAction,
@@ -22,6 +23,7 @@ from twin.scenario.storyboard.program.actions import (
     EnvironmentAction,
     FinalSpeedKind,
     FollowTrajectoryAction,
+    LampMode,
     LightAction,
     ModifyVariableAction,
     SetVariableAction,
@@ -31,8 +33,9 @@ from twin.scenario.storyboard.program.actions import (
     VisibilityAction,
 )
 from twin.scenario.storyboard.program.places import Position, Trajectory
+from twin.scenario.storyboard.program.signal_states import lamps_of_state
 
-_LIGHT_MODES = {"off": 0, "on": 1, "flashing": 2}
+_LIGHT_MODES = {"off": LampMode.OFF, "on": LampMode.ON, "flashing": LampMode.FLASHING}
 FLASH_S = 0.5
 """Of a lamp that flashes without given durations, on and off alike."""
 
@@ -186,10 +189,11 @@ def _light(element: ScenarioElement, context: Compilation) -> LightAction:
     lamp = only_child(kind)
     if lamp.type_name == "UserDefinedLight":
         raise RefusalError(lamp, "only lamps of the standard are known")
-    if element.values.get("transitionTime"):
-        context.note(element, "transitionTime has no effect; lamps change at once")
+    name = str(lamp.values["vehicleLightType"])
+    if name in UNSEEN:
+        context.note(lamp, f"bodies have no {name}, so pictures do not show them")
     return LightAction(
-        LIGHTS.index(str(lamp.values["vehicleLightType"])),
+        LIGHTS.index(name),
         _LIGHT_MODES[str(state.values["mode"])],
         number_of(state, "flashingOnDuration", FLASH_S),
         number_of(state, "flashingOffDuration", FLASH_S),
@@ -231,8 +235,10 @@ def _variable_action(kind: str, key: str) -> Handler:
 
 
 def _signal_state(element: ScenarioElement, context: Compilation) -> SetVariableAction:
-    number = signal_variable(element, context)
-    return SetVariableAction(number, context.word(str(element.values["state"])))
+    number, state = signal_variable(element, context), str(element.values["state"])
+    if lamps_of_state(state) is None:
+        context.note(element, f"pictures do not know the state '{state}': its lamps are off there")
+    return SetVariableAction(number, context.word(state))
 
 
 def _monitor(element: ScenarioElement, context: Compilation) -> SetVariableAction:
@@ -261,6 +267,7 @@ ACTIONS: dict[str, Handler] = {
     "AppearanceAction": _inner,
     "InfrastructureAction": _inner,
     "TrafficSignalAction": _inner,
+    "TrailerAction": _inner,
     "SynchronizeAction": _synchronize,
     "TeleportAction": _teleport,
     "FollowTrajectoryAction": _follow_trajectory,

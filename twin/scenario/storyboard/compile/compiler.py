@@ -19,7 +19,9 @@ from twin.scenario.storyboard.compile.fates import (
     NO_EFFECT_NAMES,
     REFUSED_TYPES,
 )
+from twin.scenario.storyboard.compile.signals import compile_signals
 from twin.scenario.storyboard.compile.storyboards import compile_init, compile_storyboard
+from twin.scenario.storyboard.compile.trailers import check_connections
 from twin.scenario.storyboard.openscenario.element import ScenarioElement
 from twin.scenario.storyboard.openscenario.expression import Value
 from twin.scenario.storyboard.openscenario.references import named_path
@@ -75,6 +77,7 @@ def compile_with_notes(
     _refuse(root, context)
     network = _roads(parts["RoadNetwork"], context, {} if cache is None else cache)
     _variables(effective, context)
+    compile_signals(parts["RoadNetwork"], context)
     entities = compile_entities(parts["Entities"], context)
     if len(entities) > ENTITIES_MAX:
         words = f"{len(entities)} entities, at most {ENTITIES_MAX} are played"
@@ -85,6 +88,7 @@ def compile_with_notes(
     assert init is not None
     actions = compile_init(init, context)
     elements = compile_storyboard(storyboard, context)
+    check_connections(root, entities, elements, context)
     context.mistakes.check()
     program = Program(
         root.file.stem,
@@ -98,6 +102,7 @@ def compile_with_notes(
         tuple(context.environments),
         (),
         network,
+        tuple(context.controllers.values()),
     )
     return CompiledScenario(program, tuple(context.notes))
 

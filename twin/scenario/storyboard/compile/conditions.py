@@ -10,6 +10,7 @@ from twin.scenario.storyboard.compile.context import (
     Handler,
     RefusalError,
     as_number,
+    number_of,
     only_child,
     seconds_of,
 )
@@ -29,9 +30,11 @@ from twin.scenario.storyboard.program.conditions import (
     ElementState,
     ElementStateCondition,
     EndOfRoadCondition,
+    LaneRange,
     OffroadCondition,
     ReachPositionCondition,
     RelativeAngleCondition,
+    RelativeClearanceCondition,
     RelativeDistanceCondition,
     RelativeSpeedCondition,
     SimulationTimeCondition,
@@ -89,6 +92,8 @@ _STATES = {
     "stopTransition": ElementState.STOP_TRANSITION,
     "skipTransition": ElementState.SKIP_TRANSITION,
 }
+LANES_MAX = 1000
+"""Lanes counted to one side; ranges that are open, or larger, end there."""
 OBJECT_TYPES = {"vehicle": -2, "pedestrian": -3, "miscellaneous": -4}
 """Values of ``CollisionCondition.category`` for whole types of objects."""
 
@@ -281,6 +286,35 @@ def _relative_angle(element: ScenarioElement, context: Compilation) -> RelativeA
     )
 
 
+def _clearance(element: ScenarioElement, context: Compilation) -> RelativeClearanceCondition:
+    context.road_map(element)
+    ahead_m = number_of(element, "distanceForward", 0.0)
+    behind_m = number_of(element, "distanceBackward", 0.0)
+    if not (0.0 <= ahead_m < math.inf and 0.0 <= behind_m < math.inf):
+        raise RefusalError(element, "distances must be 0 or more and finite")
+    entities: dict[int, None] = {}
+    for reference in element.all("EntityRef"):
+        entities |= dict.fromkeys(context.members(reference))
+    return RelativeClearanceCondition(
+        ahead_m,
+        behind_m,
+        bool(element.values["freeSpace"]),
+        bool(element.values["oppositeLanes"]),
+        tuple(entities),
+        tuple(_lane_range(item) for item in element.all("RelativeLaneRange")),
+    )
+
+
+def _lane_range(element: ScenarioElement) -> LaneRange:
+    first, last = (
+        max(-LANES_MAX, min(LANES_MAX, int(element.values.get(key, default))))
+        for key, default in (("from", -LANES_MAX), ("to", LANES_MAX))
+    )
+    if first > last:
+        raise RefusalError(element, f"from {first} is above to {last}")
+    return LaneRange(first, last)
+
+
 def _simulation_time(element: ScenarioElement, _context: Compilation) -> SimulationTimeCondition:
     return SimulationTimeCondition(float(element.values["value"]), _rule(element.values))
 
@@ -339,9 +373,13 @@ def _signal(element: ScenarioElement, context: Compilation) -> TrafficSignalCond
     return TrafficSignalCondition(number, context.word(str(element.values["state"])))
 
 
-def signal_variable(element: ScenarioElement, context: Compilation) -> int:
-    """The variable with the state of the traffic signal that ``name`` names."""
-    name = str(element.values["name"])
+def signal_variable(element: ScenarioElement, context: Compilation, key: str = "name") -> int:
+    """The variable with the state of the traffic signal that an attribute names."""
+    return signal_named(element, context, str(element.values[key]))
+
+
+def signal_named(element: ScenarioElement, context: Compilation, name: str) -> int:
+    """The variable with the state of a traffic signal."""
     roads = context.road_map(element)
     signals = {signal.id for frame in roads.frames.values() for signal in frame.road.signals}
     if name not in signals:
@@ -368,6 +406,7 @@ CONDITIONS: dict[str, Handler] = {
     "RelativeDistanceCondition": _relative_distance,
     "AngleCondition": _angle,
     "RelativeAngleCondition": _relative_angle,
+    "RelativeClearanceCondition": _clearance,
     "SimulationTimeCondition": _simulation_time,
     "TimeOfDayCondition": _time_of_day,
     "VariableCondition": _of_kind("variable", "variableRef"),

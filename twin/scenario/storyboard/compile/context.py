@@ -21,6 +21,7 @@ from twin.scenario.storyboard.program.places import (
     Trajectory,
 )
 from twin.scenario.storyboard.program.program import ProgramVariable, StoryboardEnvironment
+from twin.scenario.storyboard.program.signals import SignalController
 
 Handler = Callable[[ScenarioElement, "Compilation"], Any]
 """Compiles one element; raises :class:`RefusalError` where it cannot be expressed."""
@@ -60,6 +61,8 @@ class Compilation:
     trajectories: dict[Trajectory, int] = field(default_factory=dict)
     routes: dict[RoadRoute, int] = field(default_factory=dict)
     environments: dict[StoryboardEnvironment, int] = field(default_factory=dict)
+    controllers: dict[str, SignalController] = field(default_factory=dict)
+    """Of traffic signals, by name, in the order of the file."""
 
     @contextmanager
     def collecting(self, element: ScenarioElement) -> Iterator[None]:
@@ -185,10 +188,11 @@ def as_number(element: ScenarioElement, value: Value) -> float:
     return float(value)
 
 
-def seconds_of(date_time: str) -> float:
-    """Seconds since 1970 of a date and time; UTC where it has no time zone."""
+def seconds_of(date_time: str, *, zone: bool = True) -> float:
+    """Seconds since 1970 of a date and time; UTC where it has no time zone, or ``zone`` is not to
+    count."""
     moment = datetime.fromisoformat(date_time)
-    return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
+    return (moment if moment.tzinfo and zone else moment.replace(tzinfo=UTC)).timestamp()
 
 
 def only_child(element: ScenarioElement, *names: str) -> ScenarioElement:

@@ -8,6 +8,7 @@ from __future__ import annotations
 from msgspec.structs import replace
 
 from twin.scenario.storyboard.compile.context import Compilation, Handler, RefusalError, only_child
+from twin.scenario.storyboard.compile.trailers import coupled, with_trailers
 from twin.scenario.storyboard.openscenario.element import ScenarioElement
 from twin.scenario.storyboard.program.entities import BodyBox, EntityCategory, StoryboardEntity
 
@@ -37,8 +38,12 @@ def compile_entities(
     element: ScenarioElement, context: Compilation
 ) -> tuple[StoryboardEntity, ...]:
     """All entities in order; their names and those of selections become known."""
-    objects = element.all("ScenarioObject")
-    context.entities.update({item.label: (index,) for index, item in enumerate(objects)})
+    objects = with_trailers(element.all("ScenarioObject"))
+    for index, item in enumerate(objects):
+        if item.label in context.entities:
+            words = f"the name '{item.label}' is given to a second entity"
+            context.mistakes.add(item.file, item.line, words)
+        context.entities[item.label] = (index,)
     entities = []
     for item in objects:
         with context.collecting(item):
@@ -46,6 +51,8 @@ def compile_entities(
     for selection in element.all("EntitySelection"):
         with context.collecting(selection):
             context.entities[selection.label] = _selected(selection, objects, context)
+    if len(entities) == len(objects):
+        entities = list(coupled(entities, objects, context))
     ego = _ego(objects)
     return tuple(
         replace(entity, ego=True) if index == ego else entity
@@ -98,7 +105,24 @@ def _vehicle(element: ScenarioElement, _context: Compilation) -> StoryboardEntit
         wheelbase,
         float(element.values.get("mass", 0.0)),
         False,
+        hitch_x_m=_hitch(element),
+        coupler_x_m=_coupler(element),
     )
+
+
+def _hitch(element: ScenarioElement) -> float | None:
+    hitch = element.first("TrailerHitch")
+    return None if hitch is None else float(hitch.values["dx"])
+
+
+def _coupler(element: ScenarioElement) -> float | None:
+    coupler = element.first("TrailerCoupler")
+    if coupler is None:
+        return None
+    way_m = float(coupler.values["dx"])
+    if not way_m > 0.0:
+        raise RefusalError(coupler, f"dx is {way_m:g} m, it must lie before the axle (above 0)")
+    return way_m
 
 
 def _pedestrian(element: ScenarioElement, _context: Compilation) -> StoryboardEntity:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from twin.scenario.storyboard.compile.context import (
     Compilation,
     Handler,
@@ -10,18 +12,31 @@ from twin.scenario.storyboard.compile.context import (
     seconds_of,
 )
 from twin.scenario.storyboard.openscenario.element import ScenarioElement
-from twin.scenario.storyboard.program.program import StoryboardEnvironment
+from twin.scenario.storyboard.program.program import ENVIRONMENT_LIMITS, StoryboardEnvironment
+from twin.world.sky.weather import rain_at, snowfall_at
 
 _OKTAS = ("zero", "one", "two", "three", "four", "five", "six", "seven", "eight")
 _CLOUDS = {"free": 0.0, "cloudy": 0.5, "overcast": 1.0, "rainy": 1.0}
 """Shares of the sky for the words of versions before 1.2."""
 
 
+_FILMS_MM = {
+    "dry": 0.0,
+    "moist": 0.2,
+    "wetWithPuddles": 1.0,
+    "lowFlooded": 5.0,
+    "highFlooded": 10.0,
+}
+"""Water on a road for the words of its wetness."""
+
+
 def _environment(element: ScenarioElement, context: Compilation) -> StoryboardEnvironment:
     values: dict[str, float] = {}
     time = element.first("TimeOfDay")
     if time is not None:
-        values["time_of_day_s"] = seconds_of(str(time.values["dateTime"]))
+        date_time = str(time.values["dateTime"])
+        values["time_of_day_s"] = seconds_of(date_time)
+        values["clock_s"] = seconds_of(date_time, zone=False)
         if time.values["animation"]:
             context.note(time, "the clock goes on, the picture of the sky stays")
     weather = element.first("Weather")
@@ -31,12 +46,12 @@ def _environment(element: ScenarioElement, context: Compilation) -> StoryboardEn
     if road is not None:
         values["friction_factor"] = float(road.values["frictionScaleFactor"])
         if "wetness" in road.values:
-            context.note(road, "wetness has no effect beside frictionScaleFactor")
+            values["water_mm"] = _FILMS_MM[str(road.values["wetness"])]
     for key, value in values.items():
-        if key.endswith(("_factor", "_m", "_k", "_h", "_mps")) and value < 0.0:
-            raise RefusalError(
-                element, f"{key.replace('_', ' ')} is {value:g}, it must not be negative"
-            )
+        low, high = ENVIRONMENT_LIMITS.get(key, (-math.inf, math.inf))
+        if not low <= value <= high:
+            words = key.replace("_", " ")
+            raise RefusalError(element, f"{words} is {value:g}, allowed: {low:g} to {high:g}")
     return StoryboardEnvironment(element.label, **values)
 
 
@@ -47,13 +62,11 @@ def _weather(element: ScenarioElement, context: Compilation) -> dict[str, float]
         values["cloud_fraction"] = clouds
     if "temperature" in element.values:
         values["temperature_k"] = float(element.values["temperature"])
-    if "atmosphericPressure" in element.values:
-        context.note(element, "atmosphericPressure has no effect")
-    if element.first("DomeImage") is not None:
-        context.note(element, "DomeImage has no effect; the sky follows the sun and the clouds")
     for child in element.children:
         if child.type_name in _PARTS:
             values |= _PARTS[child.type_name](child)
+            if child.type_name == "Fog" and child.first("BoundingBox") is not None:
+                context.note(child, "the fog is everywhere, not in its BoundingBox alone")
     return values
 
 
@@ -75,15 +88,19 @@ def _sun(element: ScenarioElement) -> dict[str, float]:
 
 
 def _fog(element: ScenarioElement) -> dict[str, float]:
-    return {"fog_visual_range_m": float(element.values["visualRange"])}
+    high = ENVIRONMENT_LIMITS["fog_visual_range_m"][1]
+    return {"fog_visual_range_m": min(float(element.values["visualRange"]), high)}
 
 
 def _precipitation(element: ScenarioElement) -> dict[str, float]:
-    rate = number_of(element, "precipitationIntensity", number_of(element, "intensity", 0.0))
+    """Rates [mm/h]; version 1.0 gives an intensity from 0 to 1 instead."""
+    share = min(1.0, max(0.0, number_of(element, "intensity", 0.0)))
     kind = element.values["precipitationType"]
+    rain = number_of(element, "precipitationIntensity", rain_at(share))
+    snow = number_of(element, "precipitationIntensity", snowfall_at(share))
     return {
-        "rain_mm_per_h": rate if kind == "rain" else 0.0,
-        "snow_mm_per_h": rate if kind == "snow" else 0.0,
+        "rain_mm_per_h": rain if kind == "rain" else 0.0,
+        "snow_mm_per_h": snow if kind == "snow" else 0.0,
     }
 
 

@@ -12,6 +12,8 @@ from twin.scenario.storyboard.compile.environments import ENVIRONMENTS
 from twin.scenario.storyboard.compile.motions import MOTIONS
 from twin.scenario.storyboard.compile.places import POSITIONS
 from twin.scenario.storyboard.compile.routes import ROUTES
+from twin.scenario.storyboard.compile.signals import SIGNALS
+from twin.scenario.storyboard.compile.trailers import TRAILERS
 from twin.scenario.storyboard.compile.trajectories import TRAJECTORIES
 from twin.scenario.storyboard.openscenario.standard import REFUSED
 
@@ -24,28 +26,19 @@ HANDLERS: Mapping[str, Handler] = {
     **MOTIONS,
     **ACTIONS,
     **ENVIRONMENTS,
+    **SIGNALS,
+    **TRAILERS,
 }
 """Handlers by element type."""
 
 REFUSED_TYPES: Mapping[str, str] = {
     **REFUSED,
-    "ConnectTrailerAction": "trailers are not coupled",
-    "DisconnectTrailerAction": "trailers are not coupled",
     "ExternalObjectReference": "objects of other files are not known",
-    "GeoPosition": "positions by latitude and longitude are not played; use WorldPosition",
     "OverrideControllerValueAction": "pedals of a controller are not overridden",
     "PositionOfCurrentEntity": "a place on a route that moves with an entity is not played",
     "RandomRouteAction": "routes are not drawn at random; assign one",
-    "RelativeClearanceCondition": "free space on lanes is not watched; use "
-    "RelativeDistanceCondition",
     "SensorReferenceSet": "visibility for single sensors is not played",
     "TrafficAction": "traffic is not generated; give every entity by name",
-    "TrafficSignalControllerAction": "controllers of signals are not played; set the signal's "
-    "state by TrafficSignalStateAction",
-    "TrafficSignalControllerCondition": "controllers of signals are not played; use "
-    "TrafficSignalCondition",
-    "Trailer": "trailers are not coupled",
-    "TrailerAction": "trailers are not coupled",
     "UserDefinedLight": "only lamps of the standard are known",
 }
 """Element types that are refused where they stand in a scenario, with the reason."""
@@ -55,9 +48,6 @@ NO_EFFECT: Mapping[str, str] = {
     "Color": "lamps have the colour of their kind",
     "CustomContent": "it is for other tools",
     "DomeImage": "the sky follows the sun and the clouds",
-    "TrafficSignals": "controllers of signals do not switch by themselves",
-    "TrailerCoupler": "trailers are not coupled",
-    "TrailerHitch": "trailers are not coupled",
     "UsedArea": "the whole road network is used",
 }
 """Element types without effect, with the reason; each is noted."""
@@ -72,9 +62,16 @@ NO_EFFECT_ATTRIBUTES: Mapping[tuple[str, str], str] = {
     ("RelativeDistanceCondition", "routingAlgorithm"): "distances follow the road",
     ("TimeHeadwayCondition", "routingAlgorithm"): "distances follow the road",
     ("TimeToCollisionCondition", "routingAlgorithm"): "distances follow the road",
+    ("Performance", "maxAccelerationRate"): "only actions limit how acceleration changes",
+    ("Performance", "maxDecelerationRate"): "only actions limit how acceleration changes",
     ("TransitionDynamics", "followingMode"): "transitions are exact",
     ("LightState", "luminousIntensity"): "lamps are as bright as their kind",
-    ("GeoPosition", "verticalRoadSelection"): "the position is refused",
+    ("LightStateAction", "transitionTime"): "lamps change at once",
+    ("Weather", "atmosphericPressure"): "the air is as dense as ever",
+    ("Weather", "temperature"): "nothing freezes or melts",
+    ("GeoPosition", "verticalRoadSelection"): "of roads above one another the nearest counts",
+    ("TrailerCoupler", "dz"): "trailers stand on the road",
+    ("TrailerHitch", "dz"): "trailers stand on the road",
 }
 """Attributes without effect, with the reason; each is noted."""
 
@@ -90,6 +87,9 @@ STRUCTURE = frozenset(
         *("LaneOffsetActionDynamics", "LaneOffsetTarget", "LightState", "LightType"),
         *("Maneuver", "ManeuverGroup", "ModifyRule", "MonitorDeclaration", "None"),
         *("ObjectController", "Orientation", "ParameterAddValueRule", "ParameterModifyAction"),
+        *("Phase", "RelativeLaneRange", "TrafficSignalController", "TrafficSignalState"),
+        "TrafficSignalGroupState",
+        *("TrafficSignals", "Trailer", "TrailerCoupler", "TrailerHitch"),
         *("ParameterMultiplyByValueRule", "ParameterSetAction", "Performance", "Position"),
         *("PositionInLaneCoordinates", "PositionInRoadCoordinates", "Precipitation", "Private"),
         *("RelativeSpeedToMaster", "RelativeTargetLane", "RelativeTargetLaneOffset"),

@@ -172,6 +172,10 @@ def _lateral_distance(element: ScenarioElement, context: Compilation) -> Lateral
     values = element.values
     if "distance" not in values:
         raise RefusalError(element, "give a distance")
+    limits = element.first("DynamicConstraints")
+    for key in _LIMITS[3:]:
+        if limits is not None and key in limits.values:
+            context.note(limits, f"{key} has no effect on a lateral distance")
     return LateralDistanceAction(
         context.entity(element),
         float(values["distance"]),

@@ -12,6 +12,7 @@ import math
 import numpy as np
 from msgspec.structs import replace
 
+from twin.road.opendrive.georeference import projection_of
 from twin.road.opendrive.grid import cosine, sine
 from twin.scenario.storyboard.compile.context import (
     Compilation,
@@ -38,10 +39,23 @@ def _world(element: ScenarioElement, context: Compilation) -> FixedPosition:
     x, y = float(element.values["x"]), float(element.values["y"])
     given_z = element.values.get("z")
     heading, pitch, roll = (number_of(element, key, 0.0) for key in "hpr")
-    z = float(given_z or 0.0)
+    z = None if given_z is None else float(given_z)
+    return _in_the_world(context, x, y, z, (heading, pitch, roll))
+
+
+def _in_the_world(
+    context: Compilation,
+    x: float,
+    y: float,
+    given_z: float | None,
+    angles: tuple[float, float, float],
+) -> FixedPosition:
+    """A place of the world; without a height on the road below it."""
+    heading, pitch, roll = angles
+    z = given_z or 0.0
     if context.roads is None:
         return FixedPosition(x, y, z, heading, pitch, roll)
-    under = context.roads.lane_under(x, y, None if given_z is None else z)
+    under = context.roads.lane_under(x, y, given_z)
     road = int(under.road)
     if road < 0:
         return FixedPosition(x, y, z, heading, pitch, roll)
@@ -51,6 +65,35 @@ def _world(element: ScenarioElement, context: Compilation) -> FixedPosition:
         z = float(frame.pose(s, t).z_m)
     offset = t - _centre(frame, lane, s)
     return FixedPosition(x, y, z, heading, pitch, roll, road, s, t, lane, offset)
+
+
+def _geo(element: ScenarioElement, context: Compilation) -> FixedPosition:
+    """A place by latitude and longitude (``GeoPosition``), on the road there or so far above it.
+
+    Coordinates of the road file are those of its projection less its offset. Angles without an
+    orientation, and absolute ones, count from the x axis as those of a ``WorldPosition``.
+    """
+    network = context.road_map(element).network
+    angles = [_angle(element, "latitude"), _angle(element, "longitude")]
+    height_m = number_of(element, "altitude", number_of(element, "height", 0.0))
+    off_x, off_y, _, turned = network.offset or (0.0, 0.0, 0.0, 0.0)
+    if turned != 0.0:
+        raise RefusalError(element, "the road file has an offset with hdg; only x, y, z are played")
+    try:
+        x, y = projection_of(network.geo_reference).place(*angles)
+    except ValueError as error:
+        raise RefusalError(element, str(error)) from None
+    place = _in_the_world(context, x - off_x, y - off_y, None, (0.0, 0.0, 0.0))
+    return oriented(context, element, replace(place, z_m=place.z_m + height_m))
+
+
+def _angle(element: ScenarioElement, name: str) -> float:
+    """Latitude or longitude [rad]: in degrees since version 1.2, in radians before."""
+    given = [key for key in (f"{name}Deg", name) if key in element.values]
+    if len(given) != 1:
+        raise RefusalError(element, f"give either {name}Deg or {name}")
+    value = float(element.values[given[0]])
+    return math.radians(value) if given[0].endswith("Deg") else value
 
 
 def road_position(
@@ -254,5 +297,6 @@ POSITIONS: dict[str, Handler] = {
     "RelativeLanePosition": _relative_lane,
     "RoutePosition": _route,
     "TrajectoryPosition": _trajectory,
+    "GeoPosition": _geo,
 }
 """Handlers of positions by element type."""

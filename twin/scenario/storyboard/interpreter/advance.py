@@ -102,6 +102,7 @@ def measure(
     now.reals[slot, e, Real.OLD_X] = place.x
     now.reals[slot, e, Real.OLD_Y] = place.y
     now.reals[slot, e, Real.OLD_Z] = place.z
+    now.wholes[slot, e, Whole.LEAPT] = now.wholes[slot, e, Whole.JUMPED]
     now.wholes[slot, e, Whole.JUMPED] = 0
     still = wp.abs(speed) < _STILL_MPS
     off = place.road >= 0 and place.lane == 0
@@ -188,7 +189,12 @@ def advance_kernel(
     first = tables.entity_wholes[row, EntityWhole.LIST]
     end = first + tables.entity_wholes[row, EntityWhole.LIST_COUNT]
     inits = tables.programs[program, ProgramColumn.INITS]
-    imposed = now.wholes[slot, e, Whole.IMPOSED] != 0
+    # Who is let go in this step rolls on at once.
+    tractor = now.wholes[slot, e, Whole.TRACTOR]
+    towed = wp.bool(False)
+    if tractor >= 0:
+        towed = now.wholes[slot, tractor, Whole.TOWS] == e
+    imposed = towed or now.wholes[slot, e, Whole.IMPOSED] != 0
     controlled = controlled_by(now, slot, e)
     motion = BodyMotion()
     motion.place = place_of(now, slot, e)
@@ -229,6 +235,8 @@ def advance_kernel(
         now.wholes[slot, e, Whole.CLAIMED] = motion.claimed
         return
     now.wholes[slot, e, Whole.CLAIMED] = 0
+    if towed:
+        return  # its tractor's new place says where it goes
     place = motion.place
     place.at_end = motion.claimed & _AT_END
     moved = motion.claimed & _MOVED != 0

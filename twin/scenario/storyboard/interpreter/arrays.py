@@ -44,6 +44,12 @@ class ProgramArrays:
     variables: wp.array(dtype=wp.float64)
     models: wp.array2d(dtype=wp.float64)
     clocks: wp.array(dtype=wp.float64)
+    controllers: wp.array2d(dtype=wp.int32)
+    delays: wp.array2d(dtype=wp.float64)
+    phases: wp.array2d(dtype=wp.int32)
+    phase_ends: wp.array2d(dtype=wp.float64)
+    signals: wp.array2d(dtype=wp.int32)
+    shown: wp.array2d(dtype=wp.float64)
 
 
 @wp.struct
@@ -69,6 +75,12 @@ class PlayArrays:
     instance_reals: wp.array3d(dtype=wp.float64)
     instance_wholes: wp.array3d(dtype=wp.int32)
     variables: wp.array2d(dtype=wp.float64)
+    phases: wp.array2d(dtype=wp.int32)
+    """Phase of each controller of signals, counted from its first; -1: not begun."""
+    phase_steps: wp.array2d(dtype=wp.int32)
+    """Step at which somebody last put it into a phase; 0: nobody has."""
+    phase_ways: wp.array2d(dtype=wp.float64)
+    """Time since its cycle began at that step [s]."""
     transitions: wp.array3d(dtype=wp.int32)
     """Step, element, transition; [S, 1024, 3]."""
 
@@ -109,6 +121,7 @@ _SAME = (
         "pieces",
     ),
     *("routes", "leg_reals", "variables", "models", "clocks"),
+    *("controllers", "delays", "phases", "phase_ends", "signals", "shown"),
 )
 
 
@@ -134,6 +147,9 @@ def play_arrays(slots: int, most: dict[str, int], device: wp.Device) -> PlayArra
     play.instance_reals = reals(most["instances"], SCRATCH_REALS)
     play.instance_wholes = wholes(most["instances"], SCRATCH_WHOLES)
     play.variables = reals(most["variables"])
+    play.phases = wholes(most["controllers"])
+    play.phase_steps = wholes(most["controllers"])
+    play.phase_ways = reals(most["controllers"])
     play.transitions = wholes(TRANSITIONS_MAX, 3)
     return play
 

@@ -53,6 +53,8 @@ FOLLOW = action_code(records.FollowTrajectoryAction)
 CONTROLLER = action_code(records.ControllerAction)
 VISIBILITY = action_code(records.VisibilityAction)
 LIGHT = action_code(records.LightAction)
+CONNECT = action_code(records.ConnectTrailerAction)
+DISCONNECT = action_code(records.DisconnectTrailerAction)
 ADD = action_code(records.AddEntityAction)
 
 _TELEPORT_REALS = real_column(records.TeleportAction, "position.x_m")
@@ -72,6 +74,7 @@ _WAY_S = real_column(records.FollowTrajectoryAction, "initial_distance_m")
 _LATERAL = whole_column(records.ControllerAction, "lateral")
 _LONGITUDINAL = whole_column(records.ControllerAction, "longitudinal")
 _MODEL = whole_column(records.ControllerAction, "model")
+_TRAILER = whole_column(records.ConnectTrailerAction, "trailer")
 _GRAPHICS = whole_column(records.VisibilityAction, "graphics")
 _LAMP = whole_column(records.LightAction, "light")
 _LAMP_MODE = whole_column(records.LightAction, "mode")
@@ -124,6 +127,10 @@ def start_simple(
             route = tables.wholes[wholes + _ACQUIRE_FIRST + at]
             if route >= 0:
                 start_route(tables, now, slot, program, e, route)
+    elif kind == CONNECT:
+        now.wholes[slot, e, Whole.TOWS] = tables.wholes[wholes + _TRAILER]
+    elif kind == DISCONNECT:
+        now.wholes[slot, e, Whole.TOWS] = -1
     elif kind == CONTROLLER:
         bits = now.wholes[slot, e, Whole.CONTROLLED]
         for domain in range(2):

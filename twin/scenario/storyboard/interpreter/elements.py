@@ -13,6 +13,7 @@ from __future__ import annotations
 import warp as wp
 
 from twin.scenario.storyboard.interpreter.arrays import BodyArrays, PlayArrays, ProgramArrays
+from twin.scenario.storyboard.interpreter.seldom.signals import put_into_phase
 from twin.scenario.storyboard.player.columns import (
     TRANSITIONS_MAX,
     ConditionState,
@@ -51,6 +52,9 @@ _SET_VALUE = real_column(records.SetVariableAction, "value")
 _MODIFY_VARIABLE = whole_column(records.ModifyVariableAction, "variable")
 _MODIFY_FACTOR = real_column(records.ModifyVariableAction, "factor")
 _MODIFY_ADDEND = real_column(records.ModifyVariableAction, "addend")
+_PHASE = action_code(records.SignalPhaseAction)
+_PHASE_CONTROLLER = whole_column(records.SignalPhaseAction, "controller")
+_PHASE_INDEX = whole_column(records.SignalPhaseAction, "phase")
 _LAMP = whole_column(records.LightAction, "light")
 
 
@@ -282,6 +286,15 @@ def do_global(
         entity = tables.wholes[wholes + _DELETE_ENTITY]
         bodies.wholes[slot, entity, Whole.PRESENT] = 0
         bodies.wholes[slot, entity, Whole.VISIBLE] = 0
+    elif kind == _PHASE:
+        put_into_phase(
+            tables,
+            play,
+            slot,
+            program,
+            tables.wholes[wholes + _PHASE_CONTROLLER],
+            tables.wholes[wholes + _PHASE_INDEX],
+        )
     elif kind == _ADD:
         return False
     return True

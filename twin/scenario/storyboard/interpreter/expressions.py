@@ -7,7 +7,12 @@ import warp as wp
 from twin.road.walk.road_arrays import RoadArrays
 from twin.scenario.storyboard.interpreter.arrays import BodyArrays, ProgramArrays
 from twin.scenario.storyboard.interpreter.boxes import box_of, overlapping
-from twin.scenario.storyboard.interpreter.ground import BodyPlace, place_of, resolved_place
+from twin.scenario.storyboard.interpreter.ground import (
+    BodyPlace,
+    front_of,
+    place_of,
+    resolved_place,
+)
 from twin.scenario.storyboard.interpreter.measures import (
     angle_of,
     axis_part,
@@ -138,7 +143,8 @@ def hits(
     entity: wp.int32,
     category: wp.int32,
 ) -> wp.bool:
-    """True if the box of ``e`` touches that of an entity or of any of a category."""
+    """True if the box of ``e`` touches that of an entity or of any of a category; bodies of one
+    train, whose boxes may lie above one another, do not touch."""
     box = box_of(tables, bodies, slot, base + e, e)
     first = wp.where(entity >= 0, entity, 0)
     end = wp.where(entity >= 0, entity + 1, count)
@@ -147,7 +153,8 @@ def hits(
         if entity < 0:
             wanted = wanted and in_category(tables.entity_wholes[base + other, 0], category)
         if wanted and overlapping(box, box_of(tables, bodies, slot, base + other, other)):
-            return True
+            if front_of(bodies, slot, e) != front_of(bodies, slot, other):
+                return True
     return False
 
 

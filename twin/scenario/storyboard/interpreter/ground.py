@@ -82,12 +82,25 @@ def direction_of(turn: wp.float64) -> wp.int32:
 @wp.func
 def controlled_by(bodies: BodyArrays, slot: wp.int32, e: wp.int32) -> wp.int32:
     """Bits of ``Domain`` in which something else than actions moves a body: whoever imposes its
-    poses, or its driver model. A controller that is neither leaves it to the default one."""
-    if bodies.wholes[slot, e, Whole.IMPOSED] != 0:
+    poses, its tractor, or its driver model. A controller that is none of them leaves it to the
+    default one."""
+    if bodies.wholes[slot, e, Whole.IMPOSED] != 0 or bodies.wholes[slot, e, Whole.TRACTOR] >= 0:
         return _BOTH
     if bodies.wholes[slot, e, Whole.MODEL] < 0:
         return 0
     return bodies.wholes[slot, e, Whole.CONTROLLED]
+
+
+@wp.func
+def front_of(bodies: BodyArrays, slot: wp.int32, e: wp.int32) -> wp.int32:
+    """Who is at the front of the train of an entity; itself if nobody tows it."""
+    at = wp.int32(e)
+    tractor = bodies.wholes[slot, at, Whole.TRACTOR]
+    for _ahead in range(bodies.wholes.shape[1]):
+        if tractor >= 0:
+            at = tractor
+            tractor = bodies.wholes[slot, at, Whole.TRACTOR]
+    return at
 
 
 @wp.func

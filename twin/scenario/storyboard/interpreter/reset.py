@@ -70,6 +70,13 @@ def reset_kernel(
         if i < tables.programs[program, ProgramColumn.VARIABLES]:
             first = tables.programs[program, ProgramColumn.VARIABLE]
             play.variables[slot, i] = tables.variables[first + i]
+    if i < play.phases.shape[1]:
+        play.phases[slot, i] = -1
+        play.phase_steps[slot, i] = 0
+        play.phase_ways[slot, i] = ZERO
+        if i < tables.programs[program, ProgramColumn.CONTROLLERS]:
+            controller = tables.programs[program, ProgramColumn.CONTROLLER] + i
+            play.phase_ways[slot, i] = -tables.delays[controller, 0]
     if i < bodies.reals.shape[1]:
         for column in range(bodies.reals.shape[2]):
             bodies.reals[slot, i, column] = ZERO
@@ -84,8 +91,12 @@ def reset_kernel(
         bodies.wholes[slot, i, Whole.JUMPED] = 1
         bodies.wholes[slot, i, Whole.CLAIMED] = 0
         bodies.wholes[slot, i, Whole.CHANGING] = 0
+        bodies.wholes[slot, i, Whole.LEAPT] = 0
         row = tables.programs[program, ProgramColumn.ENTITY] + i
         here = i < tables.programs[program, ProgramColumn.ENTITIES]
+        if here:
+            bodies.wholes[slot, i, Whole.TOWS] = tables.entity_wholes[row, EntityWhole.TOWS]
+            bodies.wholes[slot, i, Whole.TRACTOR] = tables.entity_wholes[row, EntityWhole.TRACTOR]
         if here and tables.entity_wholes[row, EntityWhole.PLACED] != 0:
             reals = tables.entity_wholes[row, EntityWhole.START_REALS]
             wholes = tables.entity_wholes[row, EntityWhole.START_WHOLES]

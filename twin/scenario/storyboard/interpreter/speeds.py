@@ -15,6 +15,8 @@ from twin.scenario.storyboard.interpreter.arrays import BodyArrays, PlayArrays, 
 from twin.scenario.storyboard.interpreter.transition import (
     CLOSE,
     FAR,
+    FOUR,
+    HALF,
     ONE,
     TWO,
     ZERO,
@@ -42,6 +44,8 @@ _PROFILE_FOLLOW = whole_column(records.SpeedProfileAction, "follow")
 _PROFILE_COUNT = whole_column(records.SpeedProfileAction, "entries.tail")
 _PROFILE_UP = real_column(records.SpeedProfileAction, "limits.acceleration_max_mps2")
 _PROFILE_DOWN = real_column(records.SpeedProfileAction, "limits.deceleration_max_mps2")
+_PROFILE_RATE_UP = real_column(records.SpeedProfileAction, "limits.acceleration_rate_max_mps3")
+_PROFILE_RATE_DOWN = real_column(records.SpeedProfileAction, "limits.deceleration_rate_max_mps3")
 _PROFILE_FIRST = len(layout_of(records.SpeedProfileAction).reals)
 
 # Scratch of running transitions.
@@ -200,6 +204,38 @@ def start_profile(
 
 
 @wp.func
+def shortest_ease(change: wp.float64, limit: wp.float64, rate: wp.float64) -> wp.float64:
+    """Shortest time of :func:`eased` for a change of speed with a largest acceleration: with one
+    that is reached d / A + A / J, else 2 sqrt(d / J)."""
+    most = wp.max(limit, CLOSE)
+    if most * most < change * rate:
+        return change / most + most / rate
+    return TWO * wp.sqrt(change / rate)
+
+
+@wp.func
+def eased(
+    speed: wp.float64, target: wp.float64, at: wp.float64, duration: wp.float64, rate: wp.float64
+) -> wp.float64:
+    """A change of speed that begins and ends without acceleration, which changes by a rate.
+
+    Over the time T the acceleration rises for a / J, stays at a, and falls for a / J. With the
+    change d = a (T - a / J), a = 2 d / (T + sqrt(T^2 - 4 d / J)).
+    """
+    change = wp.abs(target - speed)
+    root = wp.sqrt(wp.max(duration * duration - FOUR * change / rate, ZERO))
+    most = TWO * change / (duration + root)
+    rise = most / rate
+    left = duration - at
+    gone = most * (at - HALF * rise)
+    if at < rise:
+        gone = HALF * rate * at * at
+    elif left < rise:
+        gone = change - HALF * rate * left * left
+    return speed + wp.where(target > speed, gone, -gone)
+
+
+@wp.func
 def step_profile(
     tables: ProgramArrays,
     play: PlayArrays,
@@ -209,11 +245,10 @@ def step_profile(
     wholes: wp.int32,
     step_s: wp.float64,
 ) -> wp.float64:
-    """The speed at the end of a step: straight lines from entry to entry.
+    """The speed at the end of a step: from entry to entry, see :func:`eased`.
 
-    An entry without a time is reached at the largest acceleration of the action, and one that would
-    need more is reached later if the action keeps to its limits (following mode ``follow``). Limits
-    of the change of acceleration are not kept.
+    An entry without a time is reached as fast as the limits of the action allow, and one that would
+    need more is reached later if the action keeps to its limits (following mode ``follow``).
     """
     follows = tables.wholes[wholes + _PROFILE_FOLLOW]
     at = play.instance_reals[slot, k, AT] + step_s
@@ -225,14 +260,24 @@ def step_profile(
         first = reals + _PROFILE_FIRST + 2 * entry
         target = tables.reals[first] + base
         duration = wp.float64(tables.reals[first + 1])
-        limit = tables.reals[reals + _PROFILE_DOWN]
+        limit = wp.float64(tables.reals[reals + _PROFILE_DOWN])
+        rate = wp.float64(tables.reals[reals + _PROFILE_RATE_DOWN])
         if target > speed:
             limit = tables.reals[reals + _PROFILE_UP]
+            rate = tables.reals[reals + _PROFILE_RATE_UP]
+        if duration >= ZERO and follows == 0:
+            rate = FAR
+        shortest = wp.abs(target - speed) / wp.max(limit, CLOSE)
+        if rate < FAR:
+            rate = wp.max(rate, CLOSE)
+            shortest = shortest_ease(wp.abs(target - speed), limit, rate)
         if duration < ZERO:
-            duration = wp.abs(target - speed) / wp.max(limit, CLOSE)
+            duration = shortest
         elif follows != 0:
-            duration = wp.max(duration, wp.abs(target - speed) / wp.max(limit, CLOSE))
+            duration = wp.max(duration, shortest)
         if at < begin + duration - CLOSE:
+            if rate < FAR:
+                return eased(speed, target, at - begin, duration, rate)
             return speed + (target - speed) * (at - begin) / duration
         begin += duration
         speed = target

@@ -15,9 +15,30 @@ from twin.scenario.storyboard.player.columns import (
     SlotColumn,
     Whole,
 )
-from twin.scenario.storyboard.program.conditions import ElementState
+from twin.scenario.storyboard.player.kinds import kind_code
+from twin.scenario.storyboard.program.conditions import ElementState, RelativeClearanceCondition
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
+
+_CLEARANCE = kind_code(RelativeClearanceCondition)
+
+
+@wp.func
+def keep_truth(
+    play: PlayArrays,
+    slot: wp.int32,
+    c: wp.int32,
+    held: wp.int32,
+    present: wp.int32,
+    every: wp.bool,
+    causes: wp.int64,
+):
+    """Store whether an expression holds that ``held`` of the entities that are there fulfil."""
+    truth = wp.where(held > 0, 1, 0)
+    if every and held < present:
+        truth = 0
+    play.conditions[slot, c, ConditionState.TRUTH] = truth
+    play.condition_causes[slot, c] = causes
 
 
 @wp.kernel
@@ -50,6 +71,8 @@ def watch_kernel(
     owner = tables.conditions[row, ConditionColumn.OWNER]
     if kind >= FIRST_VALUE_KIND or play.element_states[slot, owner] == ElementState.COMPLETE:
         return
+    if kind == _CLEARANCE:
+        return  # a kernel of its own looks at free lanes
     base = tables.programs[program, ProgramColumn.ENTITY]
     count = tables.programs[program, ProgramColumn.ENTITIES]
     reals = tables.conditions[row, ConditionColumn.REALS]
@@ -69,8 +92,5 @@ def watch_kernel(
         ):
             held += 1
             causes = causes | (wp.int64(1) << wp.int64(e))
-    truth = wp.where(held > 0, 1, 0)
-    if tables.conditions[row, ConditionColumn.ALL] != 0 and held + absent < entities:
-        truth = 0
-    play.conditions[slot, c, ConditionState.TRUTH] = truth
-    play.condition_causes[slot, c] = causes
+    every = tables.conditions[row, ConditionColumn.ALL] != 0
+    keep_truth(play, slot, c, held, entities - absent, every, causes)

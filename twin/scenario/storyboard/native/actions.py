@@ -12,7 +12,8 @@ from twin.scenario.storyboard.native.bodies import WALKERS
 from twin.scenario.storyboard.native.ground import NativeMistakes, ScenarioGround, SpotError
 from twin.scenario.storyboard.native.orders import ActorOrders, ArriveOrder, KeepOrder, LampOrders
 from twin.scenario.storyboard.native.sections import ActorStart, IdmSettings, NativeScenario
-from twin.scenario.storyboard.native.starts import StartPlace, spot_position
+from twin.scenario.storyboard.native.starts import StartPlace, origin_at, spot_position
+from twin.scenario.storyboard.native.watches import ScenarioSpot
 from twin.scenario.storyboard.native.ways import (
     ActorWay,
     crossing,
@@ -53,6 +54,11 @@ BEYOND_M = 1.0
 """So far beyond the outermost lane somebody goes who crosses a road without footways."""
 _FLASH_S = 1.0 / 3.0
 """Time on and off of a flashing lamp: 90 flashes per minute (UN Regulation 48, 6.5.9.1)."""
+_LAMP_MODES = {
+    "off": records.LampMode.OFF,
+    "on": records.LampMode.ON,
+    "flash": records.LampMode.FLASHING,
+}
 _LAMPS = {
     "brake": "brakeLights",
     "indicator_left": "indicatorLeft",
@@ -61,6 +67,9 @@ _LAMPS = {
     "low_beam": "lowBeam",
     "high_beam": "highBeam",
     "reversing": "reversingLights",
+    "fog_front": "fogLightsFront",
+    "fog_rear": "fogLightsRear",
+    "daytime": "daytimeRunningLights",
 }
 AT_ONCE = TransitionDynamics(DynamicsShape.STEP, DynamicsDimension.TIME, 0.0)
 """A change in no time."""
@@ -294,13 +303,18 @@ class ActionCompiler:
             for index, (key, spot, who) in enumerate(
                 (("at", arrive.at, place), ("meet_at", arrive.meet_at, master))
             ):
-                place_of = partial(spot_position, spot, self.ground, who)
+                line = self.courses[who.name].path
+                place_of = partial(origin_at, spot, self.ground, who)
+                if line is not None:  # it heads along its line there
+                    place_of = partial(self._spot, spot, who)
                 position = self.mistakes.attempt(f"{path}.{key}", place_of)
-                if position is not None:
-                    line = self.courses[who.name].path
-                    number = -1 if line is None else line.trajectory
-                    along = 0.0 if line is None else nearest(line, position[0])
-                    ends[index] = (position[0], number, along)
+                if position is None:
+                    continue
+                if line is None:
+                    ends[index] = (position, -1, 0.0)
+                else:
+                    along = max(0.0, nearest(line, position) - who.body.centre_x_m)
+                    ends[index] = (position, line.trajectory, along)
         else:
             ways = self._way(name), self._way(arrive.meet)
             meeting = crossing(*ways)
@@ -314,6 +328,9 @@ class ActionCompiler:
                 else:
                     ends[index] = (position_on(way, at, self.ground), -1, 0.0)
         return synchronisation(arrive, self.numbers[arrive.meet], ends)
+
+    def _spot(self, spot: ScenarioSpot, who: StartPlace) -> FixedPosition:
+        return spot_position(spot, self.ground, who)[0]
 
     def _keep(self, path: str, name: str, keep: KeepOrder) -> list[tuple[str, PrivateAction]]:
         others = [other for other in self.numbers if other != name]
@@ -400,8 +417,8 @@ def synchronisation(
         position=position,
         final_speed=final,
         final_speed_mps=arrive.speed_mps or 0.0,
-        steady_state=SteadyStateKind.NONE,
-        steady_state_value=0.0,
+        steady_state=SteadyStateKind.DISTANCE if arrive.steady_m else SteadyStateKind.NONE,
+        steady_state_value=arrive.steady_m,
         tolerance_master_m=0.0,
         tolerance_m=0.0,
         trajectory=trajectory,
@@ -414,9 +431,7 @@ def synchronisation(
 def lamp_actions(lamps: LampOrders) -> list[PrivateAction]:
     """An action per lamp."""
     return [
-        records.LightAction(
-            LIGHTS.index(light), ("off", "on", "flash").index(mode), _FLASH_S, _FLASH_S
-        )
+        records.LightAction(LIGHTS.index(light), _LAMP_MODES[mode], _FLASH_S, _FLASH_S)
         for name, light in _LAMPS.items()
         if (mode := getattr(lamps, name)) is not None
     ]

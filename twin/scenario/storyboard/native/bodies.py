@@ -30,17 +30,27 @@ class ActorBody:
     wheelbase_m: float = 0.0
     rear_m: float = 0.0
     """From the rear end to the rear axle, which is the origin; 0: the origin is in the middle."""
+    coupler_m: float = 0.0
+    """From the axle of a trailer to its coupler, which lies before its box; 0: it is none."""
 
     @property
     def centre_x_m(self) -> float:
         """From the origin to the middle of the box."""
-        return 0.5 * self.length_m - self.rear_m if self.wheelbase_m > 0.0 else 0.0
+        return 0.5 * self.length_m - self.rear_m if self.rear_m > 0.0 else 0.0
+
+    @property
+    def hitch_x_m(self) -> float | None:
+        """From the origin to where it tows a trailer; None: it has no hitch."""
+        return -self.rear_m - HITCH_M if self.rear_m > 0.0 else None
 
 
 BODIES = {
     "car": ActorBody(EntityCategory.CAR, 4.5, 1.8, 1.46, 1500.0, 70.0, 5.0, 10.0, 2.69, 0.83),
     "van": ActorBody(EntityCategory.VAN, 5.2, 1.96, 2.12, 2200.0, 50.0, 3.5, 9.0, 3.25, 0.95),
     "truck": ActorBody(EntityCategory.TRUCK, 7.2, 2.3, 3.2, 7500.0, 30.0, 2.0, 7.0, 4.8, 1.35),
+    "trailer": ActorBody(
+        EntityCategory.TRAILER, 7.2, 2.4, 3.2, 8000.0, 30.0, 2.0, 7.0, 0.0, 2.16, coupler_m=6.24
+    ),
     "bus": ActorBody(EntityCategory.BUS, 11.8, 2.5, 3.1, 12000.0, 30.0, 1.5, 6.0, 6.0, 3.2),
     "motorcycle": ActorBody(EntityCategory.MOTORCYCLE, 2.2, 0.8, 1.5, 280.0, 70.0, 7.0, 9.0),
     "bicycle": ActorBody(EntityCategory.BICYCLE, 1.9, 0.6, 1.8, 95.0, 15.0, 3.0, 5.0),
@@ -49,7 +59,9 @@ BODIES = {
     "animal": ActorBody(EntityCategory.ANIMAL, 1.2, 0.4, 1.0, 25.0, 18.0, 8.0, 8.0),
     "obstacle": ActorBody(EntityCategory.OBSTACLE, 1.0, 1.0, 1.0, 100.0, 70.0, 5.0, 10.0),
 }
-"""Bodies by kind."""
+"""Bodies by kind; a trailer's drawbar is 1.2 m long."""
+HITCH_M = 0.15
+"""How far behind its rear end a vehicle tows [m]."""
 WALKERS = frozenset({"pedestrian", "child", "animal"})
 """Kinds without lamps and driver models."""
 
@@ -70,13 +82,20 @@ def body_of(start: ActorStart) -> ActorBody:
         kind.deceleration_max_mps2,
         kind.wheelbase_m * stretch,
         kind.rear_m * stretch,
+        kind.coupler_m * stretch,
     )
 
 
 def entity_of(
-    name: str, kind: str, body: ActorBody, place: FixedPosition, *, ego: bool = False
+    name: str,
+    kind: str,
+    body: ActorBody,
+    place: FixedPosition,
+    *,
+    ego: bool = False,
+    tractor: int = -1,
 ) -> StoryboardEntity:
-    """The entity of an actor that starts at ``place``, where its origin is."""
+    """The entity of an actor that starts at ``place``, where its origin is, behind its tractor."""
     return StoryboardEntity(
         name=name,
         category=body.category,
@@ -96,4 +115,7 @@ def entity_of(
         ego=ego,
         catalog_entry=kind,
         start=place,
+        hitch_x_m=body.hitch_x_m,
+        coupler_x_m=body.coupler_m or None,
+        tractor=tractor,
     )

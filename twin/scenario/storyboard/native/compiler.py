@@ -41,6 +41,10 @@ from twin.scenario.storyboard.native.ground import (
 from twin.scenario.storyboard.native.orders import ActorOrders
 from twin.scenario.storyboard.native.sections import NativeScenario, ScenarioEnd, StoryEvent
 from twin.scenario.storyboard.native.starts import StartPlace, places_of, turned_place
+from twin.scenario.storyboard.native.surroundings import (
+    SurroundingsAction,
+    SurroundingsCompiler,
+)
 from twin.scenario.storyboard.program import conditions as conditions_of
 from twin.scenario.storyboard.program.actions import PrivateAction, SpeedAction
 from twin.scenario.storyboard.program.conditions import ComparisonRule, ElementState, Trigger
@@ -57,7 +61,7 @@ _ACT = 2
 _STARTED = (ElementState.RUNNING, ElementState.COMPLETE)
 
 
-Named = list[tuple[str, PrivateAction]]
+Named = list[tuple[str, PrivateAction | SurroundingsAction]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,16 +109,21 @@ def compile_native(document: NativeDocument) -> Program:
     assert ground is not None
     places = places_of(scenario, ground, mistakes)
     _check_order(scenario, mistakes)
+    _check_towed(scenario, mistakes)
     _face(scenario, ground, places)
     names = ["ego", *scenario.actors]
     numbers = {name: number for number, name in enumerate(names)}
     compiler = ActionCompiler(scenario, ground, places, numbers, mistakes)
     first = compiler.begin()
-    parts = _parts(scenario, compiler)
+    surroundings = SurroundingsCompiler(ground, mistakes)
+    parts = _parts(scenario, compiler, surroundings)
     triggers = {name: _trigger(name, scenario, parts, compiler) for name in scenario.events}
     stop = _stop(scenario.end, ground, places, mistakes, bool(scenario.events))
     raise_mistakes(document.file, mistakes.mistakes)
     kinds = {name: start.kind for name, start in scenario.actors.items()}
+    tractors = {
+        name: numbers[start.towed_by] for name, start in scenario.actors.items() if start.towed_by
+    }
     program = Program(
         name=scenario.scenario,
         entities=tuple(
@@ -124,6 +133,7 @@ def compile_native(document: NativeDocument) -> Program:
                 place.body,
                 place.origin,
                 ego=name == "ego",
+                tractor=tractors.get(name, -1),
             )
             for name, place in places.items()
         ),
@@ -131,6 +141,9 @@ def compile_native(document: NativeDocument) -> Program:
         init=tuple(InitAction(action, numbers[name]) for name in names for action in first[name]),
         trajectories=tuple(compiler.trajectories),
         routes=tuple(compiler.routes),
+        variables=tuple(surroundings.variables),
+        words=tuple(surroundings.words) if surroundings.variables else (),
+        environments=tuple(surroundings.environments),
         models=tuple(compiler.models),
         network=ground.network,
     )
@@ -195,6 +208,21 @@ def _check_order(scenario: NativeScenario, mistakes: NativeMistakes) -> None:
             return
 
 
+def _check_towed(scenario: NativeScenario, mistakes: NativeMistakes) -> None:
+    """Orders to trailers that would move them."""
+    towed = {name: start.towed_by for name, start in scenario.actors.items() if start.towed_by}
+    for name, tractor in towed.items():
+        first = next(other for other, its_tractor in towed.items() if its_tractor == tractor)
+        if first != name:
+            mistakes.add(f"actors.{name}.towed_by", f"'{first}' hangs there already")
+    for event, what in scenario.events.items():
+        for actor, orders in what.do.items():
+            moves = {key for key in orders.__struct_fields__ if getattr(orders, key)}
+            if actor in towed and moves - {"lamps", "visible", "at_end"}:
+                words = f"a towed trailer goes where '{towed[actor]}' goes: give the orders to that"
+                mistakes.add(f"events.{event}.do.{actor}", words)
+
+
 def _endless(event: StoryEvent) -> bool:
     return any(orders.keep is not None for orders in event.do.values())
 
@@ -213,16 +241,22 @@ def _circle(name: str, waits: dict[str, list[str]], trail: list[str], done: set[
     return []
 
 
-def _parts(scenario: NativeScenario, compiler: ActionCompiler) -> list[_Part]:
+def _parts(
+    scenario: NativeScenario, compiler: ActionCompiler, surroundings: SurroundingsCompiler
+) -> list[_Part]:
     parts: list[_Part] = []
     index = _ACT + 1
     for name, event in scenario.events.items():
         for actor, orders in event.do.items():
-            actions = compiler.orders(f"events.{name}.do.{actor}", actor, orders)
-            actions, followers = _in_turn(name, orders, actions)
+            ordered: Named = [*compiler.orders(f"events.{name}.do.{actor}", actor, orders)]
+            actions, followers = _in_turn(name, orders, ordered)
             parts.append(_Part(name, actor, actions, followers, index))
             # Group, maneuver, event and its actions; each event that follows, and its actions.
             index += 3 + len(actions) + sum(1 + len(one.actions) for one in followers)
+        around: Named = [*surroundings.actions(name, event)]
+        if around:
+            parts.append(_Part(name, "ego", around, (), index))
+            index += 3 + len(around)
     return parts
 
 

@@ -6,8 +6,8 @@ import itertools
 from collections.abc import Mapping, Sequence
 
 from schemas.validation import suggest
-from twin.scenario.storyboard.native.ground import NativeMistakes, ScenarioGround, SpotError
-from twin.scenario.storyboard.native.starts import StartPlace, spot_position
+from twin.scenario.storyboard.native.ground import NativeMistakes, ScenarioGround
+from twin.scenario.storyboard.native.starts import StartPlace, origin_at
 from twin.scenario.storyboard.native.watches import RELATIVE, ActorWatch, ScenarioSpot, ValueRange
 from twin.scenario.storyboard.program import conditions as records
 from twin.scenario.storyboard.program.conditions import (
@@ -109,14 +109,7 @@ def reach_expression(
     Raises:
         SpotError: there is no such place.
     """
-    position, sign = spot_position(spot, ground, place)
-    s = position.s_m - sign * place.body.centre_x_m
-    try:
-        ground.section(position.road, s)
-        origin = ground.fixed(position.road, position.lane, s, position.lane_offset_m, sign)
-    except (SpotError, ValueError):
-        origin = position  # at the very beginning of a road, or where its lane begins
-    return records.ReachPositionCondition(origin, spot.within_m)
+    return records.ReachPositionCondition(origin_at(spot, ground, place), spot.within_m)
 
 
 def _other(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ from twin.scenario.storyboard.native.sections import NativeScenario
 SUFFIX = ".yaml"
 SHIPPED = Path(__file__).parents[1] / "shipped"
 """Folder of the scenarios that ship."""
+_MPS, _KMH = "_mps", "_kmh"
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +30,12 @@ class NativeDocument:
 
 def shipped_scenarios() -> tuple[str, ...]:
     """Names of the shipped scenarios."""
-    return tuple(sorted(path.stem for path in SHIPPED.glob(f"*{SUFFIX}")))
+    return tuple(sorted(_shipped_files()))
+
+
+def _shipped_files() -> dict[str, Path]:
+    """Files of the shipped scenarios by name; those of a rulebook have a folder of their own."""
+    return {path.stem: path for path in SHIPPED.rglob(f"*{SUFFIX}")}
 
 
 def is_native(name_or_path: str) -> bool:
@@ -43,8 +49,8 @@ def scenario_path(name_or_path: str) -> Path:
     Raises:
         ValueError: no scenario of this name is shipped.
     """
-    if name_or_path in shipped_scenarios():
-        return SHIPPED / f"{name_or_path}{SUFFIX}"
+    if name_or_path in (shipped := _shipped_files()):
+        return shipped[name_or_path]
     path = Path(name_or_path)
     if path.suffix in (SUFFIX, ".yml"):
         return path
@@ -101,13 +107,15 @@ def with_values(document: NativeDocument, values: Mapping[str, float]) -> Native
 
     Args:
         document: what is varied.
-        values: numbers by path, as :func:`numbers_of` names them.
+        values: numbers by path, as :func:`numbers_of` names them; speeds also in km/h, with
+            ``_kmh`` in place of ``_mps``.
 
     Raises:
         ValueError: a path is none of a number, or a number is out of range; a line for each.
     """
     data = msgspec.to_builtins(document.scenario)
     allowed = numbers_of(document)
+    values = dict(_in_units_of(allowed, values))
     mistakes = [
         Mistake(path, f"no number of this scenario; {suggest(path, _nearest(path, allowed))}")
         for path in values
@@ -122,6 +130,19 @@ def with_values(document: NativeDocument, values: Mapping[str, float]) -> Native
         whole = isinstance(allowed[path], int) and float(value).is_integer()
         place[int(last) if isinstance(place, list) else last] = int(value) if whole else value
     return replace(document, scenario=_document(document.file, data).scenario)
+
+
+def _in_units_of(
+    allowed: Mapping[str, float], values: Mapping[str, float]
+) -> Iterator[tuple[str, float]]:
+    """Numbers as the file has them: a speed may be given in km/h, as ``ego.speed_kmh`` for
+    ``ego.speed_mps``."""
+    for path, value in values.items():
+        stem = path.removesuffix(_KMH)
+        if path not in allowed and stem != path and stem + _MPS in allowed:
+            yield stem + _MPS, value / 3.6
+        else:
+            yield path, value
 
 
 def _nearest(path: str, allowed: Mapping[str, float]) -> list[str]:

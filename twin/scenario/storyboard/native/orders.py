@@ -35,10 +35,14 @@ class ArriveOrder(_Section, frozen=True, kw_only=True):
     """Where the other one arrives then; given together with `at`."""
     speed_mps: Annotated[float, Meta(ge=0, le=100)] | None = None
     """Own speed on arrival [m/s]; not given: whatever it takes."""
+    steady_m: Annotated[float, Meta(ge=0, le=1000)] = 0.0
+    """So far before it arrives it has that speed already, and keeps it [m]."""
 
     def __post_init__(self) -> None:
         if (self.at is None) != (self.meet_at is None):
             raise ValueError("at and meet_at belong together: give both or none")
+        if self.steady_m and self.speed_mps is None:
+            raise ValueError("steady_m needs a speed_mps of arrival")
 
 
 class KeepOrder(_Section, frozen=True, kw_only=True):
@@ -63,7 +67,9 @@ class KeepOrder(_Section, frozen=True, kw_only=True):
 
 
 class LampOrders(_Section, frozen=True, kw_only=True):
-    """Lamps of a vehicle; what is not given stays as it is."""
+    """Lamps of a vehicle; what is not given stays as it is. As long as nothing is said of them, the
+    brake lamps follow the deceleration, reversing lamps are on backwards, and the low beam by
+    night."""
 
     brake: Lamp | None = None
     indicator_left: Lamp | None = None
@@ -73,6 +79,10 @@ class LampOrders(_Section, frozen=True, kw_only=True):
     low_beam: Lamp | None = None
     high_beam: Lamp | None = None
     reversing: Lamp | None = None
+    fog_front: Lamp | None = None
+    fog_rear: Lamp | None = None
+    daytime: Lamp | None = None
+    """Daytime running lamps."""
 
 
 class ActorOrders(_Section, frozen=True, kw_only=True):

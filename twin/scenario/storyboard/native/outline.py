@@ -40,7 +40,10 @@ def _entity(entity: StoryboardEntity, speed_mps: float, program: Program) -> str
         road = list(program.network.roads.values())[start.road]
         lane = f"OpenDRIVE lane {start.lane}" if start.lane else "beside the lanes"
         where += f", road {road.name or road.id}, {lane}"
-    return f"{entity.name}: {entity.catalog_entry} at {where}, {speed_mps:g} m/s"
+    goes = f"{speed_mps:g} m/s"
+    if entity.tractor >= 0:
+        goes = f"towed by {program.entities[entity.tractor].name}"
+    return f"{entity.name}: {entity.catalog_entry} at {where}, {goes}"
 
 
 def trigger_line(trigger: Trigger) -> str:

@@ -12,6 +12,7 @@ from typing import Annotated, Literal
 
 from msgspec import Meta, Struct, field
 
+from schemas.names import TimeOfDay, Weather
 from twin.scenario.storyboard.native.orders import ActorOrders
 from twin.scenario.storyboard.native.watches import ActorWatch, ScenarioSpot
 
@@ -25,12 +26,14 @@ Station = Annotated[float, Meta(ge=0, le=1e5)]
 Speed = Annotated[float, Meta(ge=0, le=100)]
 Offset = Annotated[float, Meta(ge=-100, le=100)]
 LaneNumber = Annotated[int, Meta(ge=1, le=20)]
+SignalStateName = Literal["off", "red", "red_amber", "amber", "green"]
 Side = Literal["left", "right"]
 Turn = Literal["left", "straight", "right"]
 KindName = Literal[
     "car",
     "van",
     "truck",
+    "trailer",
     "bus",
     "motorcycle",
     "bicycle",
@@ -105,10 +108,15 @@ class ActorStart(_Section, frozen=True, kw_only=True):
     """Along: place along the road [m]."""
     ahead_m: Annotated[float, Meta(ge=0, le=5000)] | None = None
     """Along: gap ahead of `of`, in the direction in which that travels [m]."""
+    ahead_s: Annotated[float, Meta(ge=0, le=600)] | None = None
+    """Along: the same gap, so long that `of` needs this time for it, as both move at the start
+    [s]."""
     behind_m: Annotated[float, Meta(ge=0, le=5000)] | None = None
     """Along: gap behind `of` [m]."""
     of: str = "ego"
-    """Whom `ahead_m` and `behind_m` count from: the ego or an actor."""
+    """Whom `ahead_m`, `ahead_s` and `behind_m` count from: the ego or an actor."""
+    towed_by: str = ""
+    """Of a trailer: who tows it, the ego or an actor; it begins straight behind."""
     road: str = ""
     """Id or name of the road; not given: that of `of`, the first of the file with `s_m`."""
     oncoming: bool = False
@@ -135,8 +143,11 @@ class ActorStart(_Section, frozen=True, kw_only=True):
     """Height [m]; not given: that of its kind."""
 
     def __post_init__(self) -> None:
+        if self.towed_by:
+            _only_behind(self)
+            return
         _exactly_one(self, ("lane", "footway", "parked", "shoulder", "lateral_m"))
-        _exactly_one(self, ("s_m", "ahead_m", "behind_m"))
+        _exactly_one(self, ("s_m", "ahead_m", "ahead_s", "behind_m"))
         if self.idm is not None and self.behaviour != "idm":
             raise ValueError("idm sets up `behaviour: idm`, which is not given")
         if self.parked is not None and self.speed_mps > 0.0:
@@ -156,8 +167,26 @@ class StoryEvent(_Section, frozen=True, kw_only=True):
     """An event, or several, that must have started."""
     delay_s: Annotated[float, Meta(ge=0, le=3600)] = 0.0
     """It starts so much later than that [s]."""
-    do: Annotated[dict[str, ActorOrders], Meta(min_length=1)]
+    do: dict[str, ActorOrders] = field(default_factory=dict)
     """What who does; the ego only where the scenario drives it."""
+    weather: Weather | None = None
+    """The weather from then on, whatever the campaign says."""
+    time_of_day: TimeOfDay | None = None
+    """The local time from then on, `HH:MM`."""
+    friction_factor: Annotated[float, Meta(ge=0, le=2)] | None = None
+    """Friction of the road from then on, over what it has in its weather [-]."""
+    signals: dict[str, SignalStateName] = field(default_factory=dict)
+    """States of traffic lights from then on, by their ids in the road file."""
+
+    def __post_init__(self) -> None:
+        if not (self.do or self.changes_sky or self.signals):
+            words = "do, weather, time_of_day, friction_factor or signals"
+            raise ValueError(f"nothing happens: give {words}")
+
+    @property
+    def changes_sky(self) -> bool:
+        """Whether weather, hour or road change."""
+        return (self.weather, self.time_of_day, self.friction_factor) != (None, None, None)
 
 
 class ScenarioEnd(_Section, frozen=True, kw_only=True):
@@ -206,3 +235,14 @@ def _exactly_one(start: ActorStart, names: tuple[str, ...]) -> None:
     if len(chosen) != 1:
         words = " and ".join(chosen) if chosen else "none of them"
         raise ValueError(f"given {words}, exactly one needed of {', '.join(names)}")
+
+
+def _only_behind(start: ActorStart) -> None:
+    """A towed trailer begins, and goes, where its tractor does."""
+    if start.kind != "trailer":
+        raise ValueError(f"towed_by is for `kind: trailer`, not for {start.kind}")
+    names = ("lane", "footway", "parked", "shoulder", "lateral_m", "s_m", "ahead_m", "behind_m")
+    more = ("heading_deg", "speed_mps", "turns", "behaviour", "idm", "offset_m", "road", "oncoming")
+    for name in (*names, *more):
+        if getattr(start, name):
+            raise ValueError(f"{name} has no effect beside towed_by: leave it out")

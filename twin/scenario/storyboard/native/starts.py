@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
+import msgspec
+
 from schemas.validation import suggest
 from twin.scenario.storyboard.native.bodies import BODIES, ActorBody, body_of
 from twin.scenario.storyboard.native.ground import NativeMistakes, ScenarioGround, SpotError
@@ -59,12 +61,13 @@ def places_of(
         ready = [
             name
             for name, start in waiting.items()
-            if start.s_m is not None or start.of not in waiting
+            if start.s_m is not None or _before(start) not in waiting
         ]
         if not ready:
             for name, start in waiting.items():
-                words = f"'{start.of}' is itself placed by others, in a circle: give one of them"
-                mistakes.add(f"actors.{name}.of", f"{words} s_m")
+                other = _before(start)
+                words = f"'{other}' is itself placed by others, in a circle: give one of them"
+                mistakes.add(f"actors.{name}.{_key(start)}", f"{words} s_m")
             break
         for name in ready:
             place = _attempt(name, waiting.pop(name), scenario, ground, places, mistakes)
@@ -82,20 +85,59 @@ def _attempt(
     places: dict[str, StartPlace],
     mistakes: NativeMistakes,
 ) -> StartPlace | None:
-    path = f"actors.{name}"
-    if start.s_m is None and start.of != "ego" and start.of not in scenario.actors:
-        names = suggest(start.of, ["ego", *scenario.actors])
-        mistakes.add(f"{path}.of", f"no actor '{start.of}'; {names}")
+    path, other = f"actors.{name}", _before(start)
+    if start.s_m is None and other != "ego" and other not in scenario.actors:
+        names = suggest(other, ["ego", *scenario.actors])
+        mistakes.add(f"{path}.{_key(start)}", f"no actor '{other}'; {names}")
         return None
-    if start.s_m is None and start.of not in places:
+    if start.s_m is None and other not in places:
         return None  # what that one lacks is told
+    if start.towed_by:
+        return mistakes.attempt(path, lambda: _towed_place(name, start, ground, places[other]))
     body = BODIES[start.kind]
     if start.speed_mps > body.speed_max_mps:
         mistakes.add(
             f"{path}.speed_mps",
             f"given {start.speed_mps:g}, kind {start.kind} goes at most {body.speed_max_mps:g} m/s",
         )
+    if start.ahead_s is not None:
+        ahead_of = scenario.actors.get(start.of, scenario.ego)
+        along = math.cos(math.radians(start.heading_deg or 0.0))
+        if start.oncoming is not ahead_of.oncoming:
+            along = -along
+        closing_mps = ahead_of.speed_mps - along * start.speed_mps
+        if closing_mps <= 0.0:
+            words = f"'{start.of}' does not come nearer, as both move: give ahead_m"
+            mistakes.add(f"{path}.ahead_s", words)
+            return None
+        start = msgspec.structs.replace(start, ahead_s=None, ahead_m=start.ahead_s * closing_mps)
     return mistakes.attempt(path, lambda: _actor_place(name, start, ground, places))
+
+
+def _before(start: ActorStart) -> str:
+    """Whom an actor is placed by."""
+    return start.towed_by or start.of
+
+
+def _key(start: ActorStart) -> str:
+    return "towed_by" if start.towed_by else "of"
+
+
+def _towed_place(
+    name: str, start: ActorStart, ground: ScenarioGround, tractor: StartPlace
+) -> StartPlace:
+    """Straight behind a tractor; the player then puts its coupler to the hitch."""
+    body, hitch = body_of(start), tractor.body.hitch_x_m
+    if hitch is None:
+        raise SpotError("towed_by", f"'{tractor.name}' tows nothing: it needs a rear axle")
+    behind = tractor.body.centre_x_m - hitch + body.coupler_m - body.centre_x_m
+    s = tractor.s_m - tractor.sign * behind
+    ground.section(tractor.road, s, "towed_by")
+    turn = math.remainder(tractor.origin.heading_rad - tractor.travel_rad, 2.0 * math.pi)
+    if abs(turn) > 1e-9:
+        raise SpotError("towed_by", f"'{tractor.name}' has a heading_deg: leave it out")
+    place = tractor.road, tractor.lane, s, tractor.offset_m, tractor.sign
+    return _place(name, body, ground, *place)
 
 
 def _ego_place(start: EgoStart, ground: ScenarioGround) -> StartPlace:
@@ -197,6 +239,21 @@ def spot_position(
     else:
         lane, offset = ground.lane(road, spot.s_m, sign, spot.lane or 1), 0.0
     return ground.fixed(road, lane, spot.s_m, offset, sign), sign
+
+
+def origin_at(spot: ScenarioSpot, ground: ScenarioGround, place: StartPlace) -> FixedPosition:
+    """Where the origin of an actor is while its middle is at a spot, headed along the road.
+
+    Raises:
+        SpotError: there is no such place.
+    """
+    position, sign = spot_position(spot, ground, place)
+    s = position.s_m - sign * place.body.centre_x_m
+    try:
+        ground.section(position.road, s)
+        return ground.fixed(position.road, position.lane, s, position.lane_offset_m, sign)
+    except (SpotError, ValueError):
+        return position  # at the very beginning of a road, or where its lane begins
 
 
 def _check_room(

@@ -15,8 +15,8 @@ def outline(scenario: EffectiveScenario, permutations: Sequence[Permutation]) ->
     lines = [f"{scenario.kind} {scenario.root.file}"]
     entities = scenario.root.first("Entities")
     for entity in entities.all("ScenarioObject", "EntitySelection") if entities else []:
-        kind = entity.children[0].target or entity.children[0] if entity.children else entity
-        lines.append(f"entity {entity.label}: {kind.type_name} {kind.label}".rstrip())
+        lines += _entity(entity, "")
+    lines += _controllers(scenario.root)
     storyboard = scenario.root.first("Storyboard")
     if storyboard is not None:
         lines += _storyboard(storyboard, 0)
@@ -27,6 +27,30 @@ def outline(scenario: EffectiveScenario, permutations: Sequence[Permutation]) ->
     lines += [f"uses {entry}" for entry in scenario.catalogs_used]
     lines.append(f"permutations: {len(permutations)}")
     return lines
+
+
+def _entity(entity: ScenarioElement, tractor: str) -> Iterator[str]:
+    """An entity, and the trailers in it; ``tractor``: what tows it."""
+    kind = entity.children[0].target or entity.children[0] if entity.children else entity
+    words = f"entity {entity.label}: {kind.type_name} {kind.label}".rstrip()
+    yield words + (f", towed by {tractor}" if tractor else "")
+    for holder in kind.all("Trailer"):
+        for trailer in holder.all("Trailer"):
+            yield from _entity(trailer, entity.label)
+        for reference in holder.all("TrailerRef"):
+            yield f"entity {entity.label} tows {reference.values.get('entityRef', '')}"
+
+
+def _controllers(root: ScenarioElement) -> Iterator[str]:
+    """Controllers of traffic signals with their phases."""
+    roads = root.first("RoadNetwork")
+    signals = roads.first("TrafficSignals") if roads is not None else None
+    for controller in signals.children if signals is not None else ():
+        phases = [
+            f"{phase.label} {written(phase.values['duration'])} s"
+            for phase in controller.all("Phase")
+        ]
+        yield f"traffic signal controller {controller.label}: {', '.join(phases) or 'no phases'}"
 
 
 def trigger_words(trigger: ScenarioElement) -> str:

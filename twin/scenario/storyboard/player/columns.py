@@ -50,6 +50,9 @@ class ProgramColumn(IntEnum):
     VISIT = 18
     """First of the elements in ``visits``."""
     VISIT_COUNT = 19
+    CONTROLLER = 20
+    CONTROLLERS = 21
+    """Of traffic signals."""
 
 
 class EntityColumn(IntEnum):
@@ -63,6 +66,8 @@ class EntityColumn(IntEnum):
     ACCELERATION_MAX = 5
     DECELERATION_MAX = 6
     HEIGHT = 7
+    HITCH = 8
+    COUPLER = 9
 
 
 class EntityWhole(IntEnum):
@@ -76,6 +81,10 @@ class EntityWhole(IntEnum):
     LIST = 5
     """Where the entity's instances begin in ``actor_instances``."""
     LIST_COUNT = 6
+    TOWS = 7
+    """Trailer at its hitch at the beginning; -1: none."""
+    TRACTOR = 8
+    """The other way round."""
 
 
 class ElementColumn(IntEnum):
@@ -130,6 +139,16 @@ class InstanceColumn(IntEnum):
     """Round of Init in which it starts: after those that it is relative to."""
     ALWAYS = 7
     """1: named as an actor, so it does not matter who triggered."""
+
+
+class ControllerColumn(IntEnum):
+    """Integers of a controller of traffic signals."""
+
+    VARIABLE = 0
+    """Holds the name of its phase."""
+    PHASE = 1
+    """Its first row of ``phases``, and how many there are."""
+    PHASES = 2
 
 
 class Domain(IntEnum):
@@ -267,3 +286,9 @@ class Whole(IntEnum):
     """Bits of :class:`Domain` that actions of Init have moved in this step."""
     CHANGING = 16
     """Lane to which a driver model changes; 0: it does not."""
+    TOWS = 17
+    """Trailer at its hitch; -1: none."""
+    TRACTOR = 18
+    """Who tows it; -1: nobody."""
+    LEAPT = 19
+    """It was put somewhere in the step that has just been made."""

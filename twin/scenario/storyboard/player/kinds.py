@@ -13,6 +13,7 @@ from twin.scenario.storyboard.program.actions import (
     PrivateAction,
     VisibilityAction,
 )
+from twin.scenario.storyboard.program.program import Program
 
 ACTION_TYPES: tuple[type, ...] = (*get_args(PrivateAction), *get_args(GlobalAction))
 """Types of actions; a code is an index of it."""
@@ -29,6 +30,7 @@ _LONGITUDINAL = (
     actions.SynchronizeAction,
 )
 _LATERAL = (actions.LaneChangeAction, actions.LaneOffsetAction, actions.LateralDistanceAction)
+_COUPLE = actions.ConnectTrailerAction | actions.DisconnectTrailerAction
 _ROUTING = (actions.AssignRouteAction, actions.AcquirePositionAction)
 
 
@@ -65,7 +67,7 @@ def domains_of(action: Action) -> int:
         return lateral | Domain.LONGITUDINAL if action.timed else lateral
     if isinstance(action, LightAction):
         return Domain.LIGHTS
-    assert isinstance(action, VisibilityAction | actions.ControllerAction | GlobalAction)
+    assert isinstance(action, VisibilityAction | actions.ControllerAction | GlobalAction | _COUPLE)
     return Domain.NONE
 
 
@@ -76,3 +78,17 @@ def lasts(action: Action) -> bool:
     return bool(domains_of(action) & (Domain.LONGITUDINAL | Domain.LATERAL)) and not isinstance(
         action, actions.TeleportAction
     )
+
+
+def tows(program: Program) -> bool:
+    """True if trailers are towed, or may be."""
+    written = [*(init.action for init in program.init), *(e.action for e in program.elements)]
+    connects = any(isinstance(action, actions.ConnectTrailerAction) for action in written)
+    return connects or any(entity.tractor >= 0 for entity in program.entities)
+
+
+def watches_lanes(program: Program) -> bool:
+    """True if anything waits for lanes to be free."""
+    triggers = [trigger for e in program.elements for trigger in (e.start, e.stop) if trigger]
+    every = (condition for trigger in triggers for group in trigger.groups for condition in group)
+    return any(isinstance(c.expression, conditions.RelativeClearanceCondition) for c in every)

@@ -26,7 +26,8 @@ PLACE_WHOLES = ("frame", "entity", "road", "lane", "lanes", "relative", "by_road
 FIXED_FRAME = -1
 NO_PLACE = -2
 TAIL = "tail"
-"""Column of how many values of a row of any length stand behind a record's columns."""
+"""Column of how many values of a row of any length stand behind a record's columns; rows stand in
+the order of their fields."""
 
 _POSITIONS = (Position, Position | None)
 
@@ -63,11 +64,11 @@ def flatten(record: Any) -> tuple[list[float], list[int]]:
     """A record's floats and integers in the order of :func:`layout_of`, tail values behind them."""
     reals: list[float] = []
     wholes: list[int] = []
-    tail: tuple[Any, ...] = ()
+    tail: list[Any] = []
     for name, kind in _leaves(type(record), ""):
         value = _value(record, name)
         if kind is tuple:
-            tail = value
+            tail += value
             wholes.append(len(value))
         elif kind is float:
             reals.append(float(value))

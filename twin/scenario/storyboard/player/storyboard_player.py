@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from twin.base.errors import UsageError
 from twin.road.tables.road_tables import RoadTables, flat_tables
 from twin.road.walk.road_arrays import road_arrays
 from twin.scenario.storyboard.interpreter.advance import INIT_PHASE, STORY_PHASE, advance_kernel
@@ -29,16 +28,20 @@ from twin.scenario.storyboard.interpreter.reset import (
     open_kernel,
     reset_kernel,
 )
+from twin.scenario.storyboard.interpreter.seldom.signals import signals_kernel
+from twin.scenario.storyboard.interpreter.seldom.towing import tow_kernel
+from twin.scenario.storyboard.interpreter.seldom.watch_lanes import lanes_kernel
 from twin.scenario.storyboard.interpreter.watch import watch_kernel
 from twin.scenario.storyboard.player.columns import (
     HISTORY_MAX,
     TRANSITIONS_MAX,
+    ConditionState,
     Overflow,
     Real,
     SlotColumn,
     Whole,
 )
-from twin.scenario.storyboard.player.kinds import lasts
+from twin.scenario.storyboard.player.kinds import lasts, tows, watches_lanes
 from twin.scenario.storyboard.player.tables import pack_programs
 from twin.scenario.storyboard.program.conditions import ElementState
 from twin.scenario.storyboard.program.program import Program
@@ -107,8 +110,7 @@ class StoryboardPlayer:
             device: cpu or cuda:N.
 
         Raises:
-            UsageError: a program is larger than a limit, or has driver models and is to be played
-                on a GPU.
+            UsageError: a program is larger than a limit.
         """
         self.programs = tuple(programs)
         self.slots = slots
@@ -133,8 +135,9 @@ class StoryboardPlayer:
         """What a step has to do because of the programs; whenever they have changed."""
         self._init_lasts = any(lasts(init.action) for p in self.programs for init in p.init)
         self._drivers = any(program.models for program in self.programs)
-        if self._drivers and self.device.is_cuda:
-            raise UsageError(f"device '{self.device}': {NO_DRIVERS}")
+        self._signals = any(program.controllers for program in self.programs)
+        self._lanes = any(watches_lanes(program) for program in self.programs)
+        self._tows = any(tows(program) for program in self.programs)
 
     def start(self, slot: int, program_index: int) -> None:
         """Put a slot at time 0 of a program, after Init and a run of its storyboard."""
@@ -144,6 +147,7 @@ class StoryboardPlayer:
         self._launch(
             reset_kernel, self._widest, [*model, slot, program_index, self.bodies, self._play]
         )
+        self._switch(slot)
         self._launch(open_kernel, 1, [self._programs, slot, self.bodies, self._play])
         for level in range(self._levels):
             self._copy()
@@ -153,6 +157,7 @@ class StoryboardPlayer:
                 [*model, slot, level, self._before, self.bodies, self._play],
             )
         self._launch(close_kernel, self.entities, [slot, self.bodies])
+        self._tow(slot, 1, 0.0)
         self._run(slot, 0)
 
     def step(self) -> None:
@@ -173,7 +178,10 @@ class StoryboardPlayer:
         everyone = (self.slots, self.entities)
         step_s = self.step_s * steps
         conditions = (self.slots, self.tables.most["conditions"])
+        self._switch(only)
         self._launch(watch_kernel, conditions, [*model, only, self.step_s, self.bodies, self._play])
+        if self._lanes:
+            self._launch(lanes_kernel, conditions, [*model, only, self.bodies, self._play])
         storyboard = [self._programs, only, self.step_s, self.bodies, self._play]
         self._launch(decide_kernel, self.slots, storyboard)
         self._copy()
@@ -195,7 +203,20 @@ class StoryboardPlayer:
                 everyone,
                 [*model, only, phase, step_s, self._before, self.bodies, self._play],
             )
+        self._tow(only, 0, step_s)
         self._launch(settle_kernel, self.slots, [self._programs, only, steps, self._play])
+
+    def _switch(self, only: int) -> None:
+        """Phases of traffic signals that begin now."""
+        if self._signals:
+            told = [self._programs, only, self.step_s, self._play]
+            self._launch(signals_kernel, self.slots, told)
+
+    def _tow(self, only: int, opening: int, step_s: float) -> None:
+        """Trailers, after their tractors have moved."""
+        if self._tows:
+            told = [only, opening, step_s, self._play, self.bodies]
+            self._launch(tow_kernel, self.slots, [self._programs, self._roads, *told])
 
     def running(self, slot: int) -> bool:
         """True until a slot's storyboard has stopped."""
@@ -229,6 +250,26 @@ class StoryboardPlayer:
         count = min(int(self._slot(slot)[SlotColumn.TRANSITIONS]), TRANSITIONS_MAX)
         rows = self._play.transitions[slot].numpy()[:count].tolist()
         return [Transition(step, element, ElementState(state)) for step, element, state in rows]
+
+    def ended_by(self, slot: int) -> str:
+        """Names of the conditions that stopped a slot's storyboard; empty: it runs, or has none."""
+        program = self.programs[int(self._slot(slot)[SlotColumn.PROGRAM])]
+        trigger = program.elements[0].stop
+        if self.running(slot) or trigger is None:
+            return ""
+        states = self._play.conditions[slot].numpy()
+        held = states[:, ConditionState.HELD] == 1
+        # What counted with a delay may be over again.
+        was = states[:, ConditionState.CHANGES] > 0
+        first = 0  # the storyboard's conditions are the first of a program
+        for group in trigger.groups:
+            rows = range(first, first + len(group))
+            if all(held[k] or (one.delay_s and was[k]) for k, one in zip(rows, group, strict=True)):
+                return " and ".join(
+                    f"{one.name} (+{one.delay_s:g} s)" if one.delay_s else one.name for one in group
+                )
+            first += len(group)
+        return ""
 
     def overflows(self, slot: int) -> tuple[str, ...]:
         """Limits that a slot has met since it was started, each in words."""
@@ -275,11 +316,10 @@ class StoryboardPlayer:
 
 
 _ALL = -1
-NO_DRIVERS = "results of driver models do not repeat on a GPU; play this one with --device cpu"
 _BLOCK = 8
 """Threads of a block: they go different ways and wait for memory, so a GPU's processors should have
 few each."""
-_CLEARED = ("entities", "elements", "conditions", "instances", "variables")
+_CLEARED = ("entities", "elements", "conditions", "instances", "variables", "controllers")
 _OVERFLOWS = {
     int(Overflow.TRANSITIONS): (
         f"transitions: the first {TRANSITIONS_MAX} are remembered (TRANSITIONS_MAX)"

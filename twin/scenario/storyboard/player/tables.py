@@ -15,6 +15,7 @@ from twin.scenario.storyboard.player.columns import (
     INSTANCES_MAX,
     POOL_MAX,
     ConditionColumn,
+    ControllerColumn,
     ElementColumn,
     EntityColumn,
     EntityWhole,
@@ -29,11 +30,17 @@ from twin.scenario.storyboard.program.entities import StoryboardEntity
 from twin.scenario.storyboard.program.places import FixedPosition, Position, RoadRoute, Trajectory
 from twin.scenario.storyboard.program.program import DriverModel, ElementKind, Program
 from twin.scenario.storyboard.program.record import ProgramRecord
+from twin.scenario.storyboard.program.signals import SignalController
 
 PIECE_COLUMNS = 20
 """Start, length, cubics of x, y, z and heading, start time, duration; see ``TrajectoryPiece``."""
 MODEL_COLUMNS = 10
 """Fields of a driver model in their order."""
+COUNTED = (
+    *("entities", "elements", "conditions", "instances", "variables", "histories", "levels"),
+    "controllers",
+)
+"""What of programs decides how large the states of a slot are."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,8 +87,20 @@ class ProgramTables:
     """float64 [M, 10]."""
     clocks: np.ndarray
     """Times of day of the environments, NaN: none, float64 [E]."""
+    controllers: np.ndarray
+    """int32 [B, :class:`ControllerColumn`]."""
+    delays: np.ndarray
+    """Of controllers: delay and length of the cycle, float64 [B, 2]."""
+    phases: np.ndarray
+    """First signal and how many, int32 [H, 2]."""
+    phase_ends: np.ndarray
+    """Number of the name, and end since the cycle began, float64 [H, 2]."""
+    signals: np.ndarray
+    """Variables that phases set, int32 [G, 1]."""
+    shown: np.ndarray
+    """What they are set to, float64 [G, 1]."""
     most: dict[str, int]
-    """Largest count of entities, elements, conditions, instances, variables, histories, levels."""
+    """Largest count of each of :data:`COUNTED`."""
 
 
 def pack_programs(programs: Sequence[Program]) -> ProgramTables:
@@ -119,6 +138,12 @@ class _Packer:
                 "leg_wholes",
                 "leg_reals",
                 "models",
+                "controllers",
+                "delays",
+                "phases",
+                "phase_ends",
+                "signals",
+                "shown",
             ]
         }
         self.actors: list[int] = []
@@ -127,10 +152,7 @@ class _Packer:
         self.wholes: list[int] = []
         self.variables: list[float] = []
         self.clocks: list[float] = []
-        self.most = dict.fromkeys(
-            ["entities", "elements", "conditions", "instances", "variables", "histories", "levels"],
-            1,
-        )
+        self.most = dict.fromkeys(COUNTED, 1)
 
     def add(self, program: Program) -> None:
         """Append a program."""
@@ -150,6 +172,8 @@ class _Packer:
         header[ProgramColumn.ROUTE] = len(rows["routes"])
         header[ProgramColumn.MODEL] = len(rows["models"])
         header[ProgramColumn.ENVIRONMENT] = len(self.clocks)
+        header[ProgramColumn.CONTROLLER] = len(rows["controllers"])
+        header[ProgramColumn.CONTROLLERS] = len(program.controllers)
         instances = program_instances(program)
         self._add_instances(program, instances)
         header[ProgramColumn.INSTANCES] = len(instances.rows)
@@ -169,6 +193,8 @@ class _Packer:
             for place in program.environments
         ]
         rows["models"] += [_model_row(model) for model in program.models]
+        for controller in program.controllers:
+            self._add_controller(controller)
         rows["programs"].append(tuple(header[column] for column in ProgramColumn))
         self._count(program, header, instances, histories)
 
@@ -196,6 +222,12 @@ class _Packer:
             variables=np.array(self.variables, np.float64),
             models=_reals(rows["models"], MODEL_COLUMNS),
             clocks=np.array(self.clocks, np.float64),
+            controllers=_wholes(rows["controllers"], len(ControllerColumn)),
+            delays=_reals(rows["delays"], 2),
+            phases=_wholes(rows["phases"], 2),
+            phase_ends=_reals(rows["phase_ends"], 2),
+            signals=_wholes(rows["signals"], 1),
+            shown=_reals(rows["shown"], 1),
             most=self.most,
         )
 
@@ -287,15 +319,17 @@ class _Packer:
                     *(box.centre_x_m, box.centre_y_m, box.length_m, box.width_m),
                     *(entity.speed_max_mps, entity.acceleration_max_mps2),
                     *(entity.deceleration_max_mps2, box.height_m),
+                    *(entity.hitch_x_m or 0.0, entity.coupler_x_m or 0.0),
                 )
             )
             start = entity.start or FixedPosition(0.0, 0.0, 0.0, 0.0)
             holder = self._pool(_Start(start))
             mine = [k for k, row in enumerate(instances.rows) if row.body == index]
+            tows = next((k for k, other in enumerate(entities) if other.tractor == index), -1)
             self.rows["entity_wholes"].append(
                 (
                     *(entity.category, int(entity.ego), int(entity.start is not None), *holder),
-                    *(len(self.actors), len(mine)),
+                    *(len(self.actors), len(mine), tows, entity.tractor),
                 )
             )
             self.actors += mine
@@ -315,6 +349,19 @@ class _Packer:
     def _add_legs(self, route: RoadRoute) -> None:
         self.rows["leg_wholes"] += [(leg.road, leg.lane) for leg in route.legs]
         self.rows["leg_reals"] += [(leg.from_s_m, leg.to_s_m) for leg in route.legs]
+
+    def _add_controller(self, controller: SignalController) -> None:
+        rows = self.rows
+        count = len(controller.phases)
+        rows["controllers"].append((controller.variable, len(rows["phases"]), count))
+        end_s = 0.0
+        for phase in controller.phases:
+            end_s += phase.duration_s
+            rows["phases"].append((len(rows["signals"]), len(phase.states)))
+            rows["phase_ends"].append((phase.name, end_s))
+            rows["signals"] += [(state.variable,) for state in phase.states]
+            rows["shown"] += [(state.value,) for state in phase.states]
+        rows["delays"].append((controller.delay_s, end_s))
 
     def _count(
         self,
@@ -337,6 +384,7 @@ class _Packer:
             ("variables", len(program.variables)),
             ("histories", histories),
             ("levels", instances.levels),
+            ("controllers", len(program.controllers)),
         ):
             self.most[name] = max(self.most[name], count)
 

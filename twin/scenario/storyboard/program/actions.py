@@ -219,13 +219,23 @@ class VisibilityAction(ProgramRecord, frozen=True):
     traffic: bool
 
 
+class LampMode(IntEnum):
+    """What a lamp of an entity does."""
+
+    UNSAID = 0
+    """The scenario has said nothing of it."""
+    ON = 1
+    FLASHING = 2
+    OFF = 3
+
+
 class LightAction(ProgramRecord, frozen=True):
     """A lamp of the actor."""
 
     light: int
     """Index of :data:`LIGHTS`."""
     mode: int
-    """0 off, 1 on, 2 flashing."""
+    """A :class:`LampMode`."""
     on_s: float
     off_s: float
 
@@ -246,6 +256,18 @@ LIGHTS = (
     "specialPurposeLights",
 )
 """Lamps of vehicles, spelled as in OpenSCENARIO."""
+UNSEEN = ("licensePlateIllumination", "specialPurposeLights")
+"""Of these the ones that no body has."""
+
+
+class ConnectTrailerAction(ProgramRecord, frozen=True):
+    """Couple a trailer (index) to the actor's hitch."""
+
+    trailer: int
+
+
+class DisconnectTrailerAction(ProgramRecord, frozen=True):
+    """Let go of the trailer at the actor's hitch, if there is one."""
 
 
 class EnvironmentAction(ProgramRecord, frozen=True):
@@ -282,6 +304,13 @@ class ModifyVariableAction(ProgramRecord, frozen=True):
     addend: float
 
 
+class SignalPhaseAction(ProgramRecord, frozen=True):
+    """Put a controller of traffic signals (index) into a phase (index), from which it goes on."""
+
+    controller: int
+    phase: int
+
+
 class CommandAction(ProgramRecord, frozen=True):
     """A command of the user; only noted as an event."""
 
@@ -303,6 +332,8 @@ PrivateAction = (
     | ControllerAction
     | VisibilityAction
     | LightAction
+    | ConnectTrailerAction
+    | DisconnectTrailerAction
 )
 GlobalAction = (
     EnvironmentAction
@@ -311,5 +342,6 @@ GlobalAction = (
     | SetVariableAction
     | ModifyVariableAction
     | CommandAction
+    | SignalPhaseAction
 )
 Action = PrivateAction | GlobalAction

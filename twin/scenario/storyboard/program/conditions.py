@@ -211,6 +211,29 @@ class RelativeAngleCondition(ProgramRecord, frozen=True):
     tolerance_rad: float
 
 
+class LaneRange(ProgramRecord, frozen=True):
+    """Lanes counted to the left of an entity's own, which is 0; both ends belong to the range."""
+
+    first: int
+    last: int
+
+
+class RelativeClearanceCondition(ProgramRecord, frozen=True):
+    """Lanes beside an entity's own, or its own, are free of others so far ahead and behind."""
+
+    ahead_m: float
+    """From the entity's origin, along the middle of its own lane."""
+    behind_m: float
+    freespace: bool
+    """Whole boxes of others count; else their origins."""
+    opposite: bool
+    """Lanes that are driven the other way count, too."""
+    entities: tuple[int, ...] = ()
+    """Whom the lanes must be free of; none: everybody else."""
+    ranges: tuple[LaneRange, ...] = ()
+    """None: all lanes."""
+
+
 class SimulationTimeCondition(ProgramRecord, frozen=True):
     """Time since the scenario began."""
 
@@ -263,6 +286,7 @@ EntityExpression = (
     | RelativeDistanceCondition
     | AngleCondition
     | RelativeAngleCondition
+    | RelativeClearanceCondition
 )
 ValueExpression = (
     SimulationTimeCondition

@@ -58,3 +58,9 @@ class StoryboardEntity(ProgramRecord, frozen=True):
     """For looks."""
     start: FixedPosition | None = None
     """None: somewhere else, invisible, until an action places it."""
+    hitch_x_m: float | None = None
+    """Where it tows trailers, forwards from its origin; None: it tows none."""
+    coupler_x_m: float | None = None
+    """Where it is towed, forwards from its origin, the middle of its axle; None: it is not."""
+    tractor: int = -1
+    """Entity whose hitch it hangs on at the beginning; -1: none."""

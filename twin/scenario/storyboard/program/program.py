@@ -10,6 +10,7 @@ from twin.scenario.storyboard.program.conditions import Trigger
 from twin.scenario.storyboard.program.entities import StoryboardEntity
 from twin.scenario.storyboard.program.places import RoadRoute, Trajectory
 from twin.scenario.storyboard.program.record import ProgramRecord
+from twin.scenario.storyboard.program.signals import SignalController
 
 
 class ElementKind(IntEnum):
@@ -81,17 +82,43 @@ class StoryboardEnvironment(ProgramRecord, frozen=True):
     name: str
     time_of_day_s: float | None = None
     """Since 1970."""
+    clock_s: float | None = None
+    """The same moment as a clock at the place shows it, counted from 1970 as well."""
+    minute_of_day: float | None = None
+    """Local time without a date [minutes after midnight]."""
     cloud_fraction: float | None = None
     fog_visual_range_m: float | None = None
     rain_mm_per_h: float | None = None
     snow_mm_per_h: float | None = None
+    """As water."""
     temperature_k: float | None = None
     sun_azimuth_rad: float | None = None
+    """From north to the west."""
     sun_elevation_rad: float | None = None
     sun_illuminance_lx: float | None = None
     wind_direction_rad: float | None = None
+    """Heading of the wind: where it blows to."""
     wind_speed_mps: float | None = None
+    water_mm: float | None = None
+    """Film on the road, as far as it is seen."""
     friction_factor: float | None = None
+
+
+ENVIRONMENT_LIMITS: dict[str, tuple[float, float]] = {
+    "clock_s": (-62_135_596_800.0, 253_402_300_799.0),
+    "minute_of_day": (0.0, 1440.0),
+    "cloud_fraction": (0.0, 1.0),
+    "fog_visual_range_m": (0.0, 1e6),
+    "rain_mm_per_h": (0.0, 1000.0),
+    "snow_mm_per_h": (0.0, 1000.0),
+    "temperature_k": (0.0, 1000.0),
+    "sun_elevation_rad": (-1.5708, 1.5708),
+    "sun_illuminance_lx": (0.0, 1e6),
+    "wind_speed_mps": (0.0, 150.0),
+    "water_mm": (0.0, 10.0),
+    "friction_factor": (0.0, 100.0),
+}
+"""Lowest and highest values of an environment; a clock shows years 1 to 9999."""
 
 
 class DriverModel(ProgramRecord, frozen=True):
@@ -127,3 +154,5 @@ class Program(ProgramRecord, frozen=True):
     models: tuple[DriverModel, ...] = ()
     network: RoadNetwork | None = None
     """The roads; None: open ground."""
+    controllers: tuple[SignalController, ...] = ()
+    """Of traffic signals."""

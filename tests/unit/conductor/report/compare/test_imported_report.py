@@ -93,7 +93,7 @@ def test_a_comparison_speaks_of_no_software_and_no_device(run: Path, tmp_path: P
 
 def test_there_is_no_speed_up_of_logs(run: Path) -> None:
     with pytest.raises(UsageError, match="logs do not say how long"):
-        make_report(run, serial=run)
+        make_report(run, serial=run, plots=False)
 
 
 def test_the_terminal_tells_first_what_the_rule_of_the_study_hides(tmp_path: Path) -> None:

@@ -50,13 +50,13 @@ def text_of(folder: Path) -> str:
 
 def test_nothing_new_means_nothing_read_and_the_same_page(tmp_path: Path) -> None:
     make_campaign(tmp_path)
-    assert make_report(tmp_path).content.read == 8
+    assert make_report(tmp_path, plots=False).content.read == 8
     first = text_of(tmp_path)
-    second = make_report(tmp_path)
+    second = make_report(tmp_path, plots=False)
     assert (second.content.read, second.content.unchanged) == (0, 8)
     assert text_of(tmp_path) == first
     assert second.content.evidence.fingerprint == fingerprint(tmp_path)
-    assert make_report(tmp_path, anew=True).content.read == 8
+    assert make_report(tmp_path, anew=True, plots=False).content.read == 8
     assert text_of(tmp_path) == first
 
 
@@ -74,14 +74,14 @@ def test_what_a_command_has_just_read_is_not_read_again(
 
     with monkeypatch.context() as patch:
         patch.setattr(kpi_files, "read_case", read_case)
-        make_report(tmp_path, anew=True)
+        make_report(tmp_path, anew=True, plots=False)
         assert len(opened) == 8
         opened.clear()
-        told = make_report(tmp_path, read=read)
+        told = make_report(tmp_path, read=read, plots=False)
     assert not opened
     assert told.content.evidence.fingerprint == fingerprint(tmp_path)
     text = text_of(tmp_path)
-    make_report(tmp_path, anew=True)
+    make_report(tmp_path, anew=True, plots=False)
     assert text_of(tmp_path) == text
 
 
@@ -157,5 +157,5 @@ def test_a_case_that_comes_onto_the_page_gets_its_curve(
 def test_without_a_place_for_the_cache_reports_are_made_all_the_same(tmp_path: Path) -> None:
     make_campaign(tmp_path)
     (tmp_path / FOLDER).write_text("a file is in the way")
-    assert make_report(tmp_path).content.read == 8
+    assert make_report(tmp_path, plots=False).content.read == 8
     assert read(tmp_path).read == 8

@@ -36,7 +36,7 @@ def without_scripts(page: str) -> str:
 
 def test_the_page_tells_the_result_and_stands_alone(tmp_path: Path) -> None:
     make_campaign(tmp_path)
-    path = make_report(tmp_path).page
+    path = make_report(tmp_path, plots=False).page
     assert path == tmp_path / "report.html"
     assert (tmp_path / "summary.parquet").exists()
     page = path.read_text()
@@ -87,7 +87,7 @@ def test_hostile_text_stays_text(tmp_path: Path) -> None:
         return replace(end, outcome="failed", verdict=HOSTILE, reasons=[HOSTILE], worker=HOSTILE)
 
     make_campaign(tmp_path, campaign_data(description=HOSTILE), change)
-    page = make_report(tmp_path).page.read_text()
+    page = make_report(tmp_path, plots=False).page.read_text()
     assert "alert(1)" in page
     for mark in ("<script>alert", "<img src=x", "</SCRIPT>"):
         assert mark not in page
@@ -108,7 +108,7 @@ def test_a_text_of_ten_megabytes_leaves_the_page_intact(tmp_path: Path) -> None:
         return replace(end, outcome="failed", verdict="nan", reasons=[huge], charges=[huge])
 
     make_campaign(tmp_path, change=change)
-    small = len(make_report(tmp_path).page.read_text())
+    small = len(make_report(tmp_path, plots=False).page.read_text())
     page = (tmp_path / "report.html").read_text()
     assert small < 6_000_000
     assert "(10000003 characters)" in page
@@ -120,7 +120,7 @@ def test_markup_in_the_value_of_an_axis_stays_text(tmp_path: Path) -> None:
     scene = "/tmp/<img src=x onerror=alert(1)>.yaml"
     data = campaign_data(matrix={"model": ["yolov3"], "scenario.scene": ["downtown", scene]})
     make_campaign(tmp_path, data)
-    page = make_report(tmp_path).page.read_text()
+    page = make_report(tmp_path, plots=False).page.read_text()
     assert "<img src=x" not in page
     assert "&lt;img src=x onerror=alert(1)&gt;.yaml" in page
 
@@ -180,7 +180,7 @@ def test_odd_campaigns_make_a_page(tmp_path: Path, kind: str) -> None:
 
     matrix = {"model": ["yolov3"]} if kind == "one case" else campaign_data()["matrix"]
     make_campaign(tmp_path, campaign_data(matrix=matrix), change)
-    page = make_report(tmp_path).page.read_text()
+    page = make_report(tmp_path, plots=False).page.read_text()
     data, text = page_data(page), without_scripts(page)
     assert len(data["all"]["axes"]) >= 2
     if kind == "one case":
@@ -196,7 +196,7 @@ def test_odd_campaigns_make_a_page(tmp_path: Path, kind: str) -> None:
 def test_an_unknown_verdict_is_shown_as_it_is(tmp_path: Path) -> None:
     make_campaign(tmp_path, change=lambda c, e: replace(e, verdict="lane_left"))
     assert report_json(tmp_path)["systems"][-1]["counts"]["lane_left"] == 8
-    assert "lane left" in make_report(tmp_path).page.read_text()
+    assert "lane left" in make_report(tmp_path, plots=False).page.read_text()
 
 
 def test_lane_keeping_has_numbers_of_its_own(tmp_path: Path) -> None:
@@ -209,7 +209,7 @@ def test_lane_keeping_has_numbers_of_its_own(tmp_path: Path) -> None:
 
     data = campaign_data(scenario={"type": "lane_keeping", "distance_m": 100, "duration_s": 20})
     make_campaign(tmp_path, data, change)
-    page = make_report(tmp_path).page.read_text()
+    page = make_report(tmp_path, plots=False).page.read_text()
     text = without_scripts(page)
     assert "drove the whole distance" in text
     assert "AutoDRIVE paper" not in text
@@ -257,7 +257,7 @@ def test_an_incomplete_campaign_says_so(tmp_path: Path) -> None:
 
 def test_missing_numbers_are_dashes_and_gaps(tmp_path: Path) -> None:
     make_campaign(tmp_path, change=lambda c, e: replace(e, scalars={}))
-    page = make_report(tmp_path).page.read_text()
+    page = make_report(tmp_path, plots=False).page.read_text()
     rows = re.findall(r"<tr data-case=.*?</tr>", page, re.S)
     assert len(rows) == 8
     assert all(row.count('data-sort="">–') == 8 for row in rows)
@@ -327,7 +327,7 @@ def test_a_changed_campaign_file_raises_the_alarm(tmp_path: Path) -> None:
 def test_noop_is_refused(tmp_path: Path) -> None:
     make_campaign(tmp_path, campaign_data(simulator="noop"))
     with pytest.raises(UsageError, match="noop"):
-        make_report(tmp_path)
+        make_report(tmp_path, plots=False)
     with pytest.raises(UsageError, match="noop"):
         report_json(tmp_path)
 
@@ -392,7 +392,7 @@ def test_a_huge_campaign_shows_its_worst_first(
             else replace(e, verdict="pass")
         ),
     )
-    page = make_report(tmp_path).page.read_text()
+    page = make_report(tmp_path, plots=False).page.read_text()
     shown = [c["id"] for c in page_data(page)["cases"]]
     assert len(shown) == 3
     assert "yolov2-tiny-1300-heavy_fog" in shown

@@ -190,6 +190,7 @@ def test_truncated_published_logs_never_pass_beside_complete_ones(tmp_path: Path
     assert warning.startswith("32 of 64 logs are much shorter than their neighbours (39 to 51 s;")
 
 
+@pytest.mark.slow
 @published
 def test_complete_published_logs_stay_decided(tmp_path: Path) -> None:
     """All but three, which end while the ego moves; these are free of a collision by the study's

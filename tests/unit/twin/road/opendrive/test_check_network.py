@@ -14,15 +14,25 @@ import pytest
 pytest.importorskip("lxml", reason="lxml is not installed")
 
 from road_files import crossing
+from road_furniture import furniture_file, repeat, road_object, with_furniture
 from road_networks import junction_file, shapes_file, turned_file
 
 from twin.road.opendrive.apart import decode_network, network_apart
 from twin.road.opendrive.check_network import MISTAKES_MAX, network_mistakes
+from twin.road.opendrive.furniture import ObjectOutline, OutlineCorner
 from twin.road.opendrive.reading import answer
 from twin.road.opendrive.reading.answer import network_bytes
 from twin.road.opendrive.reading.load import load_network
+from twin.road.opendrive.reading.read_furniture import CORNERS_MAX
 from twin.road.opendrive.reading.reader import read_network
-from twin.road.opendrive.records import Cubic, Lane, RoadLink, RoadNetwork, RoadRecord
+from twin.road.opendrive.records import (
+    Cubic,
+    Lane,
+    LaneMaterial,
+    RoadLink,
+    RoadNetwork,
+    RoadRecord,
+)
 
 NETWORK = read_network(crossing(), "r.xodr")
 FIRST = NETWORK.roads["0"]
@@ -52,6 +62,23 @@ def connection(**changes: object) -> RoadNetwork:
     junction = NETWORK.junctions["9"]
     changed = replace(junction.connections[0], **changes)  # type: ignore[arg-type]
     return replace(NETWORK, junctions={"9": replace(junction, connections=(changed,))})
+
+
+BESIDE = read_network(
+    with_furniture(road_object("pole", 5, 5, repeat(5, 20, 4)), length=FIRST.length_m), "r.xodr"
+).roads["0"]
+CORNER = OutlineCorner("local", (0.0, 0.0, 0.0), 1.0)
+
+
+def thing(**changes: object) -> RoadNetwork:
+    """The network with an object beside its first road."""
+    return road(objects=(replace(BESIDE.objects[0], **changes),))  # type: ignore[arg-type]
+
+
+def row(**changes: object) -> RoadNetwork:
+    """The same with a row of objects."""
+    changed = replace(BESIDE.objects[0].repeats[0], **changes)  # type: ignore[arg-type]
+    return thing(repeats=(changed,))
 
 
 CUBIC = Cubic(0.0, 3.5, 0.0, 0.0, 0.0)
@@ -105,6 +132,23 @@ WRONG: dict[str, tuple[Callable[[], RoadNetwork], str]] = {
         lambda: road(successor=RoadLink("road", "1", None, 1)),
         "it is linked to no end of road 1",
     ),
+    "object": (lambda: thing(s_m=900.0), "an object or signal does not stand along it"),
+    "row": (lambda: row(s_m=90.0), "an object or signal does not stand along it"),
+    "row size": (lambda: row(size_m=((0.0, 1.0), (0.0, -1.0), (1.0, 1.0))), "smaller than nothing"),
+    "radius": (lambda: thing(radius_m=-0.1), "smaller than nothing"),
+    "row nan": (lambda: row(t_m=(0.0, math.nan)), "a number is not between"),
+    "many": (lambda: row(distance_m=1e-5), "a row has more objects than are read"),
+    "one more": (lambda: row(distance_m=0.002), "a row has more objects than are read"),
+    "endless": (lambda: row(distance_m=5e-324), "a row has more objects than are read"),
+    "backwards": (lambda: row(distance_m=-1.0), "smaller than nothing"),
+    "corners": (
+        lambda: thing(outlines=(ObjectOutline((CORNER,) * (CORNERS_MAX + 1), True),)),
+        "an outline has more corners than are read",
+    ),
+    "friction": (
+        lambda: lane(materials=(LaneMaterial(0.0, 5.0, "", 0.0),)),
+        "lane 1 has a friction that no road has",
+    ),
     "junction": (lambda: road(junction="8"), "a junction that does not exist"),
     "connection": (
         lambda: connection(incoming_road="8"),
@@ -126,7 +170,9 @@ def test_mistakes_have_a_limit() -> None:
     assert len(network_mistakes(replace(NETWORK, roads=many))) == MISTAKES_MAX
 
 
-@pytest.mark.parametrize("make", [crossing, junction_file, shapes_file, turned_file])
+@pytest.mark.parametrize(
+    "make", [crossing, junction_file, shapes_file, turned_file, furniture_file]
+)
 def test_what_is_read_has_none(make: Callable[[], bytes], tmp_path: Path) -> None:
     path = tmp_path / "r.xodr"
     path.write_bytes(make())

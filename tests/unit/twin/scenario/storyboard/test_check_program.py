@@ -222,7 +222,8 @@ WRONG: dict[str, tuple[Callable[[], Program], str]] = {
     "environment": (lambda: with_action(EnvironmentAction(1)), "environment 1 does not exist"),
     "delete": (lambda: with_action(DeleteEntityAction(-1)), "entity -1 does not exist"),
     "light": (lambda: with_action(LightAction(13, 1, 1.0, 1.0)), "light 13 does not exist"),
-    "light mode": (lambda: with_action(LightAction(0, 3, 1.0, 1.0)), "mode is 3"),
+    "light mode": (lambda: with_action(LightAction(0, 4, 1.0, 1.0)), "mode is 4"),
+    "light unsaid": (lambda: with_action(LightAction(0, 0, 1.0, 1.0)), "mode is 0"),
     "relative": (lambda: with_action(behind(7)), "entity 7 does not exist"),
     "routes": (
         lambda: with_action(AcquirePositionAction(HERE, (-1, 1))),
@@ -283,6 +284,14 @@ WRONG: dict[str, tuple[Callable[[], Program], str]] = {
         lambda: replace(GOOD, environments=(StoryboardEnvironment("e", rain_mm_per_h=math.inf),)),
         "environment 0: rain_mm_per_h is inf",
     ),
+    "clock": (
+        lambda: replace(GOOD, environments=(StoryboardEnvironment("e", clock_s=1e300),)),
+        "environment 0: clock_s is 1e+300",
+    ),
+    "snow": (
+        lambda: replace(GOOD, environments=(StoryboardEnvironment("e", snow_mm_per_h=-1.0),)),
+        "environment 0: snow_mm_per_h is -1",
+    ),
     "word": (
         lambda: replace(GOOD, variables=(GOOD.variables[0], ProgramVariable("y", 1.0, True))),
         "variable 1: its value names no word",
@@ -316,6 +325,7 @@ def test_every_reference_is_checked() -> None:
         *("CollisionCondition.category", "DriverModel.exponent", "StoryElement.line"),
         *("StoryElement.executions_max", "StoryElement.parent", "InitAction.actor"),
         *("FixedPosition.road", "RouteLeg.road", "LightAction.mode"),
+        *("LaneRange.first", "LaneRange.last", "SignalPhaseAction.phase"),
     }
     from twin.scenario.storyboard.program.record import ProgramRecord
 

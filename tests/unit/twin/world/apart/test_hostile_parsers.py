@@ -199,6 +199,7 @@ def test_a_true_answer_written_by_hand_is_taken(tmp_path: Path) -> None:
     assert found.parts[0].faces.tolist() == [[0, 1, 2]]
 
 
+@pytest.mark.slow
 def test_the_limits_hold_without_a_sandbox(tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setattr(reading, "why_not", lambda: "none here")
     assert "File too large" in refused(tmp_path, "WRITE", str(tmp_path / "beside"))

@@ -94,7 +94,7 @@ def straight(tmp_path: Path) -> Path:
     return path
 
 
-def command(tick: int, **values: float) -> Command:
+def command(tick: int, **values: bool | float) -> Command:
     return Command(0, 1, tick, **{"throttle": 0.0, "brake": 0.0, "steering_rad": 0.0, **values})
 
 
@@ -218,6 +218,20 @@ def test_until_it_brakes_the_same_and_physics_afterwards(straight):
     # The brake of the vehicle has its lag: no full deceleration at once.
     assert 0.0 < speed[first] - speed[first + 1] < 0.2
     assert braking.reasons[-1] == "the stack intervened by braking after 1.00 s, at 15.00 m/s"
+
+
+def test_a_warning_is_noted_and_changes_nothing(straight):
+    def warns(tick: int, time_s: float) -> Command:
+        return command(tick, warning=time_s > 0.5 - 1e-9, brake=0.6 * (time_s > 1.0 - 1e-9))
+
+    case = case_of(straight)
+    warned, silent = drive_one(case, warns), drive_one(case, acting(1.0, brake=0.6))
+    first = int(np.flatnonzero(values(warned, "warning"))[0])
+    assert warned.scalars["warning_time_s"] == 0.5
+    assert warned.scalars["warning_ttc_s"] == values(warned, "ttc_s")[first]
+    assert warned.scalars["warning_before_braking_s"] == 0.5
+    assert silent.scalars["warning_time_s"] is None
+    assert values(warned, "speed_mps").tolist() == values(silent, "speed_mps").tolist()
 
 
 def test_who_never_acts_is_driven_into_what_stands_there(straight):

@@ -14,10 +14,12 @@ from schemas.case import Case
 from schemas.files.assets import asset_digest
 from schemas.messages import OBJECT_CLASSES, Command
 from schemas.plan import expand, parse_campaign
-from schemas.wire.interventions import MoveObject, PlaceEgo
+from schemas.wire.interventions import PlaceEgo
 from twin.base.errors import RefusedError
 from twin.rig.engine import Engine
 from twin.rig.slot import Finished
+from twin.road.shipped.library import road_path
+from twin.world.road_scene import road_map
 
 pytestmark = pytest.mark.slow
 """Kernels of storyboards are compiled first."""
@@ -209,13 +211,11 @@ def test_a_case_whose_player_met_a_limit_fails(near):
     assert "TRANSITIONS_MAX" in finished.reasons[0]
 
 
-def test_interventions_place_the_ego_and_leave_the_bodies(near):
+def test_interventions_name_the_bodies_and_place_the_ego(near):
     case = case_of(near)
     engine = Engine(case, 1)
     engine.reset(0, case)
     engine.sense()
-    with pytest.raises(ValueError, match="the scenario of this case moves all of them"):
-        engine.objects.act(0, MoveObject(object=0, x_m=1.0, y_m=2.0), engine.sim_time_ns / 1e9)
     states = engine.objects.states(0, engine.sim_time_ns / 1e9)
     assert [state.kind for state in states] == ["van", "pedestrian"]
     engine.place_ego(0, PlaceEgo(x_m=200.0, y_m=-7.625, yaw_rad=0.0, speed_mps=20.0))
@@ -243,4 +243,29 @@ def test_bodies_move_between_the_ticks(near):
     engine.sense()
     ahead = engine.placement.position_m[0, 0] - before
     assert np.allclose(ahead, (15.0 * 0.05, 0.0, 0.0), atol=1e-3)
+    engine.close()
+
+
+def test_the_middle_of_a_body_stands_on_its_slope(tmp_path: Path):
+    """A bus has its origin on the rear axle, 2.7 m behind the middle of its box."""
+    path = tmp_path / "climb.yaml"
+    path.write_text(
+        "scenario: climb\nroad: rural\nego: {lane: 1, s_m: 20, speed_mps: 1}\nactors:\n"
+        + "".join(f"  bus{s}: {{kind: bus, lane: 1, s_m: {s}}}\n" for s in (150, 350, 600, 900))
+        + "end: {after_s: 1}\n"
+    )
+    case = case_of(path)
+    engine = Engine(case, 1)
+    engine.reset(0, case)
+    engine.sense()
+    roads = road_map(str(road_path("rural", Path())))
+    apart, steep = [], []
+    for x, y, z in engine.placement.position_m[0].tolist()[:4]:
+        under = roads.lane_under(x, y)
+        frame = list(roads.frames.values())[int(under.road)]
+        pose = frame.pose(float(under.s_m), float(under.t_m))
+        apart.append(abs(z - float(pose.z_m)))
+        steep.append(abs(float(pose.pitch_rad)))
+    assert max(steep) > 0.02
+    assert max(apart) < 0.01
     engine.close()

@@ -106,9 +106,9 @@ def scenario_text(
     )
 
 
-def compiled(folder: Path, text: str) -> CompiledScenario:
+def compiled(folder: Path, text: str, roads: str = ROADS) -> CompiledScenario:
     """A scenario as a program, with its roads."""
-    (folder / "roads.xodr").write_text(ROADS)
+    (folder / "roads.xodr").write_text(roads)
     path = folder / "s.xosc"
     path.write_text(text)
     return compile_with_notes(read_scenario(path))

@@ -31,6 +31,7 @@ def _first_valid(permutations: list[Permutation]) -> EffectiveScenario:
     raise AssertionError(mistakes)
 
 
+@pytest.mark.slow
 def test_every_scenario_and_a_permutation_of_every_distribution() -> None:
     cache: RoadCache = {}
     notes: list[str] = []

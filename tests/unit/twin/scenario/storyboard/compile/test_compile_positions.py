@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 
 import pytest
 
 pytest.importorskip("lxml", reason="lxml is not installed")
 
-from compiled_text import TELEPORT, compiled, scenario_text
+from compiled_text import ROADS, TELEPORT, compiled, scenario_text
 
 from twin.scenario.storyboard.program.actions import TeleportAction
 from twin.scenario.storyboard.program.places import (
@@ -20,9 +21,9 @@ from twin.scenario.storyboard.program.places import (
 )
 
 
-def _position(folder: Path, text: str) -> Position:
+def _position(folder: Path, text: str, roads: str = ROADS) -> Position:
     init = f"<PrivateAction>{TELEPORT.format(text)}</PrivateAction>"
-    program = compiled(folder, scenario_text(init=init)).program
+    program = compiled(folder, scenario_text(init=init), roads).program
     action = program.init[0].action
     assert isinstance(action, TeleportAction)
     return action.position
@@ -178,3 +179,69 @@ def test_absolute_heading_of_a_relative_one(tmp_path: Path) -> None:
     )
     assert isinstance(position, RelativePosition)
     assert (position.heading_rad, position.relative_orientation) == (1.0, False)
+
+
+PROJ = "+proj=tmerc +lat_0=48 +lon_0=11 +k=1 +x_0=0 +y_0=0 +datum=WGS84 +units=m +no_defs"
+METRE_DEG = math.degrees(1.0 / 6367.0e3)
+"""About a metre to the north, near enough for places within a few metres."""
+
+
+def _with_reference(reference: str, offset: str = "") -> str:
+    inner = f"<geoReference><![CDATA[{reference}]]></geoReference>{offset}"
+    return re.sub(r"<header ([^>]*)/>", rf"<header \1>{inner}</header>", ROADS)
+
+
+def test_by_latitude_and_longitude(tmp_path: Path) -> None:
+    """The origin of the map, and places on the road near it."""
+    text = '<GeoPosition latitudeDeg="48" longitudeDeg="11">{}</GeoPosition>'
+    roads = _with_reference(PROJ)
+    place = _position(tmp_path, text.format('<Orientation h="0.1"/>'), roads)
+    assert isinstance(place, FixedPosition)
+    _close(place, 0.0, 0.0, 0.1)
+    assert (place.road, place.lane) == (0, -1)
+    moved = _with_reference(PROJ, '<offset x="-20" y="1.75" z="5" hdg="0"/>')
+    place = _position(tmp_path, text.format(""), moved)
+    assert isinstance(place, FixedPosition)
+    _close(place, 20.0, -1.75, 0.0)
+    assert (place.lane, place.s_m) == (-1, pytest.approx(20.0))
+
+
+def test_in_radians_and_above_the_road(tmp_path: Path) -> None:
+    latitude, longitude = math.radians(48.0 + 2 * METRE_DEG), math.radians(11.0)
+    text = f'<GeoPosition latitude="{latitude!r}" longitude="{longitude!r}" altitude="1.5"/>'
+    place = _position(tmp_path, text, _with_reference(PROJ))
+    assert isinstance(place, FixedPosition)
+    assert place.y_m == pytest.approx(2.0, abs=0.01)
+    assert (place.z_m, place.lane) == (1.5, 1)
+
+
+@pytest.mark.parametrize(
+    ("attributes", "roads", "words"),
+    [
+        ('latitudeDeg="48" longitudeDeg="11"', ROADS, "the road file has no geoReference"),
+        ('latitudeDeg="48"', _with_reference(PROJ), "give either longitudeDeg or longitude"),
+        (
+            'latitudeDeg="48" latitude="0.8" longitudeDeg="11"',
+            _with_reference(PROJ),
+            "give either latitudeDeg or latitude",
+        ),
+        ('latitudeDeg="90" longitudeDeg="11"', _with_reference(PROJ), "latitude 90 degrees"),
+        (
+            'latitudeDeg="48" longitudeDeg="11"',
+            _with_reference("+proj=merc"),
+            "+proj=merc is not understood",
+        ),
+        (
+            'latitudeDeg="48" longitudeDeg="11"',
+            _with_reference(PROJ, '<offset x="0" y="0" z="0" hdg="0.1"/>'),
+            "an offset with hdg",
+        ),
+    ],
+)
+def test_what_has_no_place_on_the_map(
+    tmp_path: Path, attributes: str, roads: str, words: str
+) -> None:
+    with pytest.raises(ValueError, match=re.escape(words)) as failure:
+        _position(tmp_path, f"<GeoPosition {attributes}/>", roads)
+    assert f"{tmp_path}/s.xosc:" in str(failure.value)
+    assert "GeoPosition" in str(failure.value)

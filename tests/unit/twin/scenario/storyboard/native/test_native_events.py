@@ -18,6 +18,7 @@ from twin.scenario.storyboard.program.actions import (
     DynamicsDimension,
     DynamicsShape,
     FinalSpeedKind,
+    SteadyStateKind,
     TransitionDynamics,
 )
 from twin.scenario.storyboard.program.conditions import (
@@ -28,6 +29,8 @@ from twin.scenario.storyboard.program.conditions import (
     SpeedAxis,
 )
 from twin.scenario.storyboard.program.program import ElementKind, EventPriority
+from twin.world.sky.scripted import ScriptedEnvironment
+from twin.world.sky.weather import WEATHER
 
 VAN = "van: {kind: van, lane: 3, ahead_m: 40, speed_mps: 25}"
 ROAD = (True, DistanceFrame.ROAD, DistanceKind.LONGITUDINAL)
@@ -213,10 +216,20 @@ def test_arriving_on_a_path(tmp_path):
 def test_arriving_where_a_file_says(tmp_path):
     orders = "arrive: {meet: ego, at: {s_m: 160, lane: 1}, meet_at: {s_m: 190, lane: 1}}"
     (action,) = orders_of(tmp_path, orders, CYCLIST, ego=WEST, road="junction")
+    # The middles of both boxes are there then: of a cyclist its origin, of the ego 1.42 m ahead.
     assert action.position.s_m == 160.0
     assert action.position.road == 3
-    assert (action.master_position.road, action.master_position.s_m) == (0, 190.0)
+    assert action.master_position.road == 0
+    assert action.master_position.s_m == pytest.approx(190.0 - 1.42)
     assert action.final_speed is FinalSpeedKind.NONE
+    assert action.steady_state is SteadyStateKind.NONE
+
+
+def test_arriving_at_a_speed_that_is_kept(tmp_path):
+    orders = "arrive: {at: {s_m: 160}, meet_at: {s_m: 190}, speed_mps: 4, steady_m: 6}"
+    (action,) = orders_of(tmp_path, orders, CYCLIST, ego=WEST, road="junction")
+    assert (action.final_speed, action.final_speed_mps) == (FinalSpeedKind.ABSOLUTE, 4.0)
+    assert (action.steady_state, action.steady_state_value) == (SteadyStateKind.DISTANCE, 6.0)
 
 
 def test_keeping_a_gap(tmp_path):
@@ -483,3 +496,64 @@ def test_mistakes_of_all_sections_come_at_once(tmp_path):
         "events.a.do.bus",
         "end.ego_reaches.s_m",
     ]
+
+
+FOG = "{at_s: 5, weather: light_rain, time_of_day: '22:30', friction_factor: 0.5}"
+
+
+def test_weather_hour_and_road_change_with_an_event(tmp_path):
+    program = program_of(tmp_path, scenario_text("", f"fog: {FOG}"))
+    (change,) = program.environments
+    assert actions_of(program, "ego fog") == [act.EnvironmentAction(0)]
+    assert change.minute_of_day == 22 * 60 + 30
+    assert change.friction_factor == 0.5
+    said = ScriptedEnvironment(
+        cloud_fraction=change.cloud_fraction,
+        fog_visual_range_m=change.fog_visual_range_m,
+        rain_mm_per_h=change.rain_mm_per_h,
+        snow_mm_per_h=change.snow_mm_per_h,
+        wind_speed_mps=change.wind_speed_mps,
+    )
+    weather, preset = said.weather(WEATHER["heavy_snow"], "physical"), WEATHER["light_rain"]
+    for field in preset.__slots__:
+        assert getattr(weather, field) == pytest.approx(getattr(preset, field), rel=1e-4), field
+
+
+def test_others_act_in_the_same_event(tmp_path):
+    event = "both: {at_s: 1, time_of_day: '06:00', do: {van: {stop: true}}}"
+    program = program_of(tmp_path, scenario_text(VAN, event))
+    assert actions_of(program, "ego both") == [act.EnvironmentAction(0)]
+    assert isinstance(actions_of(program, "van both")[0], act.SpeedAction)
+    assert program.environments[0].cloud_fraction is None
+    assert event_elements(program)["ego both"].start == event_elements(program)["van both"].start
+
+
+@pytest.mark.parametrize(
+    ("event", "words"),
+    [
+        ("none: {at_s: 1}", "nothing happens: give do, weather, time_of_day, friction_factor or"),
+        ("light: {signals: {'0': blue}}", "signals"),
+        ("light: {signals: {zero: red}}", "no signal 'zero'; "),
+        ("none: {at_s: 1, do: {}}", "nothing happens"),
+        ("hail: {weather: hail}", "weather"),
+        ("late: {time_of_day: '25:00'}", "time_of_day"),
+        ("ice: {friction_factor: -1}", "friction_factor"),
+    ],
+)
+def test_a_change_of_the_sky_that_cannot_be(tmp_path, event, words):
+    assert any(words in line for line in mistakes_of(tmp_path, scenario_text("", event)))
+
+
+def test_traffic_lights_have_states(tmp_path):
+    events = (
+        "stop: {at_s: 1, signals: {'0': red, '10': green}}\n"
+        "go: {at_s: 5, weather: cloudy, signals: {'0': green}}"
+    )
+    program = program_of(tmp_path, scenario_text("", events, ego=WEST, road="junction"))
+    assert [variable.name for variable in program.variables] == ["signal 0", "signal 10"]
+    words = [program.words[int(row.value)] for row in actions_of(program, "ego stop")]
+    assert words == ["red", "green"]
+    weather, light = actions_of(program, "ego go")
+    assert weather == act.EnvironmentAction(0)
+    assert (light.variable, program.words[int(light.value)]) == (0, "green")
+    assert program.words[int(program.variables[0].value)] == ""

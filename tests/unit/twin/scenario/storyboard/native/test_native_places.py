@@ -15,6 +15,8 @@ from twin.road.opendrive.reading.load import load_network
 from twin.road.opendrive.road_map import RoadMap
 from twin.road.shipped.library import road_path
 from twin.scenario.storyboard.native.bodies import BODIES
+from twin.scenario.storyboard.native.document import load_native
+from twin.scenario.storyboard.native.outline import native_outline
 
 CAR = BODIES["car"]
 
@@ -210,3 +212,59 @@ def test_measures_of_a_body_are_those_of_the_file(tmp_path):
     text = scenario_text("box: {kind: obstacle, lane: 1, s_m: 300, length_m: 0.4, width_m: 0.3}")
     box = program_of(tmp_path, text).entities[1].box
     assert (box.length_m, box.width_m, box.height_m) == (0.4, 0.3, 1.0)
+
+
+TRUCK = "truck: {kind: truck, lane: 1, s_m: 200, speed_mps: 20}"
+
+
+def test_a_towed_trailer_begins_straight_behind(tmp_path):
+    actors = f"trailer: {{kind: trailer, towed_by: truck}}\n{TRUCK}"
+    program = program_of(tmp_path, scenario_text(actors))
+    _, trailer, truck = program.entities
+    assert trailer.tractor == 2
+    assert truck.tractor == -1
+    assert (trailer.start.y_m, trailer.start.heading_rad) == pytest.approx((truck.start.y_m, 0.0))
+    hitch, coupler = truck.start.x_m + truck.hitch_x_m, trailer.start.x_m + trailer.coupler_x_m
+    assert hitch == pytest.approx(coupler)
+    front = middle_x(trailer.start, BODIES["trailer"]) + 0.5 * BODIES["trailer"].length_m
+    rear = middle_x(truck.start, BODIES["truck"]) - 0.5 * BODIES["truck"].length_m
+    assert 1.0 < rear - front < 2.0
+    lines = native_outline(load_native(tmp_path / "scenario.yaml"), program)
+    assert [line.rpartition(", ")[2] for line in lines[2:4]] == ["towed by truck", "20 m/s"]
+
+
+def test_a_trailer_of_its_own_is_an_actor_like_others(tmp_path):
+    place = start_of(
+        tmp_path, "kind: trailer, parked: right, s_m: 60", road="street", ego="{lane: 1, s_m: 20}"
+    )
+    assert middle_x(place, BODIES["trailer"]) == pytest.approx(60.0)
+
+
+@pytest.mark.parametrize(
+    ("trailer", "words"),
+    [
+        ("kind: trailer, towed_by: lorry", "no actor 'lorry'; allowed: ego"),
+        ("kind: car, towed_by: truck", "towed_by is for `kind: trailer`, not for car"),
+        ("kind: trailer, towed_by: truck, lane: 2", "lane has no effect beside towed_by"),
+        ("kind: trailer, towed_by: truck, speed_mps: 2", "speed_mps has no effect"),
+        ("kind: trailer, towed_by: walker", "'walker' tows nothing: it needs a rear axle"),
+        ("kind: trailer, towed_by: other", "'other' is itself placed by others, in a circle"),
+    ],
+)
+def test_trailers_that_cannot_be_towed(tmp_path, trailer, words):
+    walker = "walker: {kind: pedestrian, lane: 1, s_m: 250}"
+    text = scenario_text(f"other: {{{trailer}}}\n{TRUCK}\n{walker}")
+    assert any(words in line for line in mistakes_of(tmp_path, text))
+
+
+def test_a_hitch_holds_one_trailer_and_that_takes_no_orders(tmp_path):
+    actors = (
+        f"{TRUCK}\none: {{kind: trailer, towed_by: truck}}\ntwo: {{kind: trailer, towed_by: truck}}"
+    )
+    lines = mistakes_of(tmp_path, scenario_text(actors, "go: {do: {one: {speed_mps: 5}}}"))
+    assert any("actors.two.towed_by: 'one' hangs there already" in line for line in lines)
+    assert any(
+        "events.go.do.one: a towed trailer goes where 'truck' goes" in line for line in lines
+    )
+    lamps = f"{TRUCK}\none: {{kind: trailer, towed_by: truck}}"
+    assert program_of(tmp_path, scenario_text(lamps, "go: {do: {one: {lamps: {brake: on}}}}"))

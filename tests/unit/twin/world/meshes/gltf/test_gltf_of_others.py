@@ -28,6 +28,7 @@ REFUSED = {
     "invalid-buffer-view-index.gltf": "the mesh has no faces",
     "invalid-primitive-indices.gltf": "its JSON is no glTF document",
 }
+LARGE = ("AlphaBlendModeTest", "CesiumMilkTruck")
 COPY = {"meshopt-no-fallback.gltf": "meshopt-fallback/meshopt-fallback.gltf"}
 """The same uncompressed, of files that trimesh cannot read."""
 KNOWN = {
@@ -42,12 +43,19 @@ def files():
     return sorted(path for path in FILES.rglob("*.gl*") if path.suffix in (".gltf", ".glb"))
 
 
+def in_lanes(paths):
+    """Paths as parameters; files with large pictures are for the full lane."""
+    return [
+        pytest.param(path, marks=pytest.mark.slow) if path.stem in LARGE else path for path in paths
+    ]
+
+
 def test_there_are_enough():
     assert len(files()) >= 40
     assert {path.name for path in files()} >= {*REFUSED, *KNOWN}
 
 
-@pytest.mark.parametrize("path", files(), ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", in_lanes(files()), ids=lambda path: path.stem)
 def test_a_file_comes_in_as_an_independent_reader_has_it(path):
     if path.name in REFUSED:
         with pytest.raises(ValueError) as error:

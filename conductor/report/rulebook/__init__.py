@@ -1,0 +1,1 @@
+"""Results of a rulebook: the protocol's own tables, and ``rulebook.json``."""

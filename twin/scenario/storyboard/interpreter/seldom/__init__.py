@@ -1,0 +1,1 @@
+"""Kernels that few programs need, compiled when one of those is played."""

@@ -1,0 +1,1 @@
+"""What stands beside OpenDRIVE roads: their objects and signals, and scenery of scene files."""
