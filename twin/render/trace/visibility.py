@@ -52,6 +52,8 @@ OBJECT_MASK = wp.constant((1 << 16) - 1)
 
 BYTES_PER_PIXEL = 26
 """Size of a pixel of :class:`PixelsSeen` [bytes]."""
+DETAIL_BYTES_PER_PIXEL = 56
+"""What is added where materials come from files [bytes]."""
 CHUNK_PIXELS = 1 << 24
 """Pixels that are under way at once: 436 MB of :class:`PixelsSeen`."""
 
