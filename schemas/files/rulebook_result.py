@@ -36,7 +36,7 @@ class RulebookRun(Struct, frozen=True, kw_only=True):
     impact_kmh: float | None
     """Relative impact speed; None: no contact that counts."""
     reduced_kmh: float | None
-    """Relative speed at the begin of the test less that at the impact."""
+    """Speed of the ego when the test began less that at the impact."""
     warning_ttc_s: float | None
     warning_before_braking_s: float | None
     drawn: dict[str, float]

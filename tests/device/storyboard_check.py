@@ -3,10 +3,10 @@
     PYTHONPATH=tests python tests/device/storyboard_check.py --device cuda:0
 
 Plays 1,000 steps of five programs of 32 actors, one of them with driver models, one with trains and
-traffic signals, with 1, 5, 64 and 256 slots on the CPU and on the device, and prints a digest of each program's states and
-transitions; where a program's bytes differ, it says at which step and in which columns they did
-first. Then it measures a step of 256 slots of 16 actors on the device. Exit code 1: bytes differ,
-or the step takes longer than the target.
+traffic signals, with 1, 5, 64 and 256 slots on the CPU and on the device, and prints a digest of
+each program's states and transitions; where a program's bytes differ, it says at which step and in
+which columns they did first. Then it measures a step of 256 slots of 16 actors on the device. Exit
+code 1: bytes differ, or the step takes longer than the target.
 """
 
 from __future__ import annotations

@@ -113,6 +113,14 @@ def _steered(marked, case, state, name):
         True,
     )
     walker = next(o for o in case.look().objects if o.kind == "pedestrian" and o.present)
+    assert walker.name
+    moved = marked.run("viewer", "set", name, f"object.{walker.name}.y_m=2.5", *where)
+    assert moved.returncode == 0, moved.stderr
+    now = next(o for o in case.look().objects if o.object == walker.object)
+    assert (now.y_m, now.by_hand) == (2.5, True)
+    wrong = marked.run("viewer", "set", name, "object.nobody=free", *where)
+    assert (wrong.returncode, wrong.stdout) == (2, "")
+    assert "object 'nobody': not in this case" in wrong.stderr
     case.remove(walker.object)
     spot = {"x_m": case.state.x_m + 25.0, "y_m": 3.0, "speed_mps": 1.0, "yaw_rad": -1.5}
     assert case.spawn("pedestrian", **spot) == walker.object

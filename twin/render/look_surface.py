@@ -5,11 +5,13 @@ from __future__ import annotations
 import warp as wp
 
 from twin.render.light.light import SlotLight
+from twin.render.looks import SMOOTH
 from twin.render.surface import SurfacePoint, snow_share
 from twin.render.texture import sample
 from twin.render.trace.geometry import RayScene, turned
 from twin.world.meshes.details import DIELECTRIC, EMISSION, MATT_FROM, NORMAL, SHARP_TO
 
+_SMOOTH, _ROW = wp.constant(SMOOTH), wp.constant(SMOOTH - 1)
 _DIELECTRIC = wp.constant(DIELECTRIC)
 _EMISSION, _NORMAL = wp.constant(EMISSION), wp.constant(NORMAL)
 _MATT_FROM = wp.constant(MATT_FROM)
@@ -75,9 +77,9 @@ def smooth_point(
     if scene.faces[face].uv_per_m >= 0.0:
         return point
     row = scene.looks.row[face]
-    if scene.looks.table[scene.looks.look[row]].smooth == 0:
+    if row < _SMOOTH:
         return point
-    first = 3 * row
+    first = 3 * (row - _SMOOTH)
     w = 1.0 - u - v
     side = wp.float32(1.0)
     if wp.dot(object_turned(scene.faces[face].normal, scene, slot, m), flat) < 0.0:
@@ -104,7 +106,7 @@ def look_mirrors(scene: RayScene, face: wp.int32) -> wp.bool:
     """Whether a face's material can be a mirror that is worth a ray."""
     if scene.faces[face].uv_per_m >= 0.0:
         return False
-    row = scene.looks.row[face]
+    row = scene.looks.row[face] & _ROW
     return scene.looks.table[scene.looks.look[row]].mirrors != 0
 
 
@@ -193,7 +195,7 @@ def look_point(
         footprint: width of the pixel in texture coordinates.
         direction: along which it is seen.
     """
-    row = scene.looks.row[face]
+    row = scene.looks.row[face] & _ROW
     look = scene.looks.look[row]
     at = LookPoint()
     base = scene.faces[face].color

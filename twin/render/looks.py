@@ -16,13 +16,15 @@ from twin.world.meshes.details import MAPS, FaceLook
 from twin.world.meshes.mesh import Mesh
 from twin.world.street.build import World
 
+SMOOTH = 1 << 30
+"""Bit of a face's row: its corners have normals. It stands there because rays to the sun ask for it
+at every point."""
+
 
 @wp.struct
 class LookRow:
     """A material."""
 
-    smooth: wp.int32
-    """1: corners have normals."""
     colored: wp.int32
     """1: corners have colours, which take the place of the face's."""
     mirrors: wp.int32
@@ -54,7 +56,8 @@ class LookTables:
     """Details of faces; empty arrays: no face has any."""
 
     row: wp.array(dtype=wp.int32)
-    """Row of each face [F]; -1: it has none."""
+    """Row of each face [F], with :data:`SMOOTH` added where its corners have normals; -1: it has
+    none."""
     look: wp.array(dtype=wp.int32)
     """Material of each row [R]."""
     table: wp.array(dtype=LookRow)
@@ -89,7 +92,10 @@ def pack_looks(meshes: Sequence[Mesh], world: World, device: wp.Device) -> LookT
         if details is None:
             rows.append(np.full(len(mesh.faces), -1, np.int32))
             continue
-        rows.append(np.where(details.row >= 0, details.row + count, -1))
+        own = details.row + count
+        smooth = np.array([look.smooth for look in world.looks])[details.look]
+        own += np.where(smooth[details.row], SMOOTH, 0).astype(np.int32)
+        rows.append(np.where(details.row >= 0, own, -1))
         looks.append(details.look)
         there = np.flatnonzero(details.row >= 0)
         order = np.empty(len(details.look), np.int64)
@@ -132,7 +138,7 @@ def rises(corners: np.ndarray, normals: np.ndarray) -> np.ndarray:
 
 
 def _fill(row: Any, maps: Any, look: FaceLook) -> None:
-    row["smooth"], row["colored"], row["mirrors"] = look.smooth, look.colored, look.mirrors
+    row["colored"], row["mirrors"] = look.colored, look.mirrors
     row["images"] = 1 + max(place + 1 if look.maps[place] >= 0 else 0 for place in range(MAPS))
     row["emission"] = look.emission
     row["metallic"], row["roughness"] = look.metallic, look.roughness

@@ -20,7 +20,7 @@ from twin.render.light.light import SlotLight
 from twin.render.looks import has_looks
 from twin.render.outputs import bytes_per_pixel
 from twin.render.post.chain import bytes_needed
-from twin.render.trace.visibility import BYTES_PER_PIXEL, CHUNK_PIXELS
+from twin.render.trace.visibility import BYTES_PER_PIXEL, CHUNK_PIXELS, DETAIL_BYTES_PER_PIXEL
 from twin.world.meshes.details import DATA
 from twin.world.street.build import World
 
@@ -125,6 +125,7 @@ def plan(
     instances: int = 0,
     objects: int = 0,
     sky_bytes: int = _SKY_BYTES,
+    details: bool = False,
 ) -> MemoryPlan:
     """Memory for ``slots`` cases at once.
 
@@ -137,6 +138,7 @@ def plan(
         instances: things that get a box.
         objects: movable objects in a slot.
         sky_bytes: a slot's table of the sky [bytes].
+        details: whether pictures need details of faces, :func:`twin.render.looks.has_looks`.
     """
     rows = [
         MemoryRow("kernels and reserve", _RESERVE_BYTES, 0),
@@ -144,7 +146,7 @@ def plan(
         MemoryRow("movable objects", 0, objects * _OBJECT_BYTES),
     ]
     for camera in cameras:
-        rows += camera_rows(camera, instances=instances, sky_bytes=sky_bytes)
+        rows += camera_rows(camera, instances=instances, sky_bytes=sky_bytes, details=details)
     rows += [lidar.row for lidar in lidars]
     return MemoryPlan(slots, tuple(rows))
 
@@ -174,7 +176,9 @@ def _with_halves(height: int, width: int) -> int:
     return 4 * total
 
 
-def camera_rows(camera: Camera, *, instances: int, sky_bytes: int = _SKY_BYTES) -> list[MemoryRow]:
+def camera_rows(
+    camera: Camera, *, instances: int, sky_bytes: int = _SKY_BYTES, details: bool = False
+) -> list[MemoryRow]:
     """What a camera takes; arguments as of :func:`plan`."""
     light = np.dtype(SlotLight.numpy_dtype()).itemsize
     small = instances * _BYTES_PER_BOX + light + sky_bytes
@@ -182,7 +186,7 @@ def camera_rows(camera: Camera, *, instances: int, sky_bytes: int = _SKY_BYTES) 
     pixels = camera.width * camera.height
     rows = [
         MemoryRow(f"{camera.name}: rays through the lens", pixels * _RAY_BYTES, 0),
-        _under_way(camera.name, pixels),
+        _under_way(camera.name, pixels, details=details),
         MemoryRow(f"{camera.name}: pictures", 0, pixels * bytes_per_pixel(wanted_of(camera))),
         MemoryRow(f"{camera.name}: light, sky and boxes", 0, small),
     ]
@@ -192,10 +196,11 @@ def camera_rows(camera: Camera, *, instances: int, sky_bytes: int = _SKY_BYTES) 
     return rows
 
 
-def _under_way(name: str, pixels: int) -> MemoryRow:
+def _under_way(name: str, pixels: int, *, details: bool) -> MemoryRow:
     """Pixels are traced in chunks of whole pictures."""
     most = max(1, CHUNK_PIXELS // pixels)
-    return MemoryRow(f"{name}: pixels under way", 0, pixels * BYTES_PER_PIXEL, most)
+    size = BYTES_PER_PIXEL + (DETAIL_BYTES_PER_PIXEL if details else 0)
+    return MemoryRow(f"{name}: pixels under way", 0, pixels * size, most)
 
 
 def check_free(found: MemoryPlan, device: wp.Device) -> None:

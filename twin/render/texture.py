@@ -107,9 +107,42 @@ def _means(light: np.ndarray) -> np.ndarray:
     return light.reshape(light.shape[0] // 2, 2, light.shape[1] // 2, 2, 3).mean(axis=(1, 3))
 
 
+# Native: an array's index is multiplied by its stride, of which four texels would have sixteen.
+_TEXEL = """
+    const unsigned word = texels.data[place];
+    const float* light = linear.data + table;
+    return wp::vec3(light[word & 255u], light[(word >> 8) & 255u], light[(word >> 16) & 255u]);
+"""
+
+
+@wp.func_native(_TEXEL)
+def _texel(
+    texels: wp.array(dtype=wp.uint32),
+    linear: wp.array(dtype=wp.float32),
+    place: wp.int32,
+    table: wp.int32,
+) -> wp.vec3:
+    """A texel by the part of ``linear`` that begins at ``table``."""
+
+
 @wp.func
-def _texel(textures: Textures, place: wp.int32) -> wp.vec3:
-    return _value(textures, place, 0)
+def _between(
+    textures: Textures,
+    table: wp.int32,
+    upper: wp.int32,
+    lower: wp.int32,
+    left: wp.int32,
+    right: wp.int32,
+    a: wp.float32,
+    b: wp.float32,
+) -> wp.vec3:
+    """Bilinear: ``a`` from the column ``left`` to ``right``, ``b`` from the row that begins at
+    ``upper`` to that at ``lower``."""
+    above = _texel(textures.texels, textures.linear, upper + left, table) * (1.0 - a)
+    above += _texel(textures.texels, textures.linear, upper + right, table) * a
+    below = _texel(textures.texels, textures.linear, lower + left, table) * (1.0 - a)
+    below += _texel(textures.texels, textures.linear, lower + right, table) * a
+    return above * (1.0 - b) + below * b
 
 
 @wp.func
@@ -143,11 +176,7 @@ def texture_at(
     right = (i + 1) % width
     top = (j + height) % height * width
     bottom = (j + 1) % height * width
-    upper = _texel(textures, first + top + left) * (1.0 - a)
-    upper += _texel(textures, first + top + right) * a
-    lower = _texel(textures, first + bottom + left) * (1.0 - a)
-    lower += _texel(textures, first + bottom + right) * a
-    return upper * (1.0 - b) + lower * b
+    return _between(textures, 0, first + top, first + bottom, left, right, a, b)
 
 
 @wp.func
@@ -170,16 +199,6 @@ def _neighbour(i: wp.int32, size: wp.int32, mode: wp.int32) -> wp.int32:
     if i < size:
         return i
     return wp.where(mode == _REPEAT, 0, size - 1)
-
-
-@wp.func
-def _value(textures: Textures, place: wp.int32, table: wp.int32) -> wp.vec3:
-    word = wp.int32(textures.texels[place])
-    return wp.vec3(
-        textures.linear[table + (word & 255)],
-        textures.linear[table + ((word >> 8) & 255)],
-        textures.linear[table + (word >> 16)],
-    )
 
 
 @wp.func
@@ -211,8 +230,4 @@ def sample(textures: Textures, texture: wp.int32, uv: wp.vec2, footprint: wp.flo
     right = _neighbour(i + 1, width, across)
     top = _neighbour(j, height, down) * width
     bottom = _neighbour(j + 1, height, down) * width
-    upper = _value(textures, first + top + left, table) * (1.0 - a)
-    upper += _value(textures, first + top + right, table) * a
-    lower = _value(textures, first + bottom + left, table) * (1.0 - a)
-    lower += _value(textures, first + bottom + right, table) * a
-    return upper * (1.0 - b) + lower * b
+    return _between(textures, table, first + top, first + bottom, left, right, a, b)

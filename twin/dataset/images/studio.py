@@ -26,7 +26,8 @@ from twin.dataset.recipe import DatasetRecipe
 from twin.render.camera import RayCamera
 from twin.render.lens import ray_table
 from twin.render.light.light import advance_light, begin_sky, fill_light, fill_sky, switch_lamps
-from twin.render.memory import check_free, plan
+from twin.render.looks import has_looks
+from twin.render.memory import check_free, material_bytes, plan
 from twin.render.trace.geometry import Geometry
 from twin.vehicle.state import COLUMN
 from twin.vehicle.vehicle_file import Vehicle
@@ -275,9 +276,10 @@ def _check_memory(world: World, eyes: list[Eye], slots: int, device: wp.Device) 
             [],
             slots,
             triangles=sum(len(mesh.faces) for mesh in meshes),
-            texture_bytes=sum(image.size for image in world.textures),
+            texture_bytes=material_bytes(world),
             instances=len(world.classes),
             objects=world.motion.count,
+            details=has_looks(world),
         )
         check_free(found, device)
 

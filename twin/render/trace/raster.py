@@ -17,10 +17,12 @@ from schemas.sections.lens import Lens
 from schemas.sections.lens_curve import intrinsics
 from twin.render.build import NONE, Features
 from twin.render.light.light import SlotLight
+from twin.render.looks import SMOOTH
 from twin.render.trace.cutouts import HOLE
 from twin.render.trace.geometry import RayScene, turned
 from twin.render.trace.rays import Optics, SlotPose
 from twin.render.trace.visibility import (
+    CURVED,
     DETAILED,
     NOTHING,
     TILE_COLUMNS,
@@ -221,7 +223,8 @@ _HOLES = """
                     if (cuts.of_face.data && __builtin_expect(cuts.of_face.data[face] >= 0, 0))
                         wins = punch(face, U, V, W, wins);"""
 # Pixels that see a face with details are marked as it is drawn.
-_MARK = f"+ (rows && rows[face] >= 0 ? {int(DETAILED)} : 0)"
+_MARK = f"""+ (!rows || rows[face] < 0 ? 0
+                        : {int(DETAILED)} + (rows[face] < {SMOOTH} ? 0 : {int(CURVED)}))"""
 
 
 def _for_cpu(text: str) -> str:

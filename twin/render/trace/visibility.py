@@ -45,11 +45,15 @@ MIRRORED = wp.constant(1 << 18)
 """Flag: second rays were followed."""
 DETAILED = wp.constant(1 << 19)
 """Flag: the face has details."""
+CURVED = wp.constant(1 << 20)
+"""Flag, of pixels that are drawn: the face has normals at its corners."""
 OBJECT_MASK = wp.constant((1 << 16) - 1)
 """Bits of the flags that hold the object + 1; 0: static."""
 
 BYTES_PER_PIXEL = 26
 """Size of a pixel of :class:`PixelsSeen` [bytes]."""
+DETAIL_BYTES_PER_PIXEL = 56
+"""What is added where materials come from files [bytes]."""
 CHUNK_PIXELS = 1 << 24
 """Pixels that are under way at once: 436 MB of :class:`PixelsSeen`."""
 
@@ -331,7 +335,7 @@ def sun_kernel(build: KernelOptions, second: bool, features: Features = NONE) ->
         facing = normal
         start = pose.eye + direction * seen.t[thread] + normal * 0.02
         if wp.static(looks):  # noqa: SIM102 (resolved before the kernel is compiled)
-            if detailed:
+            if (flags & CURVED) != 0:
                 bary = seen.bary[thread]
                 u = wp.float32((bary >> 16) & 65535) * 1.5259022e-5
                 v = wp.float32(bary & 65535) * 1.5259022e-5

@@ -13,7 +13,7 @@ from twin.road.opendrive.lane_graph import DrivenLane, LaneGraph
 from twin.road.opendrive.records import DRIVEN_TYPES
 from twin.road.opendrive.road_map import RoadMap
 
-COURSE_MAX_M = 100_000.0
+COURSE_MAX_M = 100_000
 """How far a lane is followed [m]."""
 STRETCHES_MAX = 10_000
 """Lanes of sections that one course follows."""

@@ -14,6 +14,7 @@ from schemas.messages import CameraSite, Lights
 from twin.fabric.frames import FrameChannel
 from twin.render.camera import RayCamera
 from twin.render.light.light import advance_light, begin_sky, fill_light, fill_sky, switch_lamps
+from twin.render.looks import has_looks
 from twin.render.memory import MemoryRow, camera_rows
 from twin.sensors.camera.boxes import BoxSensor
 from twin.sensors.data import SensorData
@@ -82,7 +83,7 @@ class Cameras:
         return [
             row
             for camera in case.rig.seeing
-            for row in camera_rows(camera, instances=len(world.classes))
+            for row in camera_rows(camera, instances=len(world.classes), details=has_looks(world))
         ]
 
     def build(self, mount: RayMount) -> list[MountedCamera]:

@@ -34,6 +34,8 @@ _ROOT_M = 0.3
 """How far posts reach into the ground [m]."""
 _BESIDE_M = 0.5
 """How far a mast stands from the roadway [m]."""
+_MAST_BEHIND_M = 0.25
+"""How far the axis of a mast stands behind its signal [m]."""
 _SHEET_M = 0.006
 _BEHIND_M = 0.06
 """How far the axis of a post lies behind a plate or a head [m]."""
@@ -211,7 +213,10 @@ def _add_post(
         return
     pose = frame.pose(s, aside)
     lift = float(lane_height(frame, np.array([s]), np.array([aside]))[0])
-    x, y, ground = float(pose.x_m), float(pose.y_m), float(pose.z_m) + lift
+    # A lower signal beside the roadway hangs before the mast.
+    behind = _MAST_BEHIND_M * body_axes(seat.yaw_rad, 0.0, 0.0)[0]
+    x, y = float(pose.x_m) + float(behind[0]), float(pose.y_m) + float(behind[1])
+    ground = float(pose.z_m) + lift
     level = _top(seat) + 0.12
     with mesh.label("pole"):
         foot, top = (x, y, ground - _ROOT_M), (x, y, level + 0.2)

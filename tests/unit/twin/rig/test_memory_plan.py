@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import msgspec
 import pytest
+import warp as wp
 
 from schemas.sections.camera import Camera, ImageOutput
+from twin.render.build import NONE, Features
 from twin.render.memory import LidarLoad, plan
-from twin.render.trace.visibility import BYTES_PER_PIXEL
+from twin.render.trace.visibility import BYTES_PER_PIXEL, DETAIL_BYTES_PER_PIXEL, allocate_seen
 
 PAIR = [Camera(name=f"front_{side}", width=640, height=360) for side in ("left", "right")]
 EYE = Camera(name="eye", width=640, height=360)
@@ -66,3 +68,17 @@ def test_pixels_under_way_stop_growing():
     one, many = (plan([EYE], [], n, triangles=0) for n in (72, 720))
     rows = [next(r for r in p.rows if "under way" in r.name) for p in (one, many)]
     assert rows[0].total(72) == rows[1].total(720) == 72 * 640 * 360 * BYTES_PER_PIXEL
+
+
+@pytest.mark.parametrize("details", [False, True])
+def test_pixels_under_way_are_those_of_the_buffers(details):
+    features = Features(looks=True) if details else NONE
+    seen = allocate_seen(2, 36, 64, wp.get_device("cpu"), features=features)
+    arrays = [seen.t, seen.face, seen.flags, seen.bary, seen.listed, seen.second]
+    arrays += [seen.detailed, seen.look] if details else []
+    taken = sum(array.size * wp.types.type_size_in_bytes(array.dtype) for array in arrays)
+    each = BYTES_PER_PIXEL + details * DETAIL_BYTES_PER_PIXEL
+    assert taken == 2 * 36 * 64 * each
+    eye = msgspec.structs.replace(EYE, width=64, height=36)
+    rows = plan([eye], [], 2, triangles=0, details=details).rows
+    assert next(row for row in rows if "under way" in row.name).total(2) == taken

@@ -196,7 +196,7 @@ def test_a_light_above_a_lane_hangs_from_a_mast_beside_the_road(world_of):
     wide = section(left=lane(1), right=lane(-1) + lane(-2, WIDTH, "shoulder"))
     light = road_signal("1000001", 50, -0.5, zOffset=5, dynamic="yes")
     world = world_of(signals=light, lanes=wide)
-    assert world.colliders[0, :2] == pytest.approx((50.0, 4.0), abs=1e-6), "the nearer side"
+    assert world.colliders[0, :2] == pytest.approx((50.25, 4.0), abs=1e-6), "the nearer side"
     lens = world.mesh.points_m[world.mesh.faces[world.mesh.material == materials.SIGNAL_LAMP]]
     assert lens[..., 1].min() + lens[..., 1].max() == pytest.approx(-1.0, abs=1e-3)
     low = replace_z(light, 0.2)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from twin.scenario.storyboard.compile.conditions import signal_variable
+from twin.scenario.storyboard.compile.conditions import signal_variable, signal_word
 from twin.scenario.storyboard.compile.context import (
     Compilation,
     Handler,
@@ -33,7 +33,6 @@ from twin.scenario.storyboard.program.actions import (
     VisibilityAction,
 )
 from twin.scenario.storyboard.program.places import Position, Trajectory
-from twin.scenario.storyboard.program.signal_states import lamps_of_state
 
 _LIGHT_MODES = {"off": LampMode.OFF, "on": LampMode.ON, "flashing": LampMode.FLASHING}
 FLASH_S = 0.5
@@ -235,10 +234,7 @@ def _variable_action(kind: str, key: str) -> Handler:
 
 
 def _signal_state(element: ScenarioElement, context: Compilation) -> SetVariableAction:
-    number, state = signal_variable(element, context), str(element.values["state"])
-    if lamps_of_state(state) is None:
-        context.note(element, f"pictures do not know the state '{state}': its lamps are off there")
-    return SetVariableAction(number, context.word(state))
+    return SetVariableAction(signal_variable(element, context), signal_word(element, context))
 
 
 def _monitor(element: ScenarioElement, context: Compilation) -> SetVariableAction:

@@ -49,6 +49,7 @@ from twin.scenario.storyboard.program.conditions import (
     Trigger,
     VariableCondition,
 )
+from twin.scenario.storyboard.program.signal_states import lamps_of_state
 
 RULES = {
     "equalTo": ComparisonRule.EQUAL,
@@ -387,6 +388,15 @@ def signal_named(element: ScenarioElement, context: Compilation, name: str) -> i
     if f"signal {name}" not in context.variables:
         context.declare("signal", name, context.word(""), text=True)
     return context.variables[f"signal {name}"]
+
+
+def signal_word(element: ScenarioElement, context: Compilation) -> float:
+    """The number of the state that a traffic signal is given; noted where pictures do not know
+    which lamps it means."""
+    state = str(element.values["state"])
+    if lamps_of_state(state) is None:
+        context.note(element, f"pictures do not know the state '{state}': its lamps are off there")
+    return context.word(state)
 
 
 CONDITIONS: dict[str, Handler] = {

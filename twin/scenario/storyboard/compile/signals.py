@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from twin.scenario.storyboard.compile.conditions import signal_named, signal_variable
+from twin.scenario.storyboard.compile.conditions import signal_named, signal_variable, signal_word
 from twin.scenario.storyboard.compile.context import (
     Compilation,
     Handler,
@@ -60,7 +60,7 @@ def _phase(element: ScenarioElement, controller: str, context: Compilation) -> S
     states = [
         SignalState(
             signal_variable(state, context, "trafficSignalId"),
-            context.word(str(state.values["state"])),
+            signal_word(state, context),
         )
         for state in element.all("TrafficSignalState")
     ]

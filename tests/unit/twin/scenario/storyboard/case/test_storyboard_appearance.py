@@ -239,3 +239,30 @@ def test_traffic_lights_show_the_states_of_their_own_slot(tmp_path):
     cleared = motion.at(np.zeros(2)).signals
     assert cleared is not None
     assert not cleared.any()
+
+
+def test_phases_of_controllers_are_shown(tmp_path):
+    path = scenario(tmp_path, "phases", {lamp("fogLights", "on"): 9.0})
+    phases = "".join(
+        f'<Phase name="{state}" duration="0.2"><TrafficSignalState trafficSignalId="light" '
+        f'state="{state}"/></Phase>'
+        for state in ("red", "red_amber", "green")
+    )
+    controlled = (
+        '<LogicFile filepath="own.xodr"/><TrafficSignals><TrafficSignalController name="c">'
+        f"{phases}</TrafficSignalController></TrafficSignals>"
+    )
+    path.write_text(path.read_text().replace('<LogicFile filepath="own.xodr"/>', controlled))
+    case = case_of(path)
+    motion = StoryboardMotion(
+        case, load_vehicle("opencav"), build_palette().kinds, 1, "cpu", ("light",)
+    )
+    motion.begin(0, case)
+    shown = []
+    for _ in range(4):
+        motion.alone(0, 0.1)
+        signals = motion.at(np.zeros(1)).signals
+        assert signals is not None
+        shown.append(int(signals[0, 0]))
+        motion.alone(0, 0.1)
+    assert shown == [1, 3, 4, 1]
