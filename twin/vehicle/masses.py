@@ -67,7 +67,7 @@ def masses_of(vehicle: Vehicle, load: Load = NO_LOAD) -> Masses:
         ValueError: the load is too heavy, or would lift a wheel; one line.
     """
     most_kg = vehicle.mass_max_kg
-    if most_kg is not None and vehicle.mass_kg + load.mass_kg > most_kg:
+    if load.mass_kg and most_kg is not None and vehicle.mass_kg + load.mass_kg > most_kg:
         raise ValueError(
             f"a load of {load.mass_kg:g} kg makes {vehicle.mass_kg + load.mass_kg:g} kg, allowed: "
             f"mass_max_kg {most_kg:g}, a load of {most_kg - vehicle.mass_kg:g} kg"
