@@ -51,8 +51,11 @@ demo: install
 	@$(BIN)/conductor run aeb-demo; code=$$?; [ $$code -le 1 ] || exit $$code
 
 # No torch, browser or scheduler; one real run of every command.
+# Many tests wait for processes and sockets: half of the cores more than there are keep them busy.
+TESTERS = $(shell expr $$(nproc) + $$(nproc) / 2 + 1)
+
 test: install-test
-	$(BIN)/pytest $(if $(ARGS),$(ARGS),--lane quick --numprocesses auto --dist loadgroup)
+	$(BIN)/pytest $(if $(ARGS),$(ARGS),--lane quick --numprocesses $(TESTERS) --dist loadgroup)
 
 test-all: install-test-all
 	$(BIN)/pytest $(if $(ARGS),$(ARGS),--numprocesses auto --dist loadgroup)

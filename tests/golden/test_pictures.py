@@ -93,6 +93,7 @@ def test_pictures_are_the_recorded_ones(pictures):
     assert not bad, f"{bad}; see {SEEN / 'pictures.png'}"
 
 
+@pytest.mark.slow
 def test_a_curve_is_the_recorded_one(tmp_path):
     """The loop's tightest curve, by day and in the light of street lamps, dry and in snow."""
     now, seen = tmp_path / "curve.png", CURVE

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import pytest
 from msgspec.structs import replace
 from storyboard_programs import STEP_S, EventPlan, GroupPlan, car, from_time, program, trigger, when
 
@@ -73,6 +74,7 @@ def test_times_that_are_no_whole_steps_begin_with_the_next():
     assert changes == begins
 
 
+@pytest.mark.slow
 def test_steps_do_not_add_up_errors():
     """After 1000 cycles of a tenth of a second a phase still begins where it must."""
     shown, _ = lights(crossing(0.1, 0.1), 20_000)

@@ -51,6 +51,7 @@ def drive(lane, way_m, start=(0.0, 0.0), speed_mps=8.0, steering=STEERING, blind
             yaw += rate * 0.01
 
 
+@pytest.mark.slow
 def test_keeps_a_lane_with_narrow_bends_both_ways():
     bend = math.pi / 2 * 22.0
     lane = trace(

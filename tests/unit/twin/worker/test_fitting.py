@@ -34,6 +34,7 @@ def test_the_count_of_a_case_is_a_part_of_that_of_its_campaign():
     assert of_case["slots_max"] is None  # the CPU's memory is not counted
 
 
+@pytest.mark.slow
 def test_without_an_answer_all_are_taken():
     assert fitting("cpu", 7, CASE) == 7
     assert fitting("cuda:99", 7, CASE) == 7

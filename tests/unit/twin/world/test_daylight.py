@@ -105,6 +105,7 @@ def test_the_atmosphere_follows_twilight_below_the_horizon(degrees, factor):
     assert 1 / factor < lux / twilight_lx(degrees) < factor
 
 
+@pytest.mark.slow
 def test_the_sky_moves_without_steps_through_sunset():
     tables = []
     for tenth in range(40, -91, -1):

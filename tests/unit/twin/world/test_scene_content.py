@@ -89,6 +89,7 @@ def test_faces_have_area_and_moderate_shape():
     assert longest.max() < 60.0
 
 
+@pytest.mark.slow
 def test_the_seed_changes_the_street_and_the_bake_only_the_light():
     scene = replace(load_scene("downtown"), bake=False)
     plain, other = build_world(scene), build_world(replace(scene, seed=12))

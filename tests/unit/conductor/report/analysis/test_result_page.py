@@ -27,6 +27,7 @@ from conductor.report.plots.heat_picture import _MARKS
 from conductor.report.plots.palette import status_color
 from conductor.report.reading.dossier import open_dossier
 from schemas.files.assets import file_digest
+from schemas.kinds.scenario import passing_words
 from schemas.messages import PerceptionCost
 from twin.base.errors import UsageError
 from twin.base.software import software_digest

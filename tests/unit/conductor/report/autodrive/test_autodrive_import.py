@@ -403,6 +403,7 @@ def test_an_import_is_made_anew_and_a_damaged_one_is_told(tmp_path: Path) -> Non
         report_json(tmp_path / "run")
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(
     not PUBLISHED.is_dir(), reason=f"the published logs are not beside the project: {PUBLISHED}"
 )

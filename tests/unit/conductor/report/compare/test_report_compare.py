@@ -62,6 +62,7 @@ def plant(run: Path, copy: Path, cases: list[str], *, reason: str = "") -> None:
     (copy / "outcomes.json").write_bytes(encode_outcomes(told))
 
 
+@pytest.mark.slow
 def test_four_planted_flips_of_256_are_found(paper_run: Path, tmp_path: Path) -> None:
     outcomes = read_outcomes(paper_run)
     passing = [name for name, end in outcomes.cases.items() if end.passed]
