@@ -156,15 +156,14 @@ def scenario_sheet(
     name = (request.weathers or ("clear",))[0]
     weather = weather_of(name, environment.family, environment.custom)
     pictures = []
-    for scenario in shipped_scenarios():
+    for scenario in shipped_scenarios(of_rulebooks=False):
         at_s = critical_moment_s(scenario)
         street = _Moment(scenario, at_s, request.vehicle, camera, request.device)
         street.stand(0.0, None)
-        light = light_of(environment, street.place, minutes(times[0]), weather)
-        toward = wind_towards(environment, street.place)
-        lamps = usual_lights(name, light.illuminance_lx)
+        seen = street.conditions(environment, minutes(times[0]), weather)
+        lamps = usual_lights(name, seen.light.illuminance_lx)
         key = stream_key(0, scenario, f"camera/{camera.name}")
-        picture = street.picture(light, weather, toward, lamps, key)
+        picture = street.picture(seen, lamps, key)
         pictures.append(_labelled(picture, f"{scenario}, {at_s:.1f} s"))
     blank = np.zeros_like(pictures[0])
     pictures += [blank] * (-len(pictures) % _COLUMNS)

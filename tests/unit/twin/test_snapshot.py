@@ -34,7 +34,7 @@ def test_unknown_weather(tmp_path):
 def test_all_scenarios_are_shown_shortly_before_somebody_is_touched(tmp_path, monkeypatch):
     """Two of them, the other seven would take a minute."""
     names = ("child-behind-bus", "free-traffic")
-    monkeypatch.setattr("twin.snapshot.shipped_scenarios", lambda: names)
+    monkeypatch.setattr("twin.snapshot.shipped_scenarios", lambda **_: names)
     path = tmp_path / "all.png"
     write_sheet(path, SheetRequest(scenario="all", width_px=160))
     sheet = cv2.imread(str(path))

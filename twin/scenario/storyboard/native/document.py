@@ -28,9 +28,10 @@ class NativeDocument:
     scenario: NativeScenario
 
 
-def shipped_scenarios() -> tuple[str, ...]:
-    """Names of the shipped scenarios."""
-    return tuple(sorted(_shipped_files()))
+def shipped_scenarios(*, of_rulebooks: bool = True) -> tuple[str, ...]:
+    """Names of the shipped scenarios; ``of_rulebooks``: those of rulebooks, too."""
+    files = _shipped_files().items()
+    return tuple(sorted(n for n, path in files if of_rulebooks or path.parent == SHIPPED))
 
 
 def _shipped_files() -> dict[str, Path]:
