@@ -109,6 +109,7 @@ def test_box_edges_are_those_of_the_projected_mesh(studio, street, eye, pose):
     assert found["distance_m"] == pytest.approx(nearest_m, abs=0.25)  # between two rays
 
 
+@pytest.mark.slow
 def test_visibility_falls_as_something_covers_the_object(studio, street):
     car = standing(street, "car", 66.0, 0.0)
     shares = []
@@ -181,6 +182,7 @@ def test_truncation_of_a_plate_is_exact():
         assert found == pytest.approx(outside, abs=0.02)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("eye", [PINHOLE, FISHEYE])  # without and with all effects
 def test_slots_do_not_see_each_other(studio, street, eye):
     near = shot_of(street, standing(street, "car", 52.0, 0.0), eye=eye)

@@ -89,6 +89,7 @@ def test_combined_slip_stays_in_the_friction_ellipse():
     assert (found * slips >= 0.0).all()
 
 
+@pytest.mark.slow
 def test_bench_prints_a_rate_and_the_ratio_to_the_oracle():
     done = CliRunner().invoke(app, ["bench", "vehicle", "--vehicles", "4", "--output", "json"])
     assert done.exit_code == 0, done.output

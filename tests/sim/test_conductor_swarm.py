@@ -119,6 +119,7 @@ def test_planted_suspects_are_charged(monkeypatch: pytest.MonkeyPatch) -> None:
     assert "a suspect is charged" in _caught()
 
 
+@pytest.mark.slow
 def test_planted_suspects_are_not_separated(monkeypatch: pytest.MonkeyPatch) -> None:
     def together(turn: CoreTurn, leases: Sequence[LiveLease], reason: Any, detail: str) -> None:
         for lease in leases:

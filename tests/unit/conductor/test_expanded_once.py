@@ -123,6 +123,7 @@ def test_a_run_expands_it_and_its_conductor_what_is_submitted(
     assert expanded == ["noop", "noop"]
 
 
+@pytest.mark.slow
 def test_logs_of_a_study_are_expanded_when_they_become_a_campaign_and_when_it_is_read(
     home: Path, expanded: list[str]
 ) -> None:

@@ -78,6 +78,7 @@ def test_only_what_cases_use_is_loaded_each_network_once(asked, tmp_path):
     )
 
 
+@pytest.mark.slow
 def test_what_was_good_once_is_not_loaded_again(asked, cache, monkeypatch, tmp_path):
     path = write_dark_spot_detector(tmp_path / "a.onnx")
     variants = {

@@ -143,6 +143,7 @@ def test_a_withdrawn_key_is_cut_and_refused(door: Door) -> None:
     neighbour.close()
 
 
+@pytest.mark.slow
 def test_a_session_ends_with_its_key(door: Door, tmp_path: Path) -> None:
     path = tmp_path / "short.key"
     path.write_bytes(load_authority(door.keys).issue(Role.viewer, 4 / 86400))
@@ -184,6 +185,7 @@ def test_who_closes_while_it_begins_does_not_wait_for_ever(tmp_path: Path) -> No
     assert set(fronts()) <= set(others)
 
 
+@pytest.mark.slow
 def test_a_front_that_is_stopped_holds_up_nobody(tmp_path: Path) -> None:
     key = load_key(make_keys(tmp_path / "keys"), Role.conductor)
     others = fronts()

@@ -16,6 +16,7 @@ pytestmark = pytest.mark.skipif(
 )
 
 
+@pytest.mark.slow
 def test_all_running_cases_are_on_the_picture(tmp_path):
     out = tmp_path / "wall.png"
     with _source(9) as endpoint:

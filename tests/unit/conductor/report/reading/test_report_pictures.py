@@ -90,6 +90,7 @@ def test_strips_that_fail_leave_the_others_alone(
     assert "damaged" in found["yolov2-tiny-0500-clear"].missing
 
 
+@pytest.mark.slow
 def test_plots_are_files_of_both_kinds(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib", reason="install the package 'matplotlib'")
     # A dollar would begin a formula.
@@ -171,6 +172,7 @@ def _drawn_texts(sheet: Any) -> list[tuple[str, Any]]:
     return [(text.get_text(), text.get_window_extent()) for text in shown]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", list(plots.PLOTS))
 def test_labels_of_plots_are_apart_and_whole(drawn_sheets: dict[str, Any], name: str) -> None:
     sheet, texts = drawn_sheets[name]
@@ -220,6 +222,7 @@ def test_many_cases_are_plotted_as_distributions(drawn_sheets: dict[str, Any]) -
     assert kinds == ([share, lines, share, bands, bands] if many else [lines] * 5)
 
 
+@pytest.mark.slow
 def test_plots_that_have_nothing_to_show_are_removed(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib", reason="install the package 'matplotlib'")
     make_campaign(tmp_path)
@@ -264,6 +267,7 @@ def test_of_many_models_each_has_a_strip_before_one_has_all(
     assert models == [name for name in MANY for _ in range(2)]
 
 
+@pytest.mark.slow
 def test_curves_are_shared_between_models_and_wide_maps_are_left_out(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -100,6 +100,7 @@ def volume(corners):
     return float((a * np.cross(b, c)).sum() / 6.0)
 
 
+@pytest.mark.slow
 def test_base_colours_of_the_truck():
     parts = load_mesh(FILES / "trimesh" / "CesiumMilkTruck.glb").parts
     pictures = [part.image for part in parts if part.image is not None]
