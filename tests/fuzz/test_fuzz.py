@@ -10,9 +10,9 @@ from fuzz_target import SEEDS, Target, attempt, seed_files
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
-TRIES_MS = 300
+TRIES_MS = 150
 """About how long Hypothesis tries a target [ms]."""
-TRIES_MAX = 100
+TRIES_MAX = 50
 
 INTERESTING = (
     *(b"\0", b"\xff" * 4, b"\x7f\xff\xff\xff", b"\x80\0\0\0", b"\xdf\xff\xff\xff\xff", b"\xc1"),

@@ -14,6 +14,7 @@ from twin.world.meshes import materials
 ROAD = quad((-50, -300, -1.4), (600, -300, -1.4), (600, 300, -1.4), (-50, 300, -1.4))
 NIGHT = {"weather": "clear", "minute": 0, "lights": Lights()}
 NOON = {"weather": "clear", "minute": 720, "lights": Lights()}
+pytestmark = pytest.mark.slow
 NIGHT_AND_NOON = pytest.mark.parametrize("when", [NIGHT, NOON], ids=["night", "noon"])
 
 

@@ -288,7 +288,7 @@ _SETTINGS = settings(
     phases=list(Phase) if os.environ.get("SHRINK") else [Phase.explicit, Phase.generate],
 )
 TestConductorMachine = ConductorMachine.TestCase
-TestConductorMachine.settings = settings(_SETTINGS, max_examples=60)
+TestConductorMachine.settings = settings(_SETTINGS, max_examples=30)
 
 
 @pytest.mark.slow
