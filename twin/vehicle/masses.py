@@ -66,12 +66,6 @@ def masses_of(vehicle: Vehicle, load: Load = NO_LOAD) -> Masses:
     Raises:
         ValueError: the load is too heavy, or would lift a wheel; one line.
     """
-    most_kg = vehicle.mass_max_kg
-    if load.mass_kg and most_kg is not None and vehicle.mass_kg + load.mass_kg > most_kg:
-        raise ValueError(
-            f"a load of {load.mass_kg:g} kg makes {vehicle.mass_kg + load.mass_kg:g} kg, allowed: "
-            f"mass_max_kg {most_kg:g}, a load of {most_kg - vehicle.mass_kg:g} kg"
-        )
     corners = np.array(vehicle.body.corner_mass_kg)
     from_rear = _wheels(vehicle)
     centre = corners @ from_rear / corners.sum()
@@ -82,6 +76,12 @@ def masses_of(vehicle: Vehicle, load: Load = NO_LOAD) -> Masses:
     height_m = vehicle.body.com_height_m
     if not load.mass_kg:
         return Masses(corners, wheels, height_m, inertia, 0.0)
+    most_kg = vehicle.mass_max_kg
+    if most_kg is not None and vehicle.mass_kg + load.mass_kg > most_kg:
+        raise ValueError(
+            f"a load of {load.mass_kg:g} kg makes {vehicle.mass_kg + load.mass_kg:g} kg, allowed: "
+            f"mass_max_kg {most_kg:g}, a load of {most_kg - vehicle.mass_kg:g} kg"
+        )
     loaded = corners + load.mass_kg * _shares(vehicle, load)
     if loaded.min() <= 0.0:
         raise ValueError(
