@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import hashlib
+import itertools
 import sys
 import time
 
@@ -21,7 +22,7 @@ from twin.road.tables.road_tables import road_tables
 from twin.scenario.storyboard.case.rig_player import RigPlayer
 from twin.scenario.storyboard.player.columns import Real
 
-ACTORS = 16
+ACTORS = (2, 16)
 SLOTS = (1, 8, 64, 256)
 STEP_S = 0.01
 WARM = 20
@@ -29,11 +30,11 @@ STEPS = 300
 _POSE = (Real.X, Real.Y, Real.Z, Real.HEADING, Real.PITCH, Real.ROLL, Real.SPEED)
 
 
-def played(device: str, slots: int) -> tuple[float, str]:
+def played(device: str, slots: int, actors: int) -> tuple[float, str]:
     """Milliseconds of a round trip of all slots, and the digest of the last states."""
     programs = [
-        *(reacting_traffic(ACTORS, variant) for variant in range(3)),
-        driver_traffic(ACTORS),
+        *(reacting_traffic(actors, variant) for variant in range(3)),
+        driver_traffic(actors),
     ]
     player = RigPlayer(programs[0], road_tables(ring_network()), slots, STEP_S, device)
     for slot in range(slots):
@@ -62,11 +63,11 @@ def main() -> int:
     parser.add_argument("--device", default="cuda:0")
     device = parser.parse_args().device
     same = True
-    for slots in SLOTS:
-        figures = {where: played(where, slots) for where in dict.fromkeys(("cpu", device))}
+    for actors, slots in itertools.product(ACTORS, SLOTS):
+        figures = {where: played(where, slots, actors) for where in dict.fromkeys(("cpu", device))}
         same &= len({digest for _, digest in figures.values()}) == 1
         print(
-            f"{slots:4} slots x {ACTORS} actors: "
+            f"{slots:4} slots x {actors:2} actors: "
             + ", ".join(f"{ms:.3f} ms a step on {where}" for where, (ms, _) in figures.items())
         )
     print("all bytes are equal" if same else "BYTES DIFFER")

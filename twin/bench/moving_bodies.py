@@ -78,7 +78,8 @@ def measure(device: str, size: Size | None = None, rounds: int = 30) -> MovingBo
     bench = CameraBench(world, size, device, PICTURE)
     at = views(world, size.slots)
     ways = np.concatenate([np.arange(_POSES), np.arange(_POSES)[::-1]]) * _SPEED_MPS * _PICTURE_S
-    places = [_placement(at.x_m, float(way_m)) for way_m in ways]
+    car = build_palette().look("car", _CAR_M, 0).kind
+    places = [_placement(at.x_m, float(way_m), car) for way_m in ways]
     turns = cycle(places)
 
     def move() -> None:
@@ -117,11 +118,10 @@ def lines(figures: MovingBodies) -> list[str]:
     ]
 
 
-def _placement(eyes_x_m: np.ndarray, way_m: float) -> Placement:
-    """Cars in three lanes ahead of every view that have driven so far."""
+def _placement(eyes_x_m: np.ndarray, way_m: float, car: int) -> Placement:
+    """Cars in three lanes ahead of every view that have driven so far; ``car``: their kind."""
     slots = len(eyes_x_m)
     number = np.arange(BODIES)
-    look = build_palette().look("car", _CAR_M, 0)
     position = np.zeros((slots, BODIES, 3))
     position[..., 0] = eyes_x_m[:, None] + _FIRST_M + _GAP_M * (number // len(_ASIDE_M)) + way_m
     position[..., 1] = np.take(_ASIDE_M, number % len(_ASIDE_M))
@@ -129,7 +129,7 @@ def _placement(eyes_x_m: np.ndarray, way_m: float) -> Placement:
     velocity[..., 0] = _SPEED_MPS
     return replace(
         nobody(slots, BODIES),
-        kind=np.full((slots, BODIES), look.kind, np.int32),
+        kind=np.full((slots, BODIES), car, np.int32),
         position_m=position,
         velocity_mps=velocity,
         half_m=np.tile(np.array(_CAR_M[:2]) / 2.0, (slots, BODIES, 1)),

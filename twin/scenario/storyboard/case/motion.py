@@ -91,7 +91,7 @@ class StoryboardMotion:
         self._step_s = STEP_NS / 1e9
         self._programs: dict[int, tuple[LoadedStoryboard, Program]] = {}
         # On the CPU whatever the rig's device: what the player says is needed on the host after
-        # every step, and nothing says yet that a GPU is faster then (record 0028).
+        # every step, and a GPU is faster only with a hundred actors or more (record 0028).
         self._player = RigPlayer(self._program(loaded), tables, slots, self._step_s, "cpu")
         self._player.prepare(loaded.ego)
         self._cases: list[_SlotCase | None] = [None] * slots
