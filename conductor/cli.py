@@ -24,6 +24,7 @@ from conductor.commands.options import (
     ByBatch,
     CampaignToServe,
     Device,
+    FilmsOf,
     FirstCases,
     Listen,
     MemoryGb,
@@ -42,6 +43,7 @@ from conductor.commands.options import (
     TimeToLive,
     UntilDone,
     View,
+    Weather,
     Workers,
 )
 from conductor.commands.report_commands import add_report_commands
@@ -91,6 +93,7 @@ def run_command(
     cases: FirstCases = None,
     rows: Rows = "",
     quick: Quick = False,
+    weather: Weather = "",
     by_batch: ByBatch = False,
     listen: Listen = LOOPBACK,
     key: KeyOption = None,
@@ -112,7 +115,8 @@ def run_command(
     from conductor.run.places import parse_workers, where
     from conductor.run.source import chosen, load, with_drive
 
-    plan = load(campaign, seed=seed, render=None if render is None else render is OnOff.on)
+    sees = None if render is None else render is OnOff.on
+    plan = load(campaign, seed=seed, render=sees, weather=weather)
     plan = chosen(plan, case, cases, rows, quick=quick)
     loaded = plan.campaign
     if workers is None and loaded.clock == "realtime":
@@ -212,7 +216,9 @@ def serve(
     raise typer.Exit(code)
 
 
-def _checked(source: str, *, seed: int | None = None, fetch: bool = True) -> Plan:
+def _checked(
+    source: str, *, seed: int | None = None, fetch: bool = True, weather: str = ""
+) -> Plan:
     """The plan of a campaign whose models were looked at, too.
 
     Raises:
@@ -221,7 +227,7 @@ def _checked(source: str, *, seed: int | None = None, fetch: bool = True) -> Pla
     from conductor.run.models import check_models
     from conductor.run.source import load
 
-    plan = load(source, seed=seed, fetch=fetch)
+    plan = load(source, seed=seed, fetch=fetch, weather=weather)
     check_models(plan, source)
     return plan
 
@@ -237,6 +243,7 @@ def submit(
     seed: Seed = None,
     rows: Rows = "",
     quick: Quick = False,
+    weather: Weather = "",
     priority: Annotated[
         int, typer.Option(help="Higher ones are served first; equals share the workers.")
     ] = 0,
@@ -249,7 +256,7 @@ def submit(
     from conductor.run.source import of_rows
     from twin.fabric.keys.roles import Role
 
-    loaded = of_rows(_checked(campaign, seed=seed), rows, quick=quick).campaign
+    loaded = of_rows(_checked(campaign, seed=seed, weather=weather), rows, quick=quick).campaign
     with client_of(conductor, Role.submitter) as client:
         folder = client.submit(loaded, str(out.absolute()) if out else "", priority)
     print(f"submitted {loaded.campaign}: results in {folder}")
@@ -334,6 +341,7 @@ def validate(
     ] = False,
     rows: Rows = "",
     quick: Quick = False,
+    weather: Weather = "",
     output: OutputOption = Output.human,
 ) -> None:
     """Check a campaign file, and tell in one line what is wrong with it; lists its cases.
@@ -343,7 +351,7 @@ def validate(
     from conductor.run.source import of_rows
 
     try:
-        plan = of_rows(_checked(campaign, fetch=fetch), rows, quick=quick)
+        plan = of_rows(_checked(campaign, fetch=fetch, weather=weather), rows, quick=quick)
     except UsageError as error:
         if output is Output.json:
             print(json.dumps({"valid": False, "mistakes": str(error).splitlines()}))
@@ -410,6 +418,13 @@ def report(
     anew: Annotated[
         bool, typer.Option("--anew", help="Read every KPI file again, also unchanged ones.")
     ] = False,
+    films: Annotated[
+        FilmsOf | None,
+        typer.Option(
+            help="failures: make films of recorded cases that did not pass, of a rulebook's tables "
+            "the worst run of each cell; the page leads to them."
+        ),
+    ] = None,
     output: OutputOption = Output.human,
 ) -> None:
     """Write report.html, summary.parquet, summary.csv and plots of a campaign folder, also while
@@ -424,15 +439,16 @@ def report(
     from conductor.trust.sign_run import sign_derived
 
     folder = report_folder(folder, import_autodrive, out)
-    made = make_report(folder, anew=anew, serial=serial)
+    made = make_report(folder, anew=anew, serial=serial, films=films is FilmsOf.failures)
     sign_derived(folder)
-    pages = [made.page, *({path.parent for path in made.plots})]
+    pages = [made.page, *sorted({path.parent for path in (*made.plots, *made.films)})]
     if markdown is not None:
         pages.append(write_result_page(folder, markdown))
     as_json = output is Output.json
     print(json.dumps(tables_of(made.content)) if as_json else "\n".join(map(str, pages)))
     alarms = made.content.evidence.alarms
-    for line in [*first_screen(made.content.dossier), made.plots_missing, *alarms]:
+    first = first_screen(made.content.dossier)
+    for line in [*first, made.plots_missing, *made.films_missing, *alarms]:
         if line:
             print(f"conductor: {line}", file=sys.stderr)
     raise typer.Exit(EXIT_INFRASTRUCTURE if alarms else made.content.dossier.exit_code)

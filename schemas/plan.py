@@ -15,7 +15,7 @@ from schemas.kinds.perception import perception_kind
 from schemas.kinds.plugins import ForeignKind, foreign_kinds
 from schemas.kinds.scenario import kind_of
 from schemas.points import Point, points_of
-from schemas.rulebook_rows import rows_called
+from schemas.rulebook_rows import axes_beyond, rows_called
 from schemas.sections.autonomy import DELAYS, driver
 from schemas.sections.camera import Camera
 from schemas.sections.perception import file_fields
@@ -97,7 +97,7 @@ class Plan:
 
     def rows(self, words: Sequence[str]) -> Plan:
         """The plan with the cases of those rows of its rulebook that are called by their names,
-        groups or tests; they keep their ids.
+        groups or tests, or by tags of their groups; they keep their ids.
 
         Raises:
             ValueError: it has no rulebook, or nothing is called so; one line.
@@ -109,20 +109,24 @@ class Plan:
         return self._restricted([point for point in self._points if point.row in names])
 
     def quick(self) -> Plan:
-        """The plan with the first and the last point of each row of its rulebook, once each; they
-        keep their ids.
+        """The plan with the first and the last point of each row of its rulebook, once each, for
+        every value of a matrix; they keep their ids.
 
         Raises:
             ValueError: it has no rulebook; one line.
         """
-        if self.campaign.rulebook is UNSET:
+        campaign = self.campaign
+        rulebook = campaign.rulebook
+        if rulebook is UNSET:
             raise ValueError(NO_RULEBOOK)
-        firsts: dict[str, Point] = {}
-        lasts: dict[str, Point] = {}
+        beyond = axes_beyond(rulebook, campaign.scenario, campaign.matrix, campaign.cases)
+        firsts: dict[tuple[Any, ...], Point] = {}
+        lasts: dict[tuple[Any, ...], Point] = {}
         for point in self._points:
-            firsts.setdefault(point.row, point)
-            if point.repeat <= lasts.get(point.row, point).repeat:
-                lasts[point.row] = point
+            key = (point.row, *(point.values.get(axis) for axis in beyond))
+            firsts.setdefault(key, point)
+            if point.repeat <= lasts.get(key, point).repeat:
+                lasts[key] = point
         kept = {point.id for point in (*firsts.values(), *lasts.values())}
         return self._restricted([point for point in self._points if point.id in kept])
 

@@ -75,6 +75,19 @@ def axes_of_rows(rulebook: Rulebook, scenario: Scenario) -> list[str]:
     return [*dict.fromkeys([ROW_AXIS, *named])]
 
 
+def axes_beyond(
+    rulebook: Rulebook,
+    scenario: Scenario,
+    matrix: Mapping[str, Sequence[Axis]],
+    cases: Sequence[Mapping[str, Axis]],
+) -> list[str]:
+    """Axes by which cases differ beside what their rows say and repetitions: those of the matrix,
+    also where single points of it are listed as cases."""
+    of_rows = {REPEAT_AXIS, *axes_of_rows(rulebook, scenario)}
+    named = [*matrix, *(axis for case in cases for axis in case)]
+    return [axis for axis in dict.fromkeys(named) if axis not in of_rows]
+
+
 def constants_of_row(row: RulebookRow, prefix: str) -> Point:
     """Axes that have one value in all of the row, which its name stands for."""
     singles = {n: row.listed(n)[0] for n in row.values if len(row.listed(n)) == 1}
@@ -230,22 +243,24 @@ def base_of_varied(row: RulebookRow, name: str, scenario: Scenario) -> str | Non
 
 
 def rows_called(rulebook: Rulebook, words: Sequence[str]) -> list[str]:
-    """Names of the rows that are called by their own names, their groups or their tests, in the
-    order of the rulebook; capital letters do not matter.
+    """Names of the rows that are called by their own names, their groups, their tests or tags of
+    their groups, in the order of the rulebook; capital letters do not matter.
 
     Raises:
         ValueError: nothing is called so; one line.
     """
+    tags = {name: [tag.lower() for tag in group.tags] for name, group in rulebook.groups.items()}
     called = {
-        row.row: {row.row.lower(), row.group.lower(), row.test.lower()} - {""}
+        row.row: {row.row.lower(), row.group.lower(), row.test.lower(), *tags.get(row.group, ())}
+        - {""}
         for row in rulebook.rows
     }
-    known = [*dict.fromkeys([*called, *rulebook.groups])]
+    known = [*dict.fromkeys([*called, *rulebook.groups, *itertools.chain(*tags.values())])]
     chosen = set()
     for word in words:
         rows = [row for row, names in called.items() if word.strip().lower() in names]
         if not rows:
-            raise ValueError(f"no row, group or test '{word}'; {suggest(word.lower(), known)}")
+            raise ValueError(f"no row, group, test or tag '{word}'; {suggest(word.lower(), known)}")
         chosen.update(rows)
     return [row for row in called if row in chosen]
 

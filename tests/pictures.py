@@ -125,6 +125,8 @@ class Script:
             "lamps": (np.float32, ()),
             "lights": (np.int32, ()),
         }
+        if "pitch_rad" in self.columns:
+            shapes |= {"pitch_rad": (float, ()), "roll_rad": (float, ())}
         values = {}
         for name, (dtype, inner) in shapes.items():
             one = np.zeros((count, *inner), dtype)

@@ -164,6 +164,16 @@ def strips(
         print(line, flush=True)
 
 
+@app.command(hidden=True)
+def films(folder: Folder) -> None:
+    """Many films in one process, for `conductor report --films`: reads lines of JSON with ``case``
+    and ``out``, and answers each with a line of ``case`` and ``error``."""
+    from viewer.playback.video import answer_films
+
+    for line in answer_films(folder, sys.stdin):
+        print(line, flush=True)
+
+
 @app.command()
 def export(
     folder: Folder,

@@ -28,6 +28,12 @@ class OnOff(StrEnum):
     off = "off"
 
 
+class FilmsOf(StrEnum):
+    """Cases that a report makes films of."""
+
+    failures = "failures"
+
+
 View = Annotated[
     ViewMode | None,
     typer.Option(
@@ -66,8 +72,8 @@ FirstCases = Annotated[
 Rows = Annotated[
     str,
     typer.Option(
-        help="Only these rows of its rulebook: names of rows, groups or tests, with commas "
-        "between; choose another --out for them."
+        help="Only these rows of its rulebook: names of rows, groups or tests, or tags of groups, "
+        "with commas between; choose another --out for them."
     ),
 ]
 Quick = Annotated[
@@ -76,6 +82,13 @@ Quick = Annotated[
         "--quick",
         help="Only the first and the last point of each row of its rulebook, once each: the "
         "easiest and the hardest; choose another --out for them.",
+    ),
+]
+Weather = Annotated[
+    str,
+    typer.Option(
+        help="Each case in all of these weathers, with commas between, or `all`; in place of the "
+        "campaign's; choose another --out for them."
     ),
 ]
 RecordDrive = Annotated[

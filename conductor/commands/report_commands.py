@@ -105,9 +105,10 @@ def compare_command(
 ) -> None:
     """Say what changed between two runs of the same cases; exit code 1 on a regression.
 
-    A regression is a case whose verdict has become worse: `pass` before anything else, and a
-    verdict without a collision, such as false braking, before a collision or no verdict. Cases
-    that are in one run only are listed and do not count.
+    A regression is a case whose verdict has become worse: best is `pass` or `avoided`, then comes
+    a verdict without a collision, such as false braking, then `mitigated`, then a collision,
+    `fail`, `not_mitigated`, `inconclusive` or no verdict. Cases that are in one run only are listed
+    and do not count.
     """
     from conductor.report.compare.page import as_html, as_json, as_markdown
     from conductor.report.compare.text import print_comparison

@@ -17,6 +17,7 @@ from schemas.case import Case
 from schemas.files.assets import ROAD_SUFFIX, asset_digest, file_digest, is_path
 from schemas.files.yaml_file import YamlError, load_yaml
 from schemas.kinds.scenario import kind_of
+from schemas.names import WEATHERS
 from schemas.plan import Plan, examine
 from schemas.sections.autonomy import driver
 from schemas.sections.lidar import Lidar
@@ -27,6 +28,8 @@ from twin.base.errors import InfrastructureError, UsageError
 from twin.base.fetch import fetch
 from twin.stack_identity.identity import Named, find_stack, named_files
 
+WEATHER_AXIS = "weather"
+"""Axis of a matrix that ``--weather`` sets."""
 _SHIPPED = Path(__file__).parents[1] / "campaigns"
 
 
@@ -57,7 +60,12 @@ def find(name: str) -> Path:
 
 
 def load(
-    name: str, *, seed: int | None = None, fetch: bool = True, render: bool | None = None
+    name: str,
+    *,
+    seed: int | None = None,
+    fetch: bool = True,
+    render: bool | None = None,
+    weather: str = "",
 ) -> Plan:
     """Load and check a campaign, with its cases.
 
@@ -66,6 +74,8 @@ def load(
         seed: replaces the file's seed.
         fetch: fetch the repository that it names, run its set-up, and pin it to the commit.
         render: replaces the file's: whether cameras see.
+        weather: weathers with commas between, or ``all``, in each of which all cases are run, in
+            place of the file's; empty: as it is.
 
     Raises:
         UsageError: one line per mistake.
@@ -78,9 +88,12 @@ def load(
     shown = name if path.parent != _SHIPPED else path.name
     if render is not None and isinstance(data, dict):
         data = {**data, "render": render}  # before rates are looked at: a blind camera has any
+    if weather and isinstance(data, dict):
+        data = _in_weathers(data, weather, shown)
     plan, mistakes = check(data, path.parent)
     if plan is None:
-        raise UsageError("\n".join(_line(mistake, shown, render) for mistake in mistakes))
+        options = {"render": render is not None, f"matrix.{WEATHER_AXIS}": bool(weather)}
+        raise UsageError("\n".join(_line(mistake, shown, options) for mistake in mistakes))
     campaign = plan.campaign
     if fetch:
         campaign = with_repository(campaign, shown)
@@ -92,11 +105,30 @@ def load(
     return plan.amended(complete)
 
 
-def _line(mistake: Mistake, shown: str, render: bool | None) -> str:
-    """A mistake in the file that is ``shown``, or in ``--render``."""
-    if render is not None and mistake.path == "render":
-        return f"--render {mistake.message}"
+def _line(mistake: Mistake, shown: str, options: dict[str, bool]) -> str:
+    """A mistake in the file that is ``shown``, or in the option that has set its path."""
+    if options.get(mistake.path):
+        return f"--{mistake.path.rpartition('.')[2]} {mistake.message}"
     return mistake.line(shown)
+
+
+def _in_weathers(data: dict[str, Any], weather: str, shown: str) -> dict[str, Any]:
+    """The content of a campaign with weathers as an axis of its matrix.
+
+    Raises:
+        UsageError: no such weather, one named twice, or the campaign lists its cases.
+    """
+    names = list(WEATHERS) if weather == "all" else [word.strip() for word in weather.split(",")]
+    for name in names:
+        if name not in WEATHERS:
+            allowed = suggest(name, ["all", *WEATHERS])
+            raise UsageError(f"--weather: no weather '{name}'; {allowed}")
+        if names.count(name) > 1:
+            raise UsageError(f"--weather: '{name}' is named twice; name each once")
+    if data.get("cases"):
+        raise UsageError(f"--weather: {shown} lists its cases; give them a weather there")
+    matrix = data.get("matrix") or {}
+    return {**data, "matrix": {**matrix, WEATHER_AXIS: names}} if isinstance(matrix, dict) else data
 
 
 def _identity(campaign: Campaign, shown: str) -> StackIdentity:

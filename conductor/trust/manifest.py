@@ -38,7 +38,7 @@ MANIFEST_BYTES_MAX = 1 << 30
 DERIVED = frozenset(
     {
         *("report.html", "summary.csv", "summary.parquet", "resources.parquet"),
-        *(RULEBOOK_FILE, "plots", ".report"),
+        *(RULEBOOK_FILE, "plots", "films", ".report"),
     }
 )
 """Files and folders in a run folder that are made of the others, by their first name."""

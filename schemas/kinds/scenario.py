@@ -11,7 +11,7 @@ from msgspec import UNSET, Struct
 
 from schemas.kinds.kpi import KpiKind, columns_by_name, scalars_by_name, shipped
 from schemas.kinds.registry import Kinds, read_kinds
-from schemas.kinds.verdict import VERDICTS, VerdictKind
+from schemas.kinds.verdict import LEVEL_OF_PASSING, VERDICTS, VerdictKind
 
 GROUP = "drivetwin.scenarios"
 """Entry points that bring scenario families."""
@@ -252,3 +252,10 @@ def verdict_kinds() -> tuple[VerdictKind, ...]:
 def passing_words() -> frozenset[str]:
     """Verdict words with which a case has passed."""
     return frozenset(verdict.name for verdict in verdict_kinds() if verdict.passes)
+
+
+@cache
+def levels_of_verdicts() -> dict[str, int]:
+    """Level of each verdict word, those that pass included
+    (:attr:`schemas.kinds.verdict.VerdictKind.level`)."""
+    return {v.name: LEVEL_OF_PASSING if v.passes else v.level for v in verdict_kinds()}

@@ -46,6 +46,8 @@ class RulebookGroup(_Section, frozen=True, kw_only=True):
     """Share of its conclusive runs that may fail [-]."""
     table: RulebookTable | None = None
     """Its table; not given: its rows, one below the other."""
+    tags: list[Name] = []
+    """Words by which commands choose its rows, as the range of a protocol that they belong to."""
 
 
 class RulebookRow(_Section, frozen=True, kw_only=True):

@@ -137,6 +137,15 @@ class StateSample(Struct, frozen=True):
     movers: list[list[float]] = []
     """Objects that move by script: world x, y, z of the ground below, yaw [rad], half length, half
     width, height [m]."""
+    z_m: float | None = None
+    """Height of the ego's reference point; None: not known, as in messages of earlier releases."""
+    pitch_rad: float = 0.0
+    """Of the ego, nose down positive."""
+    roll_rad: float = 0.0
+    """Of the ego, to the right positive."""
+    mover_tilts: list[list[float]] = []
+    """Pitch (nose down positive) and roll (to the right positive) of each of :attr:`movers`, about
+    its own axes [rad]; empty: all stand level, as in messages of earlier releases."""
     hand: str = ""
     """Intervention in the case: ``by hand``, ``paused``, ``steered``; empty: nothing."""
     sensors: dict[str, list[float]] = {}

@@ -2,8 +2,8 @@
 
 Every row is played beside the permutations that it stands for. The car there is a Golf: where our
 numbers are for the shipped car, they are set to what they are for that one. Compared is how far the
-target has moved from its start, along and across the road, at each time until both would have met,
-and the gap and the offset at the beginning.
+target is at each time until both would have met, and where parked cars stand: of targets that cross
+seen from the ego's front at the beginning, of those in its lane from where they start.
 """
 
 from __future__ import annotations
@@ -25,13 +25,16 @@ from twin.road.tables.road_tables import RoadTables, road_tables
 from twin.scenario.storyboard.case.files import load_storyboard
 from twin.scenario.storyboard.compile.compiler import RoadCache, compile_scenario
 from twin.scenario.storyboard.openscenario.scenario import expand
+from twin.scenario.storyboard.program.entities import StoryboardEntity
 from twin.scenario.storyboard.program.program import Program
 from twin.world.road_scene import road_map
 
 FOLDER = (
     Path(__file__).parents[3]
-    / "shared/data/openscenario/ncap/OpenSCENARIO/NCAP/CA-FC_2026/Variations/StandardRange"
+    / "shared/data/openscenario/ncap/OpenSCENARIO/NCAP/CA-FC_2026/Variations"
 )
+RANGES = {"standard": ("StandardRange", 310), "extended": ("ExtendedRange", 389)}
+"""Tag of groups -> folder of files, and how many cases there are."""
 pytestmark = [
     pytest.mark.slow,
     pytest.mark.skipif(not FOLDER.is_dir(), reason=f"no scenario files at {FOLDER}"),
@@ -40,7 +43,10 @@ WIDTH_M, FRONT_M = 1.815, 1.349 + 4.358 / 2
 """The Golf: width, and way from its rear axle to its front [m]."""
 BASES = {
     name: name.upper().replace("-", "_")
-    for name in ("cpna", "cpfa", "cpla", "cbla", "cpla-fcw", "cbla-fcw")
+    for name in (
+        *("cpna", "cpfa", "cpla", "cbla", "cpla-fcw", "cbla-fcw"),
+        *("cpnco", "cbna", "cbfa", "cbnao"),
+    )
 } | {
     "ccrs": "CCRs",
     "ccrm": "CCRm",
@@ -52,17 +58,33 @@ BASES = {
     "cmrs-fcw": "CMRs_FCW",
 }
 """Beginning of a row's name -> file of permutations."""
+CROSSING = {"cpna": (0.25, 0.06), "cpfa": (0.25, -0.06), "cpnco": (0.149, 0.0405)}
+"""Of those that walk across: half the width, and how far to the left the middle is when met [m]."""
+RIDING = {
+    "cbna": (11.66, 13.265, 23.38, 17.0, 15.0),
+    "cbfa": (9.5, 13.235, 28.38, 22.0, 20.0),
+    "cbnao": (13.0, 13.265, 10.88, 4.5, 10.0),
+}
+"""Of those that ride over the crossroads, met in the middle of the ego's front: where that is then
+from the crossroads' beginning on, where the target is, its way there, how long it is steady [m],
+and its speed [km/h]."""
+BESIDE = {"CBNA": (1.0, 17.0), "CBNAO": (4.8, 3.55)}
+"""Where the larger parked car stands as the files' own parameters say: between its side and the
+bicycle's, and from the middle of the ego's lane to its rear [m]."""
 EVERY = 5
 STEP_S = 0.01
 
 
 class Track(NamedTuple):
-    """Where a target is, beside the lane of the ego, at every row [rows]."""
+    """Where a target is, seen from the ego's front at the beginning, at every row [rows]."""
 
     along_m: np.ndarray
+    """Of its middle."""
     across_m: np.ndarray
     gap_m: float
     """From bumper to bumper along the lane at the beginning."""
+    parked_m: np.ndarray
+    """Middles of all others, in their order [cars, along and across]."""
 
 
 def base_of(row: str) -> str:
@@ -70,10 +92,11 @@ def base_of(row: str) -> str:
 
 
 def location_of(row: str) -> int:
-    """Share of the ego's width at which the target is hit [%]."""
-    last = row.removesuffix("-night").rpartition("-")[2]
+    """Share of the ego's width at which the middle of the target is hit [%]; below 0 and above 100
+    it passes beside the ego."""
+    before, _, last = row.removesuffix("-ext").removesuffix("-night").rpartition("-")
     if last.isdigit():
-        return int(last)
+        return -int(last) if before.endswith("-minus") else int(last)
     return 25 if "fcw" in row else 50
 
 
@@ -82,14 +105,31 @@ def golf_numbers(case: Case, row: str, ego_length_m: float) -> dict[str, float]:
     numbers = dict(case.variation.scenario.numbers)
     offset_m = WIDTH_M * (location_of(row) / 100 - 0.5)
     speed_mps = numbers["ego.speed_kmh"] / 3.6
-    if row.startswith(("cpna", "cpfa")):
-        near = row.startswith("cpna")
+    base, arrive = base_of(row).lower(), "events.cross.do.target.arrive"
+    if base in CROSSING:
         # The rear axle starts 6 s before the target's line; the front has to come to its side.
-        way_m = 6 * speed_mps - FRONT_M - 0.25
-        arrive = "events.cross.do.target.arrive"
-        numbers[f"{arrive}.meet_at.s_m"] = 150 - 0.25 - ego_length_m / 2
+        half_m, left_m = CROSSING[base]
+        numbers[f"{arrive}.meet_at.s_m"] = 150 - half_m - ego_length_m / 2
+        way_m = 6 * speed_mps - FRONT_M - half_m
         numbers["ego.s_m"] = numbers[f"{arrive}.meet_at.s_m"] - way_m
-        numbers[f"{arrive}.at.lateral_m"] = -1.75 + (offset_m + 0.06) * (1 if near else -1)
+        # Of CPFA the share counts from the left, where it comes from.
+        aside_m = -offset_m if base == "cpfa" else offset_m
+        numbers[f"{arrive}.at.lateral_m"] = -1.75 + aside_m + left_m
+        if base == "cpnco":
+            lateral_m = -1.75 - 1 - WIDTH_M / 2 - 1.82 / 2
+            numbers |= {f"actors.{name}.lateral_m": lateral_m for name in ("large", "small")}
+    elif base in RIDING:
+        # The rear axle starts 6 s before the crossroads.
+        front_m, at_m, way_m, steady_m, target_kmh = RIDING[base]
+        numbers["ego.s_m"] = 250 - 6 * speed_mps + FRONT_M - ego_length_m / 2
+        numbers[f"{arrive}.meet_at.s_m"] = front_m - ego_length_m / 2
+        numbers[f"{arrive}.at.s_m"] = at_m - offset_m
+        if base != "cbnao":
+            unsteady_m = way_m - steady_m + (offset_m if base == "cbna" else -offset_m)
+            target_mps = target_kmh / 3.6
+            time_s = 6 + (front_m - FRONT_M) / speed_mps - steady_m / target_mps
+            begins_mps = max(0.0, 2 * unsteady_m / time_s - target_mps)
+            numbers["events.cross.do.target.speed_mps"] = begins_mps
     elif row.startswith(("cpla", "cbla")):
         # There from the rear axle to the target's origin, 0.3 m or 0.34 m before its rear.
         back_m = 0.3 if row.startswith("cpla") else 1.89 / 2 - 0.605
@@ -126,46 +166,54 @@ def key_of_case(case: Case, row: str) -> tuple[object, ...]:
     )
 
 
-def track_of(played: PlayedScenario, lane_y_m: float) -> Track:
+def track_of(played: PlayedScenario) -> Track:
     """The track of the target of a program, whose ego drives along x."""
     entities = played.program.entities
     ego = next(e for e in entities if e.ego)
     target = next(e for e in entities if e.name.lower() in ("target", "vru"))
-    rows = {entity.name: [r for r in played.rows if r.entity == entity.name] for entity in entities}
-    x = np.array([r.x_m for r in rows[target.name]])
-    y = np.array([r.y_m for r in rows[target.name]])
-    first, start = rows[target.name][0], rows[ego.name][0]
-    along = math.cos(first.heading_rad)
-    middle = first.x_m + target.box.centre_x_m * along
-    half = abs(along) * target.box.length_m / 2 + abs(math.sin(first.heading_rad)) * (
-        target.box.width_m / 2
-    )
+    start = next(r for r in played.rows if r.entity == ego.name)
     front = start.x_m + ego.box.centre_x_m + ego.box.length_m / 2
-    return Track(x - x[0], y - lane_y_m, middle - half - front)
+    along, across = middles(played, target, front, start.y_m)
+    heading = next(r.heading_rad for r in played.rows if r.entity == target.name)
+    half = abs(math.cos(heading)) * target.box.length_m / 2
+    half += abs(math.sin(heading)) * target.box.width_m / 2
+    others = sorted((e.name, e) for e in entities if e.name not in (ego.name, target.name))
+    parked = [middles(played, other, front, start.y_m) for _, other in others]
+    return Track(along, across, along[0] - half, np.array([[x[0], y[0]] for x, y in parked]))
 
 
-def lane_of(played: PlayedScenario) -> float:
-    ego = next(e for e in played.program.entities if e.ego)
-    return next(r.y_m for r in played.rows if r.entity == ego.name)
+def middles(
+    played: PlayedScenario, entity: StoryboardEntity, front_m: float, lane_m: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Where the middle of an entity is, along and across [rows]."""
+    rows = [r for r in played.rows if r.entity == entity.name]
+    heading, ahead_m = np.array([r.heading_rad for r in rows]), entity.box.centre_x_m
+    x, y = np.array([r.x_m for r in rows]), np.array([r.y_m for r in rows])
+    return (
+        x + ahead_m * np.cos(heading) - front_m,
+        y + ahead_m * np.sin(heading) - lane_m,
+    )
 
 
 def play(programs: list[Program], roads: RoadTables | None) -> list[PlayedScenario]:
     return play_programs(programs, roads, step_s=STEP_S, every=EVERY, until_s=60.0)
 
 
-def test_rows_move_as_the_files_of_others() -> None:
-    plan = load("euro-ncap-2026")
+@pytest.mark.parametrize("tag", RANGES)
+def test_rows_move_as_the_files_of_others(tag: str) -> None:
+    plan = load("euro-ncap-2026").rows([tag])
+    folder, count = RANGES[tag]
     cases = defaultdict(list)
     for case in plan.cases:
         trial: Trial = case.variation.scenario.trial
         cases[base_of(trial.row)].append((trial.row, case))
-    assert sum(map(len, cases.values())) == 262
+    assert sum(map(len, cases.values())) == count
     cache: RoadCache = {}
     for file, members in cases.items():
-        variations = FOLDER / f"{file}.xosc"
+        variations = FOLDER / folder / f"{file}.xosc"
         base = "CBLA" if file[:4] in ("CPLA", "CBLA") else "CPNA" if file == "CPFA" else file
         base = "CCRs" if file[:3] in ("CCR", "CMR") else base
-        permutations = expand(FOLDER.parents[1] / f"{base}.xosc", variations)
+        permutations = expand(FOLDER.parent / f"{base}.xosc", variations)
         by_key = {key_of(file, p.values): p for p in permutations}
         assert len(by_key) == len(permutations) == len(members), file
         theirs = play_all(
@@ -210,16 +258,28 @@ def road_tables_of(road: str) -> RoadTables:
 
 
 def compare(row: str, case: Case, own: PlayedScenario, other: PlayedScenario) -> None:
-    mine, theirs = track_of(own, lane_of(own)), track_of(other, lane_of(other))
+    mine, theirs = track_of(own), track_of(other)
+    assert mine.parked_m.shape == theirs.parked_m.shape, row
+    if base_of(row) in BESIDE:
+        # Beyond the junction their lane -1 is the bicycle's own, so there the cars hide nothing.
+        clear_m, aside_m = BESIDE[base_of(row)]
+        large = mine.parked_m[0]
+        assert abs(mine.along_m[0] - 0.25 - (large[0] + 0.91) - clear_m) < 0.01, row
+        assert abs(-(large[1] + 4.418 / 2) - aside_m) < 0.01, row
+    else:
+        assert np.abs(mine.parked_m - theirs.parked_m).max(initial=0.0) < 0.01, row
     rows = min(len(mine.along_m), len(theirs.along_m))
     # Until they meet: after that the files of others go on differently.
     speed_mps = case.variation.scenario.numbers["ego.speed_kmh"] / 3.6
-    gap = (
-        theirs.gap_m + theirs.along_m - speed_mps * STEP_S * EVERY * np.arange(len(theirs.along_m))
-    )
+    gap = theirs.gap_m + theirs.along_m - theirs.along_m[0]
+    gap -= speed_mps * STEP_S * EVERY * np.arange(len(theirs.along_m))
     near = np.flatnonzero(gap[:rows] < 0.0)
     until = int(near[0]) if len(near) else rows
     assert until > 2.0 / (STEP_S * EVERY), row
+    if base_of(row).lower() not in CROSSING | RIDING:
+        # Ours may begin later, at the same closing speed.
+        mine.along_m[:] -= mine.along_m[0]
+        theirs.along_m[:] -= theirs.along_m[0]
     for name in ("along_m", "across_m"):
         apart = np.abs(getattr(mine, name)[:until] - getattr(theirs, name)[:until])
         assert apart.max() < 0.01, (case.id, name, float(apart.max()), int(apart.argmax()))

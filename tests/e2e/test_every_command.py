@@ -68,7 +68,7 @@ ELSEWHERE = {
 READ = [
     ("conductor", "verify", "{run}"),
     ("conductor", "fingerprint", "{run}"),
-    ("conductor", "report", "{run}"),
+    ("conductor", "report", "{run}", "--films", "failures"),
     ("conductor", "export", "{run}", "--format", "autodrive-csv", "--out", "{tmp}/csv"),
     ("conductor", "validate", "{file}"),
     ("conductor", "fields", "scenario"),

@@ -52,15 +52,15 @@ from schemas.messages import Command
 
 
 class Stops(IdleStack):
-    """Brakes as soon as the radar has seen anything."""
+    """Brakes as soon as the sonar has seen anything."""
 
     def __init__(self, slots):
         super().__init__(slots)
         self.brake = [0.0] * slots
 
     def step(self, observation):
-        if "radar" in observation.sensors:
-            rows, counts = observation.sensors["radar"], observation.counts["radar"]
+        if "sonar" in observation.sensors:
+            rows, counts = observation.sensors["sonar"], observation.counts["sonar"]
             for slot in observation.active_slots():
                 near_m = rows[slot, : counts[slot], 0]
                 assert (near_m > 0).all()
@@ -78,13 +78,13 @@ class Stops(IdleStack):
         ]
 '''
 SEEING = """\
-campaign: radar
+campaign: sonar
 control_hz: 20
 camera: {width: 64, height: 36, hz: 10}
 scenario: {type: stop_line, duration_s: 2, ego_speed_mps: 5, standstill_s: 0.2, line_m: 4}
-sensors: {radar: {hz: 10}}
+sensors: {sonar: {hz: 10}}
 autonomy: {stack: "seeing_stack:Stops", perception: {none: {type: ground_truth}}}
-matrix: {sensors.radar.range_m: [0.1, 500]}
+matrix: {sensors.sonar.range_m: [0.1, 500]}
 """
 TUNNEL = """\
 campaign: tunnel
@@ -135,7 +135,7 @@ def test_the_example_goes_all_the_way(marked, campaign, tmp_path, monkeypatch):
 @pytest.mark.usefixtures("campaign")
 def test_a_ray_sensor_of_others_reaches_the_stack_row_by_row(marked, tmp_path):
     (tmp_path / "seeing_stack.py").write_text(SEEING_STACK)
-    path, two, one = (tmp_path / name for name in ("radar.yaml", "two", "one"))
+    path, two, one = (tmp_path / name for name in ("sonar.yaml", "two", "one"))
     path.write_text(SEEING)
     assert "conforms" in said(marked, "devkit", "check", path, "--ticks", 20)
     run = ("conductor", "run", path, "--workers", 1)

@@ -1,5 +1,5 @@
-"""UN R152 with real processes: stacks that never and always brake, one that brakes late, and a row
-that is off its speed."""
+"""Rulebooks with real processes: stacks that never and always brake, one that brakes late, ideal
+ones, and a row that is off its speed."""
 
 import json
 import math
@@ -22,11 +22,17 @@ class Brakes(Stack):
     is 8 s ahead at the start. 0: never; 99: always."""
 
     def __init__(
-        self, slots: int, from_s: float = 0.0, target_mps: float = 0.0, pedal: float = 1.0
+        self,
+        slots: int,
+        from_s: float = 0.0,
+        target_mps: float = 0.0,
+        pedal: float = 1.0,
+        warns: bool = False,
     ) -> None:
         super().__init__(slots)
         self.from_s, self.target_mps, self.pedal = from_s, target_mps, pedal
-        self.gap_m = [0.0] * slots
+        self.warns = warns
+        self.gap_m, self.start_mps = [0.0] * slots, [0.0] * slots
         self.brakes = [False] * slots
 
     def reset(self, slot: int, episode: Episode) -> None:
@@ -37,9 +43,14 @@ class Brakes(Stack):
         return [self.drive(slot, observation) for slot in observation.active_slots()]
 
     def drive(self, slot: int, observation: Observation) -> Command:
-        closing_mps = float(observation.sensors["vehicle"][slot][SPEED]) - self.target_mps
-        if self.gap_m[slot] < 0.0:
-            self.gap_m[slot] = STARTS_S * closing_mps
+        speed_mps = float(observation.sensors["vehicle"][slot][SPEED])
+        starts = self.gap_m[slot] < 0.0
+        if starts:
+            self.start_mps[slot] = speed_mps
+        time_s = int(observation.tick[slot]) * self.period_s
+        closing_mps = speed_mps - self.target_speed_mps(slot, time_s)
+        if starts:
+            self.gap_m[slot] = self.first_gap_m(slot, closing_mps)
         near = closing_mps > 0 and self.gap_m[slot] <= self.from_s * closing_mps
         self.brakes[slot] |= near and self.from_s > 0.0
         self.gap_m[slot] = max(0.0, self.gap_m[slot] - closing_mps * self.period_s)
@@ -52,7 +63,29 @@ class Brakes(Stack):
             brake=self.pedal if brakes else 0.0,
             steering_rad=0.0,
             aeb=brakes,
+            warning=brakes and self.warns,
         )
+
+    def target_speed_mps(self, slot: int, time_s: float) -> float:
+        return self.target_mps
+
+    def first_gap_m(self, slot: int, closing_mps: float) -> float:
+        return STARTS_S * closing_mps
+
+
+class BrakesBehindALead(Brakes):
+    """Knows that the target, as fast as the ego at the start and a second ahead less `nearer_m`,
+    brakes by 4 m/s2 from 3.01 s on, down to 2 km/h."""
+
+    def __init__(self, slots: int, nearer_m: float = 0.0, **parameters: float) -> None:
+        super().__init__(slots, **parameters)
+        self.nearer_m = nearer_m
+
+    def target_speed_mps(self, slot: int, time_s: float) -> float:
+        return max(0.5556, self.start_mps[slot] - 4.0 * max(0.0, time_s - 3.01))
+
+    def first_gap_m(self, slot: int, closing_mps: float) -> float:
+        return self.start_mps[slot] - self.nearer_m
 '''
 CAMPAIGNS = Path(__file__).parents[2] / "conductor/campaigns"
 SHIPPED = CAMPAIGNS / "un-r152.yaml"
@@ -109,6 +142,28 @@ def test_who_never_brakes_fails_and_who_always_brakes_passes(marked, tmp_path):
         assert "the stack did not intervene" in row["reasons"][-1]
 
 
+def test_who_never_brakes_fails_all_of_euro_ncap_and_who_always_brakes_passes(marked, tmp_path):
+    """The first and the last point of a row per kind of test; the rows are all positive."""
+    shipped = CAMPAIGNS / "euro-ncap-2026.yaml"
+    rows = "ccrs-0,ccrm-75,ccrb-25,cmrs-75,cmrb-50,ccfhos-50,cpna-25-night,cpfa,cpla,cbla"
+    quick = ("--quick", "--rows", f"{rows},ccrs-fcw-0,cpla-fcw")
+    path = written(tmp_path, "never", 0.0, shipped, lidars=[])
+    never = words(ran(marked, tmp_path, path, "never", *quick, slots=28))
+    assert len(never) == 28
+    warned = {name for name in never if "fcw" in name}
+    assert len(warned) == 4
+    for name, word in never.items():
+        assert word == ("fail" if name in warned else "not_mitigated"), name
+    path = written(tmp_path, "always", 99.0, shipped, lidars=[])
+    data = yaml.safe_load(Path(path).read_text())
+    data["autonomy"]["parameters"]["warns"] = True
+    Path(path).write_text(yaml.safe_dump(data, sort_keys=False))
+    always = words(ran(marked, tmp_path, path, "always", *quick, slots=28))
+    assert always.keys() == never.keys()
+    for name, word in always.items():
+        assert word == ("pass" if name in warned else "avoided"), name
+
+
 def test_where_nothing_is_to_be_done_it_is_the_other_way_round(marked, tmp_path):
     """FMVSS 127: a steel plate in the lane, and two parked cars beside it."""
     shipped = CAMPAIGNS / "fmvss-127.yaml"
@@ -139,16 +194,24 @@ FULL_N = (
 """Brakes that stop from 60 mph in 46.5 m, with rolling resistance and half of the air's drag."""
 
 
-def integrated_kmh(speed_mps: float, target_mps: float, gap_m: float) -> float:
-    """Relative speed at the contact with a target of constant speed, of an ego that brakes with
-    PEDAL; 0: there is no contact."""
+NEARER_M = 0.43
+"""Gaps of scenario files end at a car of 4.5 m, and the ego is longer."""
+
+
+def integrated_kmh(
+    speed_mps: float, target_mps: float, gap_m: float, target_mps2: float = 0.0
+) -> float:
+    """Relative speed at the contact with a target that slows down by ``target_mps2`` to 2 km/h, of
+    an ego that brakes with PEDAL; 0: there is no contact."""
     step_s, brakes_n = 1e-4, 0.0
-    while gap_m > 0.0 and speed_mps > target_mps:
+    while gap_m > 0.0 and (speed_mps > target_mps or (target_mps2 and target_mps > 0.5556)):
         brakes_n += (PEDAL * FULL_N - brakes_n) * -math.expm1(-step_s / LAG_S)
         slows_n = brakes_n + ROLLING_N + DRAG_NS2_PER_M2 * speed_mps**2
         gap_m -= (speed_mps - target_mps) * step_s
         speed_mps -= slows_n / (MASS_KG + WHEELS_KG) * step_s
-    return max(0.0, speed_mps - target_mps) * 3.6
+        if target_mps2:
+            target_mps = max(0.5556, target_mps - target_mps2 * step_s)
+    return max(0.0, speed_mps - target_mps) * 3.6 if gap_m <= 0.0 else 0.0
 
 
 def test_an_ideal_stack_meets_at_the_speed_of_an_independent_integration(marked, tmp_path):
@@ -178,6 +241,35 @@ def test_an_ideal_stack_meets_at_the_speed_of_an_independent_integration(marked,
         assert case["verdict"] == ("mitigated" if impact else "avoided")
         met += impact > 0.0
     assert met >= 7
+
+
+def test_an_ideal_stack_behind_a_braking_lead_meets_at_the_speed_of_that_integration(
+    marked, tmp_path
+):
+    """CCRb: within 0.3 km/h; the gap and both speeds are those of the first braking tick."""
+    shipped = CAMPAIGNS / "euro-ncap-2026.yaml"
+    path = written(tmp_path, "lead", 1.2, shipped, control_hz=100, lidars=[])
+    data = yaml.safe_load(Path(path).read_text())
+    data["autonomy"]["stack"] = "late_stack:BrakesBehindALead"
+    data["autonomy"]["parameters"] |= {"pedal": PEDAL, "nearer_m": NEARER_M}
+    Path(path).write_text(yaml.safe_dump(data, sort_keys=False))
+    rows = ran(marked, tmp_path, path, "lead", "--rows", "ccrb-50")
+    assert len(rows) == 6
+    met = 0
+    for name, case in rows.items():
+        scalars = case["scalars"]
+        start_mps = float(name.rpartition("_")[2]) / 3.6
+        braked_s = scalars["intervention_time_s"] - 3.01
+        assert braked_s > 0.0
+        target_mps = max(0.5556, start_mps - 4.0 * braked_s)
+        speed_mps, gap_m = scalars["intervention_speed_mps"], scalars["intervention_dtc_m"]
+        assert gap_m / (speed_mps - target_mps) == pytest.approx(1.2, abs=0.03)
+        expected = integrated_kmh(speed_mps, target_mps, gap_m, target_mps2=4.0)
+        impact = (scalars["impact_relative_mps"] or 0.0) * 3.6
+        assert impact == pytest.approx(expected, abs=0.3), name
+        assert case["verdict"] == ("mitigated" if impact else "avoided")
+        met += impact > 0.0
+    assert met >= 3
 
 
 def test_repetitions_differ_in_speed_offset_and_load(marked, tmp_path):
@@ -227,4 +319,6 @@ def test_a_row_that_is_not_there_is_refused_in_one_line(marked, tmp_path):
         done = marked.run("conductor", command, "un-r152", "--rows", "car-moving-max,bycicle")
         assert done.returncode == 2
         (line,) = done.stderr.splitlines()
-        assert line.startswith("conductor: --rows: no row, group or test 'bycicle'; did you mean")
+        assert line.startswith(
+            "conductor: --rows: no row, group, test or tag 'bycicle'; did you mean"
+        )

@@ -13,7 +13,7 @@ control_hz: 20
 camera: {width: 64, height: 36, hz: 10}
 render: false
 scenario: {type: stop_line, duration_s: 0.5, ego_speed_mps: 5, standstill_s: 0.2}
-sensors: {thermometer: {hz: 10}, radar: {hz: 10}}
+sensors: {thermometer: {hz: 10}, sonar: {hz: 10}}
 autonomy: {stack: "devkit.idle:IdleStack", perception: {none: {type: ground_truth}}}
 matrix: {scenario.line_m: [4]}
 """
@@ -32,7 +32,7 @@ from schemas.kinds.scenario import scenario_kinds
 from schemas.kinds.sensor import sensor_kinds
 tables = (batch_systems(), bridges(), kpi_kinds(), scenario_kinds(), sensor_kinds())
 named = {kind.implementation.partition(":")[0] for table in tables for kind in table.declared}
-assert {"plugin_example.stop_line", "plugin_example.jerk", "plugin_example.radar"} <= named
+assert {"plugin_example.stop_line", "plugin_example.jerk", "plugin_example.sonar"} <= named
 found = [name for name in sys.modules if name in named or name.split(".")[0] == "warp"]
 print(json.dumps([code, sorted(found)]))
 """

@@ -44,9 +44,16 @@ SIGHTS_NAMED = {
 and the section of a Darknet file and the network of a host, which are called the same."""
 
 HOMONYMS = {
-    "encoders": ("devkit/bridges/autodrive/fields.py", "schemas/messages.py"),
-    "imu": ("devkit/bridges/autodrive/fields.py", "schemas/messages.py"),
+    "encoders": (
+        *("devkit/bridges/autodrive/fields.py", "schemas/messages.py"),
+        "devkit/fusion/stack.py",
+    ),
+    "imu": (
+        *("devkit/bridges/autodrive/fields.py", "schemas/messages.py"),
+        "devkit/fusion/stack.py",
+    ),
     "gnss": ("schemas/messages.py",),
+    "radar": ("devkit/fusion/sensing.py", "twin/bench/radar.py"),
     "storyboard": (
         *("twin/scenario/storyboard/native/compiler.py", "twin/play/report.py"),
         *("twin/bench/storyboard_traffic.py", "viewer/playing/story.py"),
@@ -59,9 +66,14 @@ HOMONYMS = {
     ),
 }
 """Files in which a bridge says where each reading goes, in which columns have their public names,
+that measure how fast a sensor is,
 or in which the same word means something else: the outermost element of a scenario file,
 weather families, rules of the planner, and the simulator of imported logs, which are called after
 AutoDRIVE, too."""
+"""Files in which a bridge or a stack says where each reading goes, in which columns have their
+public names, or in which the same word means something else: the outermost element of a scenario
+file, weather families, rules of the planner, and the simulator of imported logs, which are
+called after AutoDRIVE, too."""
 
 
 def home(kind) -> str:

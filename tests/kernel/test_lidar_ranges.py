@@ -130,8 +130,10 @@ def test_random_scenes_as_embree_sees_them(seed):
 class Script:
     """Objects at given poses and speeds."""
 
-    def __init__(self, position_m, velocity_mps, yaw_rad, yaw_rate_radps):
+    def __init__(self, position_m, velocity_mps, yaw_rad, yaw_rate_radps, tilt_rad=None):
+        """``tilt_rad``: pitches and rolls [M] each; None: all stand level."""
         self.count = len(position_m)
+        self._tilt = tilt_rad
         self._rows = position_m, velocity_mps, yaw_rad, yaw_rate_radps
 
     def at(self, time_s):
@@ -143,7 +145,11 @@ class Script:
         position, velocity, yaw, rate = (spread(v) for v in self._rows)
         flags = np.zeros((slots, m), np.float32)
         kind = np.zeros((slots, m), np.int32)
-        return Placement(kind, position, yaw, velocity, rate, flags, flags)
+        placement = Placement(kind, position, yaw, velocity, rate, flags, flags)
+        if self._tilt is None:
+            return placement
+        pitch, roll = (spread(v) for v in self._tilt)
+        return replace(placement, pitch_rad=pitch, roll_rad=roll)
 
 
 def box_kind() -> ObjectKind:
@@ -184,14 +190,14 @@ def test_an_object_is_seen_where_it_was_when_the_column_was_fired():
     assert np.abs(still[:, X] - 28.0).max() < 1e-3
 
 
-@pytest.mark.parametrize("holes", [False, True])
-def test_packets_and_single_rays_meet_the_same(holes):
-    """The kernel of GPUs against that of the CPU, with many moving and turning objects."""
+@pytest.mark.parametrize(("holes", "lean"), [(False, 0.0), (True, 0.0), (False, 0.2)])
+def test_packets_and_single_rays_meet_the_same(holes, lean):
+    """The kernel of GPUs against that of the CPU, with many moving, turning and leaning objects."""
     rng = np.random.default_rng(3)
     m = 45
     places = np.stack([rng.uniform(5, 70, m), rng.uniform(-40, 40, m), np.full(m, -1.0)], 1)
-    script = Script(places, rng.normal(0, 12, (m, 3)) * (1, 1, 0), rng.uniform(-3, 3, m),
-                    rng.normal(0, 0.8, m))  # fmt: skip
+    moves = rng.normal(0, 12, (m, 3)) * (1, 1, 0), rng.uniform(-3, 3, m), rng.normal(0, 0.8, m)
+    script = Script(places, *moves, lean * rng.normal(size=(2, m)) if lean else None)
     kind = profile(theta_min_deg=0, theta_max_deg=360, theta_res_deg=0.7, divergence_mrad=[3, 2],
                    sub_rays=5, phi_res_deg=1.1)  # fmt: skip
     eye = moving(script, Lidar(noise=False), kind, holes=holes, position_m=(0.0, 0.0, 1.0))

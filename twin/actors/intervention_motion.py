@@ -160,4 +160,7 @@ def _put(placement: Placement, slot: int, index: int, placed: _Placed, now_s: fl
     placement.yaw_rad[slot, index] = placed.yaw_rad
     placement.velocity_mps[slot, index] = (vx, vy, 0.0)
     placement.yaw_rate_radps[slot, index] = 0.0
+    for tilt_rad in (placement.pitch_rad, placement.roll_rad):
+        if tilt_rad is not None:
+            tilt_rad[slot, index] = 0.0
     placement.brake[slot, index] = 0.0

@@ -52,6 +52,11 @@ class Placement:
     lights: np.ndarray | None = None
     """int32 [S, M], bit of each :class:`twin.actors.lamps.VehicleLamp` that is on whatever the
     hour; None: none is."""
+    pitch_rad: np.ndarray | None = None
+    """float64 [S, M], about the axis to the left after the yaw, nose down positive; None, like
+    :attr:`roll_rad`: all stand level."""
+    roll_rad: np.ndarray | None = None
+    """float64 [S, M], about the forward axis after the pitch, to the right positive."""
     signals: np.ndarray | None = None
     """int32 [S, K], lamps that are on of each traffic light of :attr:`World.signals`: bit 0 red, 1
     amber, 2 green; None: as before."""

@@ -28,6 +28,7 @@ class MotionScript:
         self.actors = tuple(actors)
         self._law, self._last_knot = _padded_laws(actors)
         self._path, self._last_height = _padded_paths(actors)
+        self._slopes = any(a.path is not None and np.ptp(a.path.height[:, 1]) for a in actors)
         self._moves = np.array([a.law is not None for a in actors], bool)
         self._start = np.array([a.start_s for a in actors], float)
         self._duration = np.array([a.law.time_s[-1] if a.law else 1.0 for a in actors], float)
@@ -58,7 +59,7 @@ class MotionScript:
         inside = started & (local < takes) & self._moves
         station, speed, acceleration = self._along(np.clip(local * pace, 0.0, self._duration))
         speed, acceleration = speed * pace * inside, acceleration * (pace * pace) * inside
-        x, y, z, heading, curvature = self._where(station)
+        x, y, z, heading, curvature, slope = self._where(station)
         if varied is not None:
             x, y = x + varied.shift_m[..., 0], y + varied.shift_m[..., 1]
         here = self._present | inside
@@ -68,17 +69,22 @@ class MotionScript:
         kind = self._kind + np.where(going, 1 + phase % np.maximum(self._phases, 1), 0)
         standing = self._moves & started & (speed <= _STILL_MPS)
         brake = self._vehicle & ((acceleration < -_BRAKING_MPS2) | standing)
-        zero = np.zeros_like(x)
+        slope = np.where(self._vehicle, slope, 0.0)  # who walks stands upright
+        pitch = -np.arctan(slope) if self._slopes else None
         return Placement(
             kind=np.where(here, kind, -1).astype(np.int32),
             position_m=_settled(np.stack([x, y, z], axis=-1)),
             yaw_rad=_settled(heading),
             velocity_mps=_settled(
-                np.stack([speed * np.cos(heading), speed * np.sin(heading), zero], axis=-1)
+                np.stack(
+                    [speed * np.cos(heading), speed * np.sin(heading), speed * slope + 0.0], axis=-1
+                )
             ),
             yaw_rate_radps=_settled(speed * curvature),
             brake=brake.astype(np.float32),
             lamps=np.broadcast_to(self._vehicle, x.shape).astype(np.float32),
+            pitch_rad=None if pitch is None else _settled(pitch),
+            roll_rad=None if pitch is None else np.zeros_like(pitch),
         )
 
     def _along(self, local_s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -101,8 +107,8 @@ class MotionScript:
 
     def _where(
         self, station: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """x, y, z [m], heading [rad] and curvature [1/m] at stations [S, M]."""
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """x, y, z [m], heading [rad], curvature [1/m] and slope upwards [-] at stations [S, M]."""
         begin, start, bend, height = self._path
         column = np.arange(self.count)
         k = np.maximum((station[..., None] >= begin).sum(axis=-1) - 1, 0)
@@ -118,8 +124,9 @@ class MotionScript:
         q = np.minimum(q, self._last_height)
         s0, s1 = height[column, q, 0], height[column, q + 1, 0]
         share = np.clip((station - s0) / (s1 - s0), 0.0, 1.0)
-        z = height[column, q, 1] + share * (height[column, q + 1, 1] - height[column, q, 1])
-        return x, y, z, yaw0 + 2.0 * half, curvature
+        rise = height[column, q + 1, 1] - height[column, q, 1]
+        z = height[column, q, 1] + share * rise
+        return x, y, z, yaw0 + 2.0 * half, curvature, rise / (s1 - s0)
 
 
 def _settled(values: np.ndarray) -> np.ndarray:

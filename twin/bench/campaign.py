@@ -66,6 +66,8 @@ class Request:
     cases: int | None = None
     """Number of cases, the first ones; None: all."""
     workers: str = "1"
+    options: tuple[str, ...] = ()
+    """Further options of `conductor run`, as rows of a rulebook."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,6 +154,7 @@ def measure(
         *(sys.executable, "-m", "conductor", "run", request.campaign, "--out", str(folder)),
         *("--workers", request.workers, "--slots", str(slots), "--device", request.device),
         *(() if request.cases is None else ("--cases", str(request.cases))),
+        *request.options,
         *("--output", "json"),
     ]
     watcher = _GpuWatcher(request.device)

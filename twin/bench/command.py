@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -165,6 +166,48 @@ def lidar(
     except ValueError as error:
         raise UsageError(str(error)) from None
     _tell(bench, figures, output, check=check)
+
+
+@app.command()
+def radar(
+    device: Annotated[str, typer.Option(help="Where to measure: cpu or cuda:N.")] = "cpu",
+    slots: Annotated[int, typer.Option(min=0, help="Radars; 0: 1 on a CPU, 256 on a GPU.")] = 0,
+    profile: Annotated[
+        str, typer.Option(help="Shipped radar profile, or the path of a file.")
+    ] = "long_range",
+    output: OutputOption = Output.human,
+    check: Annotated[bool, typer.Option("--check", help="Exit 1 below the target.")] = False,
+) -> None:
+    """Radar measurements per second, with noise, rain, clutter and second ways over the road.
+
+    Targets: 10 per second on one CPU core; 2,000 on an H200 with 256 slots.
+    """
+    from twin.world.kernel_cache import prepare_kernels
+
+    prepare_kernels()  # before the modules that define kernels
+
+    import warp as wp
+
+    from twin.bench import radar as bench
+
+    if device not in {str(d) for d in wp.get_devices()}:
+        known = ", ".join(str(d) for d in wp.get_devices())
+        raise UsageError(f"device '{device}': not here; allowed: {known}")
+    try:
+        figures = bench.measure(device, slots or bench.SLOTS[device.partition(":")[0]], profile)
+    except ValueError as error:
+        raise UsageError(str(error)) from None
+    if output is Output.json:
+        print(json.dumps({**asdict(figures), "target": figures.target}, indent=1))
+    else:
+        print(
+            f"{figures.frames_per_s:,.1f} radar measurements/s on {figures.device}, "
+            f"{figures.slots} slots of {figures.profile} (target {figures.target:,.0f}); "
+            f"{figures.detections:.1f} detections each, bytes {figures.digest[:8]}"
+        )
+    if check and figures.frames_per_s < figures.target:
+        print(f"twin: below the target of {figures.target:,.0f} measurements/s", file=sys.stderr)
+        raise typer.Exit(1)
 
 
 @app.command()

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from schemas.sections.lens import Lens
 from schemas.sections.lens_curve import intrinsics, reach
 from twin.render.shading import ShadedPoint
-from twin.render.trace.geometry import ObjectPose, RayScene, turned
+from twin.render.trace.geometry import ObjectPose, RayScene, into_object, out_of_object
 from twin.render.trace.rays import SlotPose
 
 wp.set_module_options({"enable_backward": False})
@@ -139,8 +139,8 @@ def flow_at(
                 then.cosine = now.cosine * c - now.sine * s
                 then.sine = now.sine * c + now.cosine * s
             local = direction * at.distance + (pose.eye - now.position)
-            local = turned(local, now.cosine, -now.sine)
-            target = turned(local, then.cosine, then.sine) + (then.position - before.eye)
+            local = into_object(local, now)
+            target = out_of_object(local, then) + (then.position - before.eye)
     seen = wp.vec3(
         wp.dot(target, before.right), wp.dot(target, before.down), wp.dot(target, before.ahead)
     )

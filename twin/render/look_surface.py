@@ -8,7 +8,7 @@ from twin.render.light.light import SlotLight
 from twin.render.looks import SMOOTH
 from twin.render.surface import SurfacePoint, snow_share
 from twin.render.texture import sample
-from twin.render.trace.geometry import RayScene, turned
+from twin.render.trace.geometry import RayScene, into_object, out_of_object
 from twin.world.meshes.details import DIELECTRIC, EMISSION, MATT_FROM, NORMAL, SHARP_TO
 
 _SMOOTH, _ROW = wp.constant(SMOOTH), wp.constant(SMOOTH - 1)
@@ -50,7 +50,7 @@ class LookPoint:
 def object_turned(v: wp.vec3, scene: RayScene, slot: wp.int32, m: wp.int32) -> wp.vec3:
     """A vector in a mesh's own axes, brought into the world."""
     if m >= 0:
-        return turned(v, scene.objects[slot, m].cosine, scene.objects[slot, m].sine)
+        return out_of_object(v, scene.objects[slot, m])
     return v
 
 
@@ -125,7 +125,10 @@ def divided(at: LookPoint, base: wp.vec3, metallic: wp.float32, roughness: wp.fl
     A metal mirrors its base colour, anything else 0.04 (glTF 2.0, B.3.1). The rougher, the less of
     a metal's mirrored light makes an image; the rest is reflected as by a matt surface.
     """
-    sharp = wp.clamp((_MATT_FROM - roughness) / _SHARP_SPAN, 0.0, 1.0)
+    if roughness >= _MATT_FROM:
+        at.albedo = base
+        return at
+    sharp = wp.min((_MATT_FROM - roughness) / _SHARP_SPAN, 1.0)
     sharp = sharp * sharp
     plain = _DIELECTRIC * (1.0 - metallic)
     color = (base * metallic + wp.vec3(plain, plain, plain)) * sharp
@@ -236,14 +239,12 @@ def look_point(
     at = divided(at, base, metallic, roughness)
     n = curved
     if bumpy:
-        # In the mesh's axes, before it: objects only turn about z.
+        # In the axes of the mesh.
         own = n
         front = flat
         if m >= 0:
-            cosine = scene.objects[slot, m].cosine
-            sine = scene.objects[slot, m].sine
-            own = turned(n, cosine, -sine)
-            front = turned(flat, cosine, -sine)
+            own = into_object(n, scene.objects[slot, m])
+            front = into_object(flat, scene.objects[slot, m])
         side = wp.where(wp.dot(front, scene.faces[face].normal) < 0.0, -1.0, 1.0)
         scale = scene.looks.table[look].normal_scale
         own = _mapped(scene, 3 * row, own * side, u, v, bump, scale) * side

@@ -16,15 +16,15 @@ from twin.render.light.air import through_air
 from twin.render.light.lamps import LampBeams, StreetLamps
 from twin.render.light.light import SlotLight
 from twin.render.light.sky import smooth_sky, sun_through_clouds
-from twin.render.look_surface import LookPoint, bent_normal, bounced, smooth_point
+from twin.render.look_surface import LookPoint, bent_normal, bounced, smooth_point, with_look
 from twin.render.noise import value_noise
 from twin.render.shading import (
     PI_INVERSE,
     ShadedPoint,
     fresnel_of,
     look_of,
-    look_seen,
     place_of,
+    sees_details,
     surface_functions,
 )
 from twin.render.trace.geometry import RayScene, rays_of
@@ -88,8 +88,9 @@ def _light_functions(features: Features) -> tuple[Any, Any]:
         facing = at.n
         place = at.p
         own = LookPoint()
-        if wp.static(looks):  # noqa: SIM102 (resolved before the kernel is compiled)
-            if scene.faces[at.face].uv_per_m < 0.0:
+        if wp.static(looks):
+            detailed = scene.faces[at.face].uv_per_m < 0.0
+            if detailed:
                 smooth = smooth_point(scene, slot, at.face, at.object, at.u, at.v, at.n)
                 facing = smooth.n
                 place = place + smooth.lift
@@ -97,7 +98,10 @@ def _light_functions(features: Features) -> tuple[Any, Any]:
         if light.shadows != 0 and wp.dot(facing, light.sun_direction) > 0.0:
             dark = occluded(scene, slot, place + at.n * 0.02, light.sun_direction, RANGE_M)
             at.lit = wp.where(dark, 0.0, sun_through_clouds(at.p, light))
-        s = far_surface_of(scene, slot, optics, at, direction, light, own)
+        s = far_surface_of(scene, slot, optics, at, direction, light, own.albedo)
+        if wp.static(looks):  # noqa: SIM102 (resolved before the kernel is compiled)
+            if detailed:
+                s = with_look(s, own, at.n, light)
         color = matt_light(scene, slot, lamps, beams, optics, pose, at, s, light)
         return through_air(color, light.air_rgb, light.extinction, hit.t)
 
@@ -145,10 +149,15 @@ def mirror_kernel(build: KernelOptions, features: Features = NONE) -> wp.Kernel:
             direction = pose.right * ray[0] + pose.down * ray[1] + pose.ahead * ray[2]
             at = place_of(scene, slot, seen, thread, pose.eye, direction)
             color = wp.vec3(0.0, 0.0, 0.0)
-            own = LookPoint()
+            albedo = wp.vec3(0.0, 0.0, 0.0)
             if wp.static(looks):
-                own = look_seen(seen, thread)
-            s = surface_of(scene, slot, optics, at, direction, light, own)
+                detailed = sees_details(seen, thread)
+                if detailed:
+                    albedo = seen.look[thread].albedo
+            s = surface_of(scene, slot, optics, at, direction, light, albedo)
+            if wp.static(looks):  # noqa: SIM102 (resolved before the kernel is compiled)
+                if detailed:
+                    s = with_look(s, seen.look[thread], at.n, light)
             if s.mirror > 0.0:
                 n = at.n
                 if n[2] > 0.9 and light.wetness > 0.0:  # water is never quite level

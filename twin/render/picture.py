@@ -15,10 +15,10 @@ from twin.render.light.lamps import WARM_WHITE, LampBeams, StreetLamps, headlamp
 from twin.render.light.light import SlotLight
 from twin.render.light.precipitation import cover
 from twin.render.light.sky import sky, smooth_sky, sun_through_clouds
-from twin.render.look_surface import LookPoint, bent_normal, bounced
+from twin.render.look_surface import bent_normal, bounced, with_look
 from twin.render.outputs import Buffers, Wanted
 from twin.render.sensor_noise import sensor_noise
-from twin.render.shading import ShadedPoint, fresnel_of, look_seen, place_of, surface_functions
+from twin.render.shading import ShadedPoint, fresnel_of, place_of, sees_details, surface_functions
 from twin.render.surface import SurfacePoint
 from twin.render.tone import tone
 from twin.render.trace.geometry import DECAL_TAG, RayScene
@@ -207,10 +207,16 @@ def picture_kernel(
                     at.lit = sun_through_clouds(at.p, light)
                 s = SurfacePoint()
                 if wp.static(surfaces):
-                    own = LookPoint()
+                    # The rest of what a material says waits in memory while the surface is made.
+                    albedo = wp.vec3(0.0, 0.0, 0.0)
                     if wp.static(looks):
-                        own = look_seen(seen, thread)
-                    s = surface_of(scene, slot, optics, at, direction, light, own)
+                        detailed = sees_details(seen, thread)
+                        if detailed:
+                            albedo = seen.look[thread].albedo
+                    s = surface_of(scene, slot, optics, at, direction, light, albedo)
+                    if wp.static(looks):  # noqa: SIM102 (resolved before the kernel is compiled)
+                        if detailed:
+                            s = with_look(s, seen.look[thread], at.n, light)
                     color = matt_light(scene, slot, lamps, beams, optics, pose, at, s, light)
                 followed = wp.bool(False)
                 if wp.static(second):

@@ -18,11 +18,11 @@ from twin.render.light.lamps import (
     vehicles_lux,
 )
 from twin.render.light.light import SlotLight
-from twin.render.look_surface import LookPoint, bent_normal, look_point, with_look
+from twin.render.look_surface import LookPoint, bent_normal, look_point
 from twin.render.surface import SurfacePoint, surface_at
 from twin.render.texture import texture_at
 from twin.render.trace import traverse
-from twin.render.trace.geometry import Face, RayScene, turned
+from twin.render.trace.geometry import Face, RayScene, into_object, out_of_object
 from twin.render.trace.rays import Optics, SlotPose
 from twin.render.trace.visibility import DETAILED, LIT, OBJECT_MASK, PixelsSeen
 from twin.world.meshes import materials
@@ -79,21 +79,16 @@ def place_of(
     at.v = wp.float32(bary & 65535) * 1.5259022e-5
     at.n = scene.faces[at.face].normal
     if at.object >= 0:
-        at.n = turned(
-            at.n, scene.objects[slot, at.object].cosine, scene.objects[slot, at.object].sine
-        )
+        at.n = out_of_object(at.n, scene.objects[slot, at.object])
     if wp.dot(at.n, direction) > 0.0:
         at.n = -at.n
     return at
 
 
 @wp.func
-def look_seen(seen: PixelsSeen, thread: wp.int32) -> LookPoint:
-    """What the material of the face that a thread's pixel sees says, if the face has details."""
-    own = LookPoint()
-    if (seen.flags[thread] & DETAILED) != 0:
-        own = seen.look[thread]
-    return own
+def sees_details(seen: PixelsSeen, thread: wp.int32) -> wp.bool:
+    """Whether the face that a thread's pixel sees has details."""
+    return (seen.flags[thread] & DETAILED) != 0
 
 
 @wp.func
@@ -167,7 +162,7 @@ def _contact(scene: RayScene, slot: wp.int32, at: ShadedPoint) -> wp.float32:
             m = block * 8 + traverse.lowest_bit(mask)
             mask = mask & (mask - 1)
             pose = scene.objects[slot, m]
-            local = turned(at.p - pose.position, pose.cosine, -pose.sine)
+            local = into_object(at.p - pose.position, pose)
             beyond = wp.max(wp.abs(local[0]) - pose.half[0], wp.abs(local[1]) - pose.half[1])
             cover = wp.clamp(0.45 - beyond / 0.7, 0.0, 0.9)
             share = share * (1.0 - cover)
@@ -242,15 +237,15 @@ def surface_functions(features: Features, copy: int = 0) -> tuple[Any, Any]:
         at: ShadedPoint,
         direction: wp.vec3,
         light: SlotLight,
-        own: LookPoint,
+        detailed: wp.vec3,
     ) -> SurfacePoint:
-        """Reflectance and own light at a place seen along ``direction``; ``own``: what the material
-        says of a face with details."""
+        """Reflectance and own light at a place seen along ``direction``; ``detailed``: albedo of a
+        face with details, of which the rest is up to :func:`with_look`."""
         face = scene.faces[at.face]
         slope = wp.max(0.2, wp.abs(wp.dot(at.n, direction)))
         footprint = at.distance * optics.pixel / slope
         if wp.static(looks):
-            albedo = own.albedo
+            albedo = detailed
             if face.uv_per_m >= 0.0:
                 albedo = albedo_at(scene, face, at.face, at.u, at.v, footprint)
         else:
@@ -266,8 +261,6 @@ def surface_functions(features: Features, copy: int = 0) -> tuple[Any, Any]:
         s = surface_at(face, albedo, on, ground, along, at.p, at.n, at.distance, light)
         if wp.static(looks):
             s.tint = wp.vec3(1.0, 1.0, 1.0)
-            if face.uv_per_m < 0.0:
-                s = with_look(s, own, at.n, light)
         return s
 
     @wp.func
@@ -284,11 +277,10 @@ def surface_functions(features: Features, copy: int = 0) -> tuple[Any, Any]:
     ) -> wp.vec3:
         """What a place reflects in all directions and what it emits [cd/m^2]."""
         n = at.n
-        if scene.faces[at.face].material == _FOLIAGE:  # leaves face every way
+        if wp.static(looks):
+            n = bent_normal(n, s)
+        elif scene.faces[at.face].material == _FOLIAGE:  # leaves face every way
             n = wp.normalize(n + s.ruffle)
-        elif wp.static(looks):  # noqa: SIM102 (resolved before the kernel is compiled)
-            if scene.faces[at.face].uv_per_m < 0.0:
-                n = bent_normal(n, s)
         lux = irradiance(scene, slot, lamps, beams, optics, pose, at, n, s.retro, light)
         return wp.cw_mul(s.albedo, lux) * PI_INVERSE + s.emission
 

@@ -21,6 +21,7 @@ from twin.base.stopwatch import Stopwatch
 from twin.kpi import verdict as judging
 from twin.kpi.judge_record import judge_record
 from twin.kpi.recorder import KpiRecorder
+from twin.render.light.ground_light import GroundLight
 from twin.rig.command_delay import Delays, put_in_force
 from twin.rig.slot import Finished
 from twin.scenario import families
@@ -145,7 +146,7 @@ class Engine:
         self._truth = VehicleTruth(slots, self._device) if looked_at else None
         self.refill_every = math.lcm(self._exteroceptive.period, self._suite.period)
         """New cases begin only at ticks of this period: all sensors are due together then."""
-        self._illuminance_lx = np.zeros(slots)
+        self._ground_light = GroundLight(self._world, scene.furniture, slots)
         self._extinction_per_m = np.zeros(slots)
         self._runs: list[_Run | None] = [None] * slots
         names = [thing.name for thing in self._world.things]
@@ -310,7 +311,7 @@ class Engine:
         sensors = {
             "vehicle": SensorData(by_wire(state, self.active)),
             "environment": SensorData(
-                environment(self._illuminance_lx, self._extinction_per_m, self.active)
+                environment(self._ground_light.open_lx, self._extinction_per_m, self.active)
             ),
         }
         truth = self._truth.update(self._vehicles.rows_device) if self._truth else None
@@ -355,7 +356,7 @@ class Engine:
         self._winds.set(slot, weather.wind_mps, weather.gust_mps)
         self._winds.turn(slot, environment.wind_towards)
         self._exteroceptive.light(slot, light, weather, environment.wind_towards)
-        self._illuminance_lx[slot] = light.illuminance_lx
+        self._ground_light.set(slot, light)
         self._extinction_per_m[slot] = weather.extinction_per_m
 
     def place_ego(self, slot: int, place: PlaceEgo) -> None:
@@ -511,12 +512,15 @@ class Engine:
         columns = self._run(slot).scenario.columns()
         if self._motion is None:
             return columns
+        moving = self._motion.columns(slot)
+        x_m, y_m, z_m = self.state[slot, [*_PLACE, _HEIGHT]].tolist()
+        place_m = moving.get("target_x_m", x_m), moving.get("target_y_m", y_m)
         around = {
-            "light_lx": float(self._illuminance_lx[slot]),
+            "light_lx": self._ground_light.at(slot, place_m, z_m),
             "road_friction": float(self._vehicles.friction[slot]),
         }
         warning = {} if command is None else {"warning": float(command.warning)}
-        return {**columns, **around, **self._motion.columns(slot), **warning}
+        return {**columns, **around, **moving, **warning}
 
     def _survey(self) -> None:
         """Begin to measure what every ego is nearest to at the current ticks, see

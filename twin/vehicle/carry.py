@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -38,7 +39,7 @@ class Carrier:
             return ""
         if not allowed:
             return "command pose is given, but autonomy.cosim is off"
-        way_m = self._way_m(slot, pose)
+        way_m = self._way_m(slot, self.body(slot, pose)[0])
         if way_m > self._reach_m and not first:
             return (
                 f"command pose is {way_m:.1f} m from the last one, allowed: {self._reach_m:g} m "
@@ -53,17 +54,17 @@ class Carrier:
         carried = np.zeros(fleet.slots, np.int32)
         com, turn = np.zeros((fleet.slots, 3)), np.zeros((fleet.slots, 4))
         for slot, pose in poses.items():
-            carried[slot] = JUMPS if self._way_m(slot, pose) > self._reach_m else GOES
             com[slot], turn[slot] = self.body(slot, pose)
+            carried[slot] = JUMPS if self._way_m(slot, com[slot]) > self._reach_m else GOES
         fleet.carry(self._steps, carried, com, turn)
         return np.flatnonzero(carried == JUMPS).tolist()
 
-    def _way_m(self, slot: int, pose: Pose) -> float:
-        com, _ = self.body(slot, pose)
-        return float(np.linalg.norm(com - self._fleet.state[slot, 0, columns("com")]))
+    def _way_m(self, slot: int, com: np.ndarray) -> float:
+        way = com - self._fleet.state[slot, 0, columns("com")]
+        return math.sqrt(way.dot(way))
 
     def body(self, slot: int, pose: Pose) -> tuple[np.ndarray, np.ndarray]:
         """Centre of mass [3] and orientation [4] of a slot's vehicle that is at a pose."""
         turn = np.array([pose.qx, pose.qy, pose.qz, pose.qw])
-        turn /= np.linalg.norm(turn)
+        turn /= math.sqrt(turn.dot(turn))
         return self._fleet.body_at(slot, pose.x_m, pose.y_m, pose.z_m, turn), turn

@@ -5,6 +5,8 @@ The state itself is :class:`twin.vehicle.state.VehicleState`, whose fields are t
 
 from __future__ import annotations
 
+import functools
+
 PHYSICS_STEP_NS = 2_000_000
 """Physics step [ns]."""
 
@@ -92,6 +94,7 @@ COLUMN: dict[str, int] = {name: i for i, name in enumerate(TELEMETRY)}
 """Column of a state variable in the state array float64 [S, V, T]."""
 
 
+@functools.cache
 def columns(field: str) -> slice:
     """Columns of a field of the state, e.g. ``columns("wheel_speed")`` for all four."""
     start = 0

@@ -359,10 +359,11 @@ class Fleet:
         """Centre of mass [3] of a slot's vehicle 0 with its reference point there; ``turn``:
         xyzw."""
         model = self._model(slot)
-        x, y, z, w = turn
-        forward = np.array([1 - 2 * (y * y + z * z), 2 * (x * y + z * w), 2 * (x * z - y * w)])
+        x, y, z, w = turn.tolist()
+        forward_x, forward_y = 1 - 2 * (y * y + z * z), 2 * (x * y + z * w)
+        forward_z = 2 * (x * z - y * w)
         left_z, up_z = 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)
-        yaw = math.atan2(forward[1], forward[0])
+        yaw = math.atan2(forward_y, forward_x)
         cosine, sine = math.cos(yaw), math.sin(yaw)
         ahead, aside = float(model.reference_x), float(model.reference_y)
         # As twin.vehicle.chassis.observe finds the reference point, the other way round.
@@ -370,7 +371,7 @@ class Fleet:
             [
                 x_m - cosine * ahead + sine * aside,
                 y_m - sine * ahead - cosine * aside,
-                z_m - ahead * forward[2] - aside * left_z + float(model.com_height) * up_z,
+                z_m - ahead * forward_z - aside * left_z + float(model.com_height) * up_z,
             ]
         )
 

@@ -45,7 +45,7 @@ class SlotSeen:
     """Distance [m] and time [s] to collision of a case that is about whatever is nearest; None: it
     is about its target."""
     movers: np.ndarray | None = None
-    """float64 [M, 7]: world x, y, z, yaw, half length, half width, height."""
+    """float64 [M, 9]: world x, y, z, yaw, half length, half width, height, pitch, roll."""
     readings: dict[str, np.ndarray] = field(default_factory=dict)
     """Readings of the sensors with a row of numbers that were due, by message name [K]."""
 

@@ -350,15 +350,18 @@ def _thinned(sensed: SensorData, slot: int) -> Cloud:
 
 
 def _movers(engine: Engine, slot: int) -> np.ndarray:
-    """Scripted objects in sight [M, 7]: x, y, z, yaw, half length, half width, height."""
+    """Scripted objects in sight [M, 9]: x, y, z, yaw, half length, half width, height, pitch,
+    roll."""
     placement, kinds = engine.placement, engine.world.kinds
     there = np.flatnonzero(placement.kind[slot] >= 0)
-    rows = np.zeros((len(there), 7))
+    rows = np.zeros((len(there), 9))
     for row, index in zip(rows, there, strict=True):
         kind = kinds[placement.kind[slot, index]]
         row[:3] = placement.position_m[slot, index]
         row[3] = placement.yaw_rad[slot, index]
-        row[4:] = kind.half_length_m, kind.half_width_m, kind.mesh.points_m[:, 2].max()
+        row[4:7] = kind.half_length_m, kind.half_width_m, kind.mesh.points_m[:, 2].max()
         if placement.half_m is not None:
             row[4:6] = placement.half_m[slot, index]
+        if placement.pitch_rad is not None and placement.roll_rad is not None:
+            row[7:] = placement.pitch_rad[slot, index], placement.roll_rad[slot, index]
     return rows

@@ -118,6 +118,7 @@ def state_of(snapshot: SlotSeen, token: int, seq: int) -> StateSample:
     def value(name: str) -> float:
         return float(state[COLUMN[name]])
 
+    hulls = snapshot.movers
     dtc_m = ttc_s = None
     if snapshot.nearest is not None:
         dtc_m, ttc_s = snapshot.nearest
@@ -140,7 +141,11 @@ def state_of(snapshot: SlotSeen, token: int, seq: int) -> StateSample:
         collisions=int(state[COLUMN["collisions"]]),
         controls=_controls(snapshot.command),
         boxes=None if snapshot.boxes is None else [_box(row) for row in snapshot.boxes],
-        movers=[] if snapshot.movers is None else snapshot.movers.tolist(),
+        movers=[] if hulls is None else hulls[:, :7].tolist(),
+        mover_tilts=[] if hulls is None or not hulls[:, 7:].any() else hulls[:, 7:].tolist(),
+        z_m=value("z_m"),
+        pitch_rad=value("pitch_rad"),
+        roll_rad=value("roll_rad"),
         hand=snapshot.label,
         sensors={name: row.tolist() for name, row in snapshot.readings.items()},
     )

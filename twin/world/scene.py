@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Annotated, Literal, TypeVar
 
@@ -154,7 +155,7 @@ class Scene(Spec, kw_only=True):
     opendrive: str = ""
     """OpenDRIVE file of roads, relative to the scene file; needs ``street: false``."""
     scenery: RoadScenery | None = None
-    """Generated houses and trees beside the roads of ``opendrive``."""
+    """Generated houses and trees, and street lamps, beside the roads of ``opendrive``."""
 
     def __post_init__(self) -> None:
         road = self.road
@@ -221,6 +222,8 @@ def load_scene(name_or_path: str) -> Scene:
     if terrain is not None:
         terrain = replace(terrain, heightmap=str(folder / terrain.heightmap))
     opendrive = str(folder / scene.opendrive) if scene.opendrive else ""
+    if folder == _SCENES:
+        opendrive = os.path.normpath(opendrive) if opendrive else ""  # as shipped roads are named
     return replace(scene, meshes=meshes, terrain=terrain, opendrive=opendrive)
 
 

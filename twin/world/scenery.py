@@ -1,4 +1,4 @@
-"""Scenery of scene files beside OpenDRIVE roads: rows of generated houses and trees."""
+"""Scenery of scene files beside OpenDRIVE roads: rows of houses, trees and street lamps."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from msgspec import Meta, field
 from twin.world.spec import Length, Range, Share, Spec
 
 ROWS_MAX = 64
-"""Most rows of houses and most rows of trees."""
+"""Most rows of houses, of trees and of street lamps."""
 
 Side = Literal["left", "right", "both"]
 Station = Annotated[float, Meta(ge=0, le=1e6)]
@@ -71,6 +71,23 @@ class TreeRow(Spec, kw_only=True):
         _check_order(self.from_m, self.to_m)
 
 
+class LampRow(Spec, kw_only=True):
+    """Street lamps along a road; their arms reach towards its reference line."""
+
+    road: str = ""
+    """Id of its road; empty: all roads that do not lead through a junction."""
+    from_m: Station = 0.0
+    """Station of the first lamp [m]."""
+    to_m: Station | None = None
+    """Last station at which one may stand; left out: the end of the road [m]."""
+    spacing_m: Annotated[float, Meta(ge=2, le=2000)] = 25.0
+    lateral_m: Annotated[float, Meta(ge=-500, le=500)]
+    """From the reference line to the posts, to the left positive [m]."""
+
+    def __post_init__(self) -> None:
+        _check_order(self.from_m, self.to_m)
+
+
 def _check_order(from_m: float, to_m: float | None) -> None:
     if to_m is not None and to_m <= from_m:
         raise ValueError(f"to_m {to_m:g} must lie behind from_m {from_m:g}")
@@ -81,3 +98,5 @@ class RoadScenery(Spec, kw_only=True):
 
     houses: Annotated[list[HouseRow], Meta(max_length=ROWS_MAX)] = field(default_factory=list)
     trees: Annotated[list[TreeRow], Meta(max_length=ROWS_MAX)] = field(default_factory=list)
+    lamps: Annotated[list[LampRow], Meta(max_length=ROWS_MAX)] = field(default_factory=list)
+    """Street lamps as high and as bright as ``furniture`` says."""

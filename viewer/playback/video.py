@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+import json
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
@@ -11,7 +13,8 @@ import numpy as np
 
 from twin.base.errors import UsageError
 from viewer.playback.drawing import drawn
-from viewer.playback.frames import PlayedTick, RecordedCase
+from viewer.playback.folder import find_recording
+from viewer.playback.frames import PlayedTick, RecordedCase, read_case
 from viewer.playback.outputs import needed, write_whole
 
 QUALITY = "22"
@@ -74,3 +77,18 @@ def schedule(case: RecordedCase) -> tuple[list[int], int]:
         return times, 10**9
     period_ns = int(np.diff(times).min())
     return list(range(times[0], times[-1] + 1, period_ns)), period_ns
+
+
+def answer_films(folder: Path, asked: Iterable[str]) -> Iterator[str]:
+    """A line of JSON per line of JSON, see ``viewer films``: what reads recordings and encodes is
+    loaded once for all of them."""
+    for line in asked:
+        request = json.loads(line)
+        error = ""
+        try:
+            write_film(
+                read_case(find_recording(folder, request["case"]).path), Path(request["out"])
+            )
+        except UsageError as refused:
+            error = str(refused)
+        yield json.dumps({"case": request["case"], "error": error})

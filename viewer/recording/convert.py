@@ -34,12 +34,16 @@ from viewer.recording.scenery import (
     eyes,
     movers,
     outline,
+    quaternion,
     verdict_color,
 )
 from viewer.recording.summary import ended_text, running_text
 
 LABEL_SHARE = 0.05
 """A box narrower than this share of the picture has no room for a label [-]."""
+
+TRAIL_M = 0.08
+"""Height of the trail above the road [m]."""
 
 
 class CaseConverter:
@@ -58,6 +62,8 @@ class CaseConverter:
         """Tick of the latest state."""
         self._moving = False
         """Objects that move are drawn."""
+        self._leaning = 0.0, 0.0, 0.0
+        """Height [m], pitch and roll [rad] of the ego in the latest state that has them."""
 
     def start(self) -> list[Logged]:
         """Static scene, intrinsics and styles; logged without a time.
@@ -75,8 +81,7 @@ class CaseConverter:
             return []
         asked = [(sample, sample.controls) for sample in samples if sample.controls is not None]
         rows = [
-            rows_at(naming.EGO, samples, _poses(samples)),
-            rows_at(naming.TRAIL, samples, _trail(samples)),
+            *self._poses(samples),
             _plotted(naming.SPEED, samples, [s.speed_mps for s in samples]),
             _plotted(naming.ACCEL, samples, [s.accel_mps2 for s in samples]),
         ]
@@ -136,6 +141,25 @@ class CaseConverter:
             return bool(sample.movers)
         before, self._moving = self._moving, bool(sample.movers)
         return before or self._moving
+
+    def _poses(self, samples: Sequence[StateSample]) -> list[EntityRows]:
+        """The ego, and the points of its trail. The yaw stands apart from the rest of the turn,
+        which :mod:`viewer.playback.frames` does without."""
+        leaning = []
+        for sample in samples:
+            if sample.z_m is not None:
+                self._leaning = sample.z_m, sample.pitch_rad, sample.roll_rad
+            leaning.append(self._leaning)
+        places = [[s.x_m, s.y_m, z_m] for s, (z_m, _, _) in zip(samples, leaning, strict=True)]
+        poses = rr.Transform3D.columns(
+            translation=places,
+            rotation_axis_angle=[
+                rr.RotationAxisAngle([0, 0, 1], rr.Angle(rad=s.yaw_rad)) for s in samples
+            ],
+            quaternion=[quaternion(0.0, pitch, roll) for _, pitch, roll in leaning],
+        )
+        trail = rr.Points3D.columns(positions=[[x, y, z + TRAIL_M] for x, y, z in places])
+        return [rows_at(naming.EGO, samples, poses), rows_at(naming.TRAIL, samples, trail)]
 
     def _readings(self, samples: Sequence[StateSample]) -> list[EntityRows]:
         """Plots of the sensors with a row of numbers, one per column."""
@@ -293,19 +317,6 @@ def _standing(bare: bytes) -> list[Logged]:
     ]
 
 
-def _poses(samples: Sequence[StateSample]) -> rr.ComponentColumnList:
-    return rr.Transform3D.columns(
-        translation=[[s.x_m, s.y_m, 0.0] for s in samples],
-        rotation_axis_angle=[
-            rr.RotationAxisAngle([0, 0, 1], rr.Angle(rad=s.yaw_rad)) for s in samples
-        ],
-    )
-
-
-def _trail(samples: Sequence[StateSample]) -> rr.ComponentColumnList:
-    return rr.Points3D.columns(positions=[[s.x_m, s.y_m, 0.08] for s in samples])
-
-
 def _plotted(path: str, samples: Sequence[StateSample], values: list[float]) -> EntityRows:
     return rows_at(path, samples, rr.Scalars.columns(scalars=np.array(values, np.float64)))
 
@@ -342,7 +353,8 @@ def _truth(samples: Sequence[StateSample]) -> EntityRows:
 
 
 def _moving(samples: Sequence[StateSample]) -> EntityRows:
-    return rows_at(naming.MOVERS, samples, movers([s.movers for s in samples]) if samples else [])
+    rows = [(sample.movers, sample.mover_tilts) for sample in samples]
+    return rows_at(naming.MOVERS, samples, movers(rows) if rows else [])
 
 
 def _event(sim_time_ns: int, tick: int, text: str, level: str, color: Color) -> EntityRows:

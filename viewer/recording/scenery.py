@@ -170,17 +170,42 @@ def points(payload: bytes) -> list[rr.ComponentColumn]:
     return list(columns.partition([len(rows)]))
 
 
-def movers(rows: Sequence[Sequence[Sequence[float]]]) -> list[rr.ComponentColumn]:
-    """Hulls of the objects that move by script, at several times."""
-    flat = [hull for hulls in rows for hull in hulls]
+def movers(
+    rows: Sequence[tuple[Sequence[Sequence[float]], Sequence[Sequence[float]]]],
+) -> list[rr.ComponentColumn]:
+    """Hulls of the objects that move by script, and how they lean, at several times; see
+    :attr:`schemas.wire.view.StateSample.movers`."""
+    flat = [
+        (hull, *tilt)
+        for hulls, tilts in rows
+        for hull, tilt in zip(hulls, tilts or [(0.0, 0.0)] * len(hulls), strict=True)
+    ]
+    turns = [quaternion(hull[3], pitch, roll) for hull, pitch, roll in flat]
     columns = rr.Boxes3D.columns(
-        centers=[[x, y, z + height / 2] for x, y, z, _, _, _, height in flat],
-        half_sizes=[[length, width, height / 2] for *_, length, width, height in flat],
-        rotation_axis_angles=[
-            rr.RotationAxisAngle([0, 0, 1], rr.Angle(rad=hull[3])) for hull in flat
+        centers=[
+            _above(hull[:3], turn, hull[6] / 2)
+            for (hull, *_), turn in zip(flat, turns, strict=True)
         ],
+        half_sizes=[[hull[4], hull[5], hull[6] / 2] for hull, *_ in flat],
+        quaternions=turns,
     )
-    return list(columns.partition([len(hulls) for hulls in rows]))
+    return list(columns.partition([len(hulls) for hulls, _ in rows]))
+
+
+def quaternion(yaw_rad: float, pitch_rad: float, roll_rad: float) -> list[float]:
+    """x, y, z, w of the turn about z by the yaw, then y by the pitch, then x by the roll."""
+    (sy, cy), (sp, cp), (sr, cr) = (
+        (math.sin(angle / 2), math.cos(angle / 2)) for angle in (yaw_rad, pitch_rad, roll_rad)
+    )
+    x, y = cy * cp * sr - sy * sp * cr, cy * sp * cr + sy * cp * sr
+    return [x, y, sy * cp * cr - cy * sp * sr, cy * cp * cr + sy * sp * sr]
+
+
+def _above(foot_m: Sequence[float], turn: Sequence[float], height_m: float) -> list[float]:
+    """The place ``height_m`` above another along the upward axis of what is turned so."""
+    x, y, z, w = turn
+    up = 2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)
+    return [at + height_m * way for at, way in zip(foot_m, up, strict=True)]
 
 
 def rotation(rotation_deg: Sequence[float]) -> np.ndarray:

@@ -12,9 +12,9 @@ function drawFigures() {
   drawInteractions();
 }
 drawFigures();
-if (data.leases) {
-  at("leases").on("plotly_click", (event) => {
-    const id = /<b>(.*?)<\/b>/.exec(event.points[0].text ?? "");
-    if (id && byId.has(id[1])) pick(id[1], true);
+for (const id of ["residual", "leases"].filter((name) => data[name])) {
+  at(id).on("plotly_click", (event) => {
+    const clicked = /<b>(.*?)<\/b>/.exec(event.points[0].text ?? "");
+    if (clicked && byId.has(clicked[1])) pick(clicked[1], true);
   });
 }

@@ -26,6 +26,8 @@ from conductor.report.rulebook.side_by_side import PairedTable, paired_tables
 from schemas.case import Case
 from schemas.identity import scenario_by_content
 from schemas.kinds.kpi import KpiKind, scalars_by_name
+from schemas.kinds.scenario import levels_of_verdicts
+from schemas.kinds.verdict import LEVEL_UNHURT
 from schemas.sections.stack_identity import difference
 from twin.base.errors import UsageError
 
@@ -194,10 +196,12 @@ def compare(
     )
 
 
-def rank(row: CaseRow) -> int:
-    """Rank of a verdict: 2 for ``pass``, 1 for another one without a collision, such as false
-    braking, 0 for a collision or no verdict."""
-    return (row.passed is True) + (row.no_collision is True)
+def level_of(row: CaseRow) -> int:
+    """How good a case's end is, as the table of verdicts says; 0 without a verdict, unless the
+    complete log of an imported case tells of no collision."""
+    if row.end.outcome == "verdict":
+        return levels_of_verdicts().get(row.end.verdict, 0)
+    return LEVEL_UNHURT if row.no_collision is True else 0
 
 
 def _pairs(before: Dossier, after: Dossier) -> list[tuple[CaseRow, CaseRow]]:
@@ -247,7 +251,7 @@ def _counts(passed: Sequence[tuple[bool, bool]]) -> tuple[int, int, int, int]:
 
 
 def _flip(a: CaseRow, b: CaseRow) -> Flip:
-    step = rank(b) - rank(a)
+    step = level_of(b) - level_of(a)
     change: Change = "worse" if step < 0 else "better" if step > 0 else "other"
     return Flip(a.case.id, a.status, b.status, change, b.end.reasons)
 

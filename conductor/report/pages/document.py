@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +16,12 @@ from conductor.report.pages.summary import write_summary_of
 from conductor.report.pages.tables import case_record, verdict_table
 from conductor.report.plots.files import write_plots
 from conductor.report.reading.dossier import open_dossier
-from conductor.report.reading.recorded import failures
+from conductor.report.reading.films import make_films
+from conductor.report.reading.recorded import Failure, failures
 from conductor.report.reading.resources import gather_resources
 from conductor.report.reading.resources_use import Resources, Use
 from conductor.report.reading.speedup import SpeedUp
+from conductor.report.rulebook.shown import rulebook_shown
 from schemas.files.rulebook_result import FILE_NAME as RULEBOOK_FILE
 from twin.base.errors import storage_error
 from twin.base.files import write_atomic
@@ -36,6 +38,10 @@ class WrittenReport:
     plots_missing: str
     """Which plots are left out, and why; empty: none."""
     content: Content
+    films: list[Path] = field(default_factory=list)
+    """Films of cases that did not pass."""
+    films_missing: list[str] = field(default_factory=list)
+    """Lines about films that are left out."""
 
 
 def make_report(
@@ -44,6 +50,7 @@ def make_report(
     anew: bool = False,
     serial: Path | None = None,
     plots: bool = True,
+    films: bool = False,
     read: Shown | None = None,
 ) -> WrittenReport:
     """Write ``summary.parquet``, ``summary.csv``, ``resources.parquet``, ``report.html``, of a
@@ -57,6 +64,8 @@ def make_report(
         anew: read every KPI file, also those that an earlier report has read.
         serial: folder in which the same campaign was run one case at a time, for the speed-up.
         plots: draw the plots as well, which for 256 cases takes as long as all the rest.
+        films: make films of the cases that did not pass and that the page shows: of a rulebook's
+            tables the worst run of each cell.
         read: KPI files that this process has just read (:func:`read_shown`).
 
     Raises:
@@ -69,14 +78,24 @@ def make_report(
     gather_resources(dossier.folder, complete=dossier.outcomes.complete)
     path = folder / PAGE_FILE
     try:
-        write_atomic(path, render(content, failures(dossier)).encode())
+        lost = failures(dossier)
+        made, unmade = _films(content, lost) if films else ([], [])
+        write_atomic(path, render(content, lost).encode())
         if content.rulebook is not None:
             data = msgspec.json.format(msgspec.json.encode(content.rulebook), indent=1)
             write_atomic(folder / RULEBOOK_FILE, data + b"\n")
         drawn, missing = write_plots(content) if plots else ([], "")
     except OSError as error:
         raise storage_error(error, str(error.filename or path)) from None
-    return WrittenReport(path, drawn, missing, content)
+    return WrittenReport(path, drawn, missing, content, made, unmade)
+
+
+def _films(content: Content, lost: list[Failure]) -> tuple[list[Path], list[str]]:
+    """Films of the examples of lost cases and of a rulebook's worst runs, as
+    :func:`conductor.report.reading.films.make_films` gives them."""
+    book = rulebook_shown(content.dossier, content.rulebook)
+    wanted = {failure.row.case.id for failure in lost} | set(book.worst_lost if book else ())
+    return make_films(content.dossier, [r for r in content.dossier.rows if r.case.id in wanted])
 
 
 def report_json(folder: Path) -> dict[str, Any]:

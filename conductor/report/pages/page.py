@@ -39,6 +39,7 @@ from conductor.report.reading.axes import (
 from conductor.report.reading.curves import LOOKS, Floats, drawn, overview, time_label
 from conductor.report.reading.dossier import Dossier
 from conductor.report.reading.evidence import commands, versions
+from conductor.report.reading.films import film_addresses
 from conductor.report.reading.provenance import file_digests
 from conductor.report.reading.recorded import Failure
 from conductor.report.reading.systems import system_names
@@ -57,6 +58,7 @@ def render(content: Content, failures: list[Failure]) -> str:
     dossier, names = content.dossier, system_names(content.dossier)
     data = _page_data(content)
     book = rulebook_shown(dossier, content.rulebook)
+    films = film_addresses(dossier)
     script = "\n".join((ASSETS / name).read_text(encoding="utf-8") for name in _SCRIPTS)
     return _template().render(
         dossier=dossier,
@@ -69,6 +71,8 @@ def render(content: Content, failures: list[Failure]) -> str:
         leases=content.leases,
         leases_left_out=max(0, len(content.leases.spans) - SPANS_MAX),
         failures=failures,
+        films=films,
+        unfilmed=book is not None and any(case not in films for case in book.worst_lost),
         replay=lambda failure: "\n".join(_replay(failure)),
         notices=first_screen(content.dossier),
         time_label=time_label(dossier),
@@ -81,7 +85,12 @@ def render(content: Content, failures: list[Failure]) -> str:
         report=dossier.scenario.report,
         digits={kind.name: kind.digits for kind in scalars_by_name().values()},
         lead_unit=scalars_by_name()[dossier.scenario.report.lead.scalar].unit,
-        statuses=[(s, status_color(s), status_symbol(s)) for s in statuses(dossier)],
+        statuses=[
+            (s, status_color(s), status_symbol(s))
+            for s in statuses(dossier)
+            if book is None or s in book.told
+        ],
+        residual=data["residual"] is not None,
         trouble=without_verdict(dossier),
         lines_max=LINES_MAX,
         shown=content.shown,
@@ -162,8 +171,16 @@ def _page_data(content: Content) -> dict[str, Any]:
         "cases": list(_drawn_cases(content, groups, curves)),
         "resources": resource_figure(content.resources),
         "leases": leases_figure(dossier, content.leases),
-        "residual": residual_figure(content.rulebook) if content.rulebook else None,
+        **_residuals(content),
     }
+
+
+def _residuals(content: Content) -> dict[str, Any]:
+    """Residual speeds of a rulebook's runs, for wide and for narrow screens."""
+    if content.rulebook is None:
+        return {"residual": None}
+    stacked = residual_figure(content.rulebook, columns=1)
+    return {"residual": residual_figure(content.rulebook), "residual_stacked": stacked}
 
 
 def _spreads(content: Content, models: list[str]) -> Iterator[tuple[str, dict[str, Any]]]:

@@ -77,12 +77,15 @@ def ask_viewer(dossier: Dossier, row: CaseRow, command: str, out: Path, *options
     if recording_of(dossier, row) is None:
         return _NO_PICTURES if dossier.imported else "the case was not recorded"
     asked = [command, str(dossier.folder), row.case.id, "--at", moment_of(row), "--out", str(out)]
-    return _run_viewer([*asked, *options], "")[1]
+    return run_viewer([*asked, *options], "")[1]
 
 
-def _run_viewer(arguments: list[str], asked: str) -> tuple[list[str], str]:
-    """Lines that `viewer` answers to what it is asked; and, if it failed, why."""
-    name = f"viewer {arguments[0]}"
+def run_viewer(arguments: list[str], asked: str, more_s: float = 0.0) -> tuple[list[str], str]:
+    """Lines that `viewer` answers to what it is asked; and, if it failed, why.
+
+    ``more_s``: how long it may take beyond :data:`VIEWER_MAX_S` [s].
+    """
+    name, longest_s = f"viewer {arguments[0]}", VIEWER_MAX_S + more_s
     try:
         done = subprocess.run(
             [sys.executable, "-m", "viewer", *arguments],
@@ -90,10 +93,10 @@ def _run_viewer(arguments: list[str], asked: str) -> tuple[list[str], str]:
             capture_output=True,
             text=True,
             check=False,
-            timeout=VIEWER_MAX_S,
+            timeout=longest_s,
         )
     except subprocess.TimeoutExpired:
-        return [], f"{name} took longer than {VIEWER_MAX_S:g} s"
+        return [], f"{name} took longer than {longest_s:g} s"
     why = ""
     if done.returncode:
         lines = done.stderr.strip().splitlines()
@@ -170,7 +173,7 @@ def make_strips(
             )
             for number, (row, _) in enumerate(asked)
         ]
-        answers, why = _run_viewer(["strips", str(dossier.folder), *_AROUND], "\n".join(lines))
+        answers, why = run_viewer(["strips", str(dossier.folder), *_AROUND], "\n".join(lines))
         errors = {answer["case"]: answer["error"] for answer in map(json.loads, answers)}
         for number, (row, kept) in enumerate(asked):
             if error := errors.get(row.case.id, why or "viewer strips did not say"):

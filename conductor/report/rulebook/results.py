@@ -19,7 +19,7 @@ from schemas.files.rulebook_result import (
     Standing,
 )
 from schemas.kinds.scenario import trial_of, verdict_kinds
-from schemas.rulebook_rows import prefix_of
+from schemas.rulebook_rows import axes_beyond, prefix_of
 from schemas.sections.rulebook import Rulebook, RulebookGroup, RulebookRow
 from schemas.sections.trial import Trial
 
@@ -43,8 +43,9 @@ def rulebook_result(dossier: Dossier, fingerprint: str = "") -> RulebookResult |
         trial = _trial(case_row)
         if trial is not None and trial.row in by_row:
             by_row[trial.row].append(case_row)
+    beyond = axes_beyond_of(dossier)
     rows = [
-        _row(rulebook, row, by_row[row.row], _axes_of(row, prefix, list(dossier.campaign.matrix)))
+        _row(rulebook, row, by_row[row.row], _axes_of(row, prefix, beyond))
         for row in rulebook.rows
         if by_row[row.row]
     ]
@@ -68,9 +69,17 @@ def rulebook_result(dossier: Dossier, fingerprint: str = "") -> RulebookResult |
     )
 
 
-def _axes_of(row: RulebookRow, prefix: str, matrix: Sequence[str]) -> list[str]:
+def axes_beyond_of(dossier: Dossier) -> list[str]:
+    """Axes by which the cases of a campaign with a rulebook differ beside its rows."""
+    campaign = dossier.campaign
+    if campaign.rulebook is UNSET:
+        return []
+    return axes_beyond(campaign.rulebook, campaign.scenario, campaign.matrix, campaign.cases)
+
+
+def _axes_of(row: RulebookRow, prefix: str, beyond: Sequence[str]) -> list[str]:
     """Axes that a row, or the matrix, says something of."""
-    return [*dict.fromkeys([*(prefix + name for name in row.values), *row.conditions, *matrix])]
+    return [*dict.fromkeys([*(prefix + name for name in row.values), *row.conditions, *beyond])]
 
 
 def _trial(case_row: CaseRow) -> Trial | None:

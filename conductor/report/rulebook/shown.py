@@ -8,9 +8,11 @@ from msgspec import UNSET
 
 from conductor.report.reading.axes import axis_label
 from conductor.report.reading.dossier import Dossier
+from conductor.report.rulebook.results import axes_beyond_of
 from conductor.report.rulebook.tables import GroupTable, group_tables
 from schemas.files.rulebook_result import RulebookResult, RulebookRowResult, RulebookRun
 from schemas.rulebook_rows import prefix_of
+from schemas.sections.rulebook import Axis
 
 RULE = (
     "Passed means: the run fulfils the criterion of its row (verdict pass or avoided). A run that "
@@ -22,6 +24,17 @@ _SECOND_HAND = {
     "B": "text or files of a third party",
     "C": "somebody's reading of the source",
 }
+
+
+@dataclass(frozen=True, slots=True)
+class BeyondTable:
+    """Passed runs by the values of an axis that the rulebook leaves to the matrix, as weathers."""
+
+    label: str
+    columns: list[str]
+    """Titles of the groups."""
+    lines: list[tuple[str, list[str]]]
+    """Value of the axis, then of each group and of all ``passed/runs``."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +50,20 @@ class RulebookShown:
     told: list[str]
     """Statuses of its runs, each once."""
     lost: list[tuple[RulebookRowResult, RulebookRun]]
-    """Runs that ended and did not pass."""
+    """Runs that did not pass."""
+    beyond: list[BeyondTable]
+    """A table for each axis of the matrix with several values."""
+
+    @property
+    def clauses(self) -> bool:
+        """Whether the source of any group has a clause."""
+        return any(group.clause for group in self.result.groups)
+
+    @property
+    def worst_lost(self) -> list[str]:
+        """Cases of the worst run of each cell in which not all passed."""
+        cells = [cell for t in self.tables for line in t.lines for cell in line.cells if cell]
+        return [cell.worst.case for cell in cells if cell.worst.passed is not True]
 
 
 def rulebook_shown(dossier: Dossier, result: RulebookResult | None) -> RulebookShown | None:
@@ -59,7 +85,35 @@ def rulebook_shown(dossier: Dossier, result: RulebookResult | None) -> RulebookS
         varied=", ".join(varied) if any(row.repetitions > 1 for row in rulebook.rows) else "",
         told=sorted({run.status for _, run in runs}),
         lost=[(row, run) for row, run in runs if run.passed is not True],
+        beyond=[t for axis in axes_beyond_of(dossier) if (t := _beyond(result, axis))],
     )
+
+
+def _beyond(result: RulebookResult, axis: str) -> BeyondTable | None:
+    """The table of an axis; None: it has one value."""
+    points = [(row.group, point) for row in result.rows for point in row.points]
+    values = list(dict.fromkeys(point.values[axis] for _, point in points))
+    if len(values) < 2:
+        return None
+    groups = [group.group for group in result.groups]
+
+    def passed(value: Axis, names: list[str]) -> str:
+        runs = [
+            run
+            for name, point in points
+            if name in names and point.values[axis] == value
+            for run in point.runs
+        ]
+        return f"{sum(run.passed is True for run in runs)}/{len(runs)}" if runs else "–"
+
+    lines = [
+        (
+            str(value).replace("_", " "),
+            [*(passed(value, [name]) for name in groups), passed(value, groups)],
+        )
+        for value in values
+    ]
+    return BeyondTable(axis_label(axis), [group.title for group in result.groups], lines)
 
 
 def second_hand(result: RulebookResult) -> str:

@@ -33,9 +33,17 @@ class RulebookCell:
     limit_kmh: float | None
 
     @property
+    def worst(self) -> RulebookRun:
+        """The worst run; of equal ones that with the fastest impact."""
+        return min(
+            self.runs,
+            key=lambda run: (_RANKS.get(run.status, _MISSING_RANK), -(run.impact_kmh or 0.0)),
+        )
+
+    @property
     def status(self) -> str:
         """Status of the worst run."""
-        return min(self.runs, key=lambda run: _RANKS.get(run.status, _MISSING_RANK)).status
+        return self.worst.status
 
     @property
     def color(self) -> str:
@@ -56,7 +64,7 @@ class RulebookCell:
     def text(self) -> str:
         """Highest relative impact speed [km/h], and of several runs how many passed."""
         impacts = [run.impact_kmh for run in self.runs if run.impact_kmh is not None]
-        parts = [f"{max(impacts):.0f}"] if impacts else []
+        parts = [f"{round(max(impacts))}"] if impacts else []  # no -0, of who walks into the ego
         if len(self.runs) > 1:
             parts.append(f"{sum(run.passed is True for run in self.runs)}/{len(self.runs)}")
         return " · ".join(parts)

@@ -186,7 +186,7 @@ KPIS = (
         place="column",
         type="float64",
         unit="lx",
-        doc="Light of sky, sun and moon on level ground",
+        doc="Light of sky, sun, moon and street lamps on level ground, at the target of a trial",
         nullable=True,
     ),
     KpiKind(

@@ -1,8 +1,8 @@
 """Declarations of the sensors that are shipped."""
 
-from schemas.kinds.sensors import encoders, gnss, imu, pose
+from schemas.kinds.sensors import encoders, gnss, imu, pose, radar
 
-KINDS = (encoders.KIND, gnss.KIND, imu.KIND, pose.KIND)
+KINDS = (encoders.KIND, gnss.KIND, imu.KIND, pose.KIND, radar.KIND)
 """Messages and files have them in this order."""
 
 FIRST = ("encoders", "gnss", "imu", "pose")

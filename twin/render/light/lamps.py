@@ -6,7 +6,7 @@ import warp as wp
 
 from twin.actors.lamps import VehicleLamp
 from twin.render.light.light import SlotLight
-from twin.render.trace.geometry import RayScene
+from twin.render.trace.geometry import RayScene, out_of_object
 from twin.render.trace.rays import SlotPose
 
 wp.set_module_options({"enable_backward": False})
@@ -56,7 +56,9 @@ class StreetLamps:
 LAMPS_GLOWING = 8
 """Street lamps whose glow an eye sees in fog."""
 _LAMPS_GLOWING = wp.constant(LAMPS_GLOWING)
-_LAMPS_LIGHTING = wp.constant(4)  # a point; at the usual distances the next ones give < 1 %
+LAMPS_LIGHTING = 4
+"""Street lamps that light a point; at the usual distances the next ones give less than 1 %."""
+_LAMPS_LIGHTING = wp.constant(LAMPS_LIGHTING)
 
 
 @wp.func
@@ -198,6 +200,8 @@ class LampBeams:
     """World [m]."""
     rear: wp.vec3
     forward: wp.vec3
+    up: wp.vec3
+    """The vehicle's own upward axis."""
     head: wp.float32
     """Low beam, 1: on."""
     high: wp.float32
@@ -238,7 +242,11 @@ def beams_kernel(
             last = nearest
             beams.there = 1
             beams.forward = wp.vec3(pose.cosine, pose.sine, 0.0)
-            up = wp.vec3(0.0, 0.0, _LAMP_HEIGHT_M)
+            beams.up = wp.vec3(0.0, 0.0, 1.0)
+            if pose.tilt[0] != 0.0 or pose.tilt[2] != 0.0:
+                beams.forward = out_of_object(wp.vec3(1.0, 0.0, 0.0), pose)
+                beams.up = out_of_object(beams.up, pose)
+            up = beams.up * _LAMP_HEIGHT_M
             beams.front = pose.position + beams.forward * pose.half[0] + up
             beams.rear = pose.position - beams.forward * pose.half[0] + up
             beams.head = pose.lamps
@@ -276,8 +284,10 @@ def _head_cd(local: wp.vec3, beam: LampBeams) -> wp.float32:
 
 
 @wp.func
-def _along(v: wp.vec3, forward: wp.vec3) -> wp.vec3:
-    """``v`` in axes whose x is the level direction ``forward``."""
+def _along(v: wp.vec3, forward: wp.vec3, up: wp.vec3) -> wp.vec3:
+    """``v`` in axes whose x is the direction ``forward`` and z the direction ``up``."""
+    if up[2] != 1.0:
+        return wp.vec3(wp.dot(v, forward), wp.dot(v, wp.cross(up, forward)), wp.dot(v, up))
     return wp.vec3(wp.dot(v, forward), forward[0] * v[1] - forward[1] * v[0], v[2])
 
 
@@ -296,7 +306,7 @@ def vehicles_lux(
             square = wp.max(wp.dot(ray, ray), 0.25)
             facing = -wp.dot(ray, n) / wp.sqrt(square)
             if facing > 0.0:
-                toward = _head_cd(_along(ray, beam.forward), beam)
+                toward = _head_cd(_along(ray, beam.forward, beam.up), beam)
                 total += WARM_WHITE * (toward * facing / square)
         if beam.red > 0.0:
             ray = p - beam.rear
@@ -377,7 +387,7 @@ def lamps_glow(
         beam = beams[slot, b]
         if beam.head + beam.high > 0.0:
             to = beam.front - eye
-            toward = _head_cd(_along(-to, beam.forward), beam)
+            toward = _head_cd(_along(-to, beam.forward, beam.up), beam)
             total += WARM_WHITE * (toward * _halo(to, direction, distance, light.extinction))
         if beam.red > 0.0:
             to = beam.rear - eye

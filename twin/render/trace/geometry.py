@@ -67,6 +67,8 @@ class ObjectPose:
     cosine: wp.float32
     """Cosine of its yaw."""
     sine: wp.float32
+    tilt: wp.vec4
+    """Sine and cosine of its pitch, then of its roll; it stands level where both sines are 0."""
     centre: wp.vec3
     """Centre of the sphere around it, world [m]."""
     radius: wp.float32
@@ -138,6 +140,35 @@ def turned(v: wp.vec3, c: wp.float32, s: wp.float32) -> wp.vec3:
     return wp.vec3(c * v[0] - s * v[1], s * v[0] + c * v[1], v[2])
 
 
+@wp.func
+def into_object(v: wp.vec3, pose: ObjectPose) -> wp.vec3:
+    """A direction of the world in an object's own axes.
+
+    The axes are turned about z by the yaw, then about y by the pitch, then about x by the roll
+    (ISO 8855): the nose of an object with a positive pitch points down.
+    """
+    own = turned(v, pose.cosine, -pose.sine)
+    if pose.tilt[0] != 0.0 or pose.tilt[2] != 0.0:
+        x = pose.tilt[1] * own[0] - pose.tilt[0] * own[2]
+        z = pose.tilt[0] * own[0] + pose.tilt[1] * own[2]
+        y = pose.tilt[3] * own[1] + pose.tilt[2] * z
+        own = wp.vec3(x, y, pose.tilt[3] * z - pose.tilt[2] * own[1])
+    return own
+
+
+@wp.func
+def out_of_object(v: wp.vec3, pose: ObjectPose) -> wp.vec3:
+    """A direction in an object's own axes in those of the world; the inverse of
+    :func:`into_object`."""
+    level = v
+    if pose.tilt[0] != 0.0 or pose.tilt[2] != 0.0:
+        z = pose.tilt[2] * v[1] + pose.tilt[3] * v[2]
+        y = pose.tilt[3] * v[1] - pose.tilt[2] * v[2]
+        x = pose.tilt[1] * v[0] + pose.tilt[0] * z
+        level = wp.vec3(x, y, pose.tilt[1] * z - pose.tilt[0] * v[0])
+    return turned(level, pose.cosine, pose.sine)
+
+
 def ray_functions(closest: Any, blocked: Any, *, holes: bool = False) -> tuple[Any, Any]:
     """``trace`` and ``occluded`` on traversals like those of :mod:`twin.render.trace.traverse`;
     ``holes``: like those that pass holes."""
@@ -164,8 +195,8 @@ def ray_functions(closest: Any, blocked: Any, *, holes: bool = False) -> tuple[A
                 mask = mask & (mask - 1)
                 m = block * 8 + k
                 pose = scene.objects[slot, m]
-                local = turned(origin - pose.position, pose.cosine, -pose.sine)
-                ahead = turned(direction, pose.cosine, -pose.sine)
+                local = into_object(origin - pose.position, pose)
+                ahead = into_object(direction, pose)
                 if wp.static(holes):
                     own = closest(
                         scene.nodes,
@@ -195,11 +226,7 @@ def ray_functions(closest: Any, blocked: Any, *, holes: bool = False) -> tuple[A
             if hit.object >= 0:
                 if scene.faces[hit.face].tag != DECAL_TAG:
                     hit.instance = scene.objects[slot, hit.object].instance
-                hit.normal = turned(
-                    hit.normal,
-                    scene.objects[slot, hit.object].cosine,
-                    scene.objects[slot, hit.object].sine,
-                )
+                hit.normal = out_of_object(hit.normal, scene.objects[slot, hit.object])
             if wp.dot(hit.normal, direction) > 0.0:
                 hit.normal = -hit.normal
         return hit
@@ -223,8 +250,8 @@ def ray_functions(closest: Any, blocked: Any, *, holes: bool = False) -> tuple[A
                 m = block * 8 + traverse.lowest_bit(mask)
                 mask = mask & (mask - 1)
                 pose = scene.objects[slot, m]
-                local = turned(origin - pose.position, pose.cosine, -pose.sine)
-                ahead = turned(direction, pose.cosine, -pose.sine)
+                local = into_object(origin - pose.position, pose)
+                ahead = into_object(direction, pose)
                 if wp.static(holes):
                     if blocked(
                         scene.nodes,
@@ -326,6 +353,13 @@ class Geometry:
         rows["position"] = placement.position_m
         rows["cosine"], rows["sine"] = cosine, sine
         x, y, z = sphere[..., 0], sphere[..., 1], sphere[..., 2]
+        rows["tilt"] = (0.0, 1.0, 0.0, 1.0)
+        if placement.pitch_rad is not None and placement.roll_rad is not None:
+            up_sine, up_cosine = np.sin(placement.pitch_rad), np.cos(placement.pitch_rad)
+            side_sine, side_cosine = np.sin(placement.roll_rad), np.cos(placement.roll_rad)
+            rows["tilt"] = np.stack([up_sine, up_cosine, side_sine, side_cosine], axis=-1)
+            y, z = side_cosine * y - side_sine * z, side_sine * y + side_cosine * z
+            x, z = up_cosine * x + up_sine * z, up_cosine * z - up_sine * x
         rows["centre"][..., 0] = placement.position_m[..., 0] + cosine * x - sine * y
         rows["centre"][..., 1] = placement.position_m[..., 1] + sine * x + cosine * y
         rows["centre"][..., 2] = placement.position_m[..., 2] + z

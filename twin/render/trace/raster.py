@@ -19,7 +19,7 @@ from twin.render.build import NONE, Features
 from twin.render.light.light import SlotLight
 from twin.render.looks import SMOOTH
 from twin.render.trace.cutouts import HOLE
-from twin.render.trace.geometry import RayScene, turned
+from twin.render.trace.geometry import RayScene, into_object
 from twin.render.trace.rays import Optics, SlotPose
 from twin.render.trace.visibility import (
     CURVED,
@@ -28,8 +28,6 @@ from twin.render.trace.visibility import (
     TILE_COLUMNS,
     TILE_ROWS,
     PixelsSeen,
-    pixel_of,
-    put_on_list,
 )
 
 wp.set_module_options({"enable_backward": False})
@@ -277,6 +275,32 @@ def draw_detailed_faces(
     see faces with details."""
 
 
+# Tile by tile: which pixels are inside the picture takes no division per pixel. Every place is
+# written, and counts if the pixel does.
+_DETAILED = f"""
+    const int width = optics.width, height = optics.height;
+    const int* faces = seen.face.data + first_pixel;
+    const int* flags = seen.flags.data + first_pixel;
+    int* places = seen.detailed.data;
+    int count = seen.detailed_count.data[0], pixel = 0;
+    for (int line = 0; line < raster.tiles_y; ++line)
+        for (int block = 0; block < raster.tiles_x; ++block)
+            for (int row = 0; row < {TILE_ROWS}; ++row)
+                for (int column = 0; column < {TILE_COLUMNS}; ++column, ++pixel) {{
+                    places[count] = first_pixel + pixel;
+                    count += (faces[pixel] >= 0) & ((flags[pixel] & {int(DETAILED)}) != 0)
+                        & (line * {TILE_ROWS} + row < height)
+                        & (block * {TILE_COLUMNS} + column < width);
+                }}
+    seen.detailed_count.data[0] = count;
+"""
+
+
+@wp.func_native(_for_cpu(_DETAILED))
+def list_detailed(raster: Raster, optics: Optics, first_pixel: wp.int32, seen: PixelsSeen):
+    """Put the pixels of a picture that see faces with details on their list, in their order."""
+
+
 @cache
 def raster_kernel(features: Features = NONE) -> wp.Kernel:
     """The kernel for worlds with such ``features``."""
@@ -325,8 +349,6 @@ def raster_kernel(features: Features = NONE) -> wp.Kernel:
         for m in range(scene.objects.shape[1]):
             thing = scene.objects[slot, m]
             if thing.root > 0:
-                c = thing.cosine
-                s = -thing.sine
                 draw(
                     scene,
                     raster,
@@ -334,17 +356,14 @@ def raster_kernel(features: Features = NONE) -> wp.Kernel:
                     thing.root,
                     thing.first_face,
                     m,
-                    turned(pose.eye - thing.position, c, s),
-                    turned(pose.right, c, s),
-                    turned(pose.down, c, s),
-                    turned(pose.ahead, c, s),
+                    into_object(pose.eye - thing.position, thing),
+                    into_object(pose.right, thing),
+                    into_object(pose.down, thing),
+                    into_object(pose.ahead, thing),
                     first,
                     seen,
                 )
         if wp.static(looks):
-            for thread in range(first, first + count):
-                if seen.face[thread] >= 0 and (seen.flags[thread] & DETAILED) != 0:  # noqa: SIM102
-                    if pixel_of(thread, first_slot, optics).inside:  # seldom asked
-                        put_on_list(seen.detailed, seen.detailed_count, thread)
+            list_detailed(raster, optics, first, seen)
 
     return draw_kernel

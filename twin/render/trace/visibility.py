@@ -16,7 +16,7 @@ from twin.render.build import NONE, Features, KernelOptions
 from twin.render.light.light import SlotLight
 from twin.render.look_surface import LookPoint, smooth_point
 from twin.render.surface import is_ground, may_mirror
-from twin.render.trace.geometry import RayScene, rays_of, turned
+from twin.render.trace.geometry import RayScene, out_of_object, rays_of
 from twin.render.trace.rays import Optics, SlotPose
 
 wp.set_module_options({"enable_backward": False})
@@ -317,8 +317,7 @@ def sun_kernel(build: KernelOptions, second: bool, features: Features = NONE) ->
         normal = scene.faces[face].normal
         m = (flags & OBJECT_MASK) - 1
         if m >= 0:
-            cosine = scene.objects[slot, m].cosine
-            normal = turned(normal, cosine, scene.objects[slot, m].sine)
+            normal = out_of_object(normal, scene.objects[slot, m])
         if wp.dot(normal, direction) > 0.0:
             normal = -normal
         if wp.static(second):

@@ -279,7 +279,87 @@ def track() -> bytes:
     return document("track", text)
 
 
+_CROSSROADS_LANE_M = 3.5
+_CORNER_RADIUS_M = 8.0
+_CROSSROADS_HALF_M = _CORNER_RADIUS_M + _CROSSROADS_LANE_M
+"""From the middle of the crossroads to the ends of its arms; radius of the ways round corners."""
+_CROSSROADS_ARM_M = 250.0
+
+
+def crossroads() -> bytes:
+    """Four arms of 250 m with a lane each way, paved beside, corners of 8 m; without lights.
+
+    As on a proving ground. Every way through it has lanes both ways: two lead straight on, four
+    round a corner.
+    """
+    text = "".join(_crossroads_arm(index) for index in range(4))
+    connections, count = "", 0
+    for first, second in ((0, 1), (1, 2), (2, 3), (3, 0), (0, 2), (1, 3)):
+        text += _crossroads_way(10 + 10 * first + second, first, second)
+        for arm, end, lane in ((first, "start", -1), (second, "end", 1)):
+            connections += element(
+                "connection",
+                element("laneLink", from_=-1, to=lane),
+                id=count,
+                incomingRoad=arm,
+                connectingRoad=10 + 10 * first + second,
+                contactPoint=end,
+            )
+            count += 1
+    text += element("junction", connections, id=_JUNCTION, name="crossroads", type="default")
+    return document("crossroads", text)
+
+
+def _crossroads_arm(arm: int) -> str:
+    heading = -0.5 * math.pi * arm
+    far = _CROSSROADS_HALF_M + _CROSSROADS_ARM_M
+    plan = PlanView(-far * math.cos(heading), -far * math.sin(heading), heading)
+    lanes = []
+    for side in (1, -1):
+        lanes += [
+            LanePlan(side, "driving", _CROSSROADS_LANE_M, _EDGE),
+            LanePlan(2 * side, "shoulder", _CROSSROADS_LANE_M),
+        ]
+    return road(
+        plan.add(_CROSSROADS_ARM_M),
+        section(0.0, lanes, _TOWN_CENTRE),
+        road_id=arm,
+        name=_ARMS[arm],
+        kind="town",
+        speed_mps=60.0 * _KMH,
+        link=element("successor", elementType="junction", elementId=_JUNCTION),
+    )
+
+
+def _crossroads_way(road_id: int, first: int, second: int) -> str:
+    """A road from the end of one arm to that of another, to its left or straight on."""
+    heading, half = -0.5 * math.pi * first, _CROSSROADS_HALF_M
+    plan = PlanView(-half * math.cos(heading), -half * math.sin(heading), heading)
+    lanes = [
+        LanePlan(1, "driving", _CROSSROADS_LANE_M, None, 0.0, (1,), (-1,)),
+        LanePlan(-1, "driving", _CROSSROADS_LANE_M, None, 0.0, (-1,), (1,)),
+    ]
+    if (second - first) % 4 == 1:
+        plan.add(0.5 * math.pi * half, 1.0 / half, 1.0 / half)
+        lanes.append(LanePlan(2, "shoulder", _CROSSROADS_LANE_M, None, 0.0, (2,), (-2,)))
+    else:
+        plan.add(2.0 * half)
+    ends = [
+        element(name, elementType="road", elementId=arm, contactPoint="end")
+        for name, arm in (("predecessor", first), ("successor", second))
+    ]
+    return road(
+        plan,
+        section(0.0, lanes, None),
+        road_id=road_id,
+        name=f"{_ARMS[first]} {_ARMS[second]}",
+        link="".join(ends),
+        junction=_JUNCTION,
+    )
+
+
 PLANS = {
+    "crossroads": crossroads,
     "junction": junction,
     "motorway": motorway,
     "rural": rural,

@@ -291,8 +291,8 @@ class _Check:
     def _record(self, record: ProgramRecord) -> Iterator[str]:
         """Everything in a record that stands for something else, and its numbers."""
         finite = isinstance(record, _FINITE)
-        for field in fields(record):
-            name, value = field.name, getattr(record, field.name)
+        for name in record.__struct_fields__:
+            value = getattr(record, name)
             if isinstance(value, float):
                 fits = math.isfinite(value) or not (finite or math.isnan(value))
                 if not fits and (type(record), name) not in _ANY_NUMBER:

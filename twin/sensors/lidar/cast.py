@@ -10,7 +10,7 @@ from functools import cache
 import warp as wp
 
 from twin.render.build import Features
-from twin.render.trace.geometry import RayScene, turned
+from twin.render.trace.geometry import RayScene, into_object
 from twin.render.trace.traverse import closest, closest_there
 from twin.sensors.lidar.air import LidarAir
 from twin.sensors.lidar.sweep import (
@@ -74,8 +74,10 @@ def cast_kernel_of(features: Features) -> wp.Kernel:
         s = wp.sin(angle)
         cosine = pose.cosine * c - pose.sine * s
         sine = pose.sine * c + pose.cosine * s
-        local = turned(origin - (pose.position + velocity * time), cosine, -sine)
-        ahead = turned(direction, cosine, -sine)
+        pose.cosine = cosine
+        pose.sine = sine
+        local = into_object(origin - (pose.position + velocity * time), pose)
+        ahead = into_object(direction, pose)
         if wp.static(holes):
             own = closest_there(
                 scene.nodes,

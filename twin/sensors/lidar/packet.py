@@ -239,6 +239,15 @@ for (int word = 0; word < mask.shape[2]; ++word) {
         own.oz = ray.oz - (p[2] + v[2] * time);
         own.dx = cosy * ray.dx + siny * ray.dy; own.dy = cosy * ray.dy - siny * ray.dx;
         own.dz = ray.dz;
+        const wp::vec4 tilt = thing->tilt;  // sines and cosines of pitch and roll
+        if (tilt[0] != 0.0f || tilt[2] != 0.0f) {
+            auto lean = [&](F& x, F& y, F& z) {
+                const F forward = tilt[1] * x - tilt[0] * z, up = tilt[0] * x + tilt[1] * z;
+                x = forward; z = tilt[3] * up - tilt[2] * y; y = tilt[3] * y + tilt[2] * up;
+            };
+            lean(own.ox, own.oy, own.oz);
+            lean(own.dx, own.dy, own.dz);
+        }
         walk(thing->root, own, thing->first_face, m);
     }
 }

@@ -37,7 +37,7 @@ _ROOF: Color = (0.17, 0.165, 0.16)
 _TREE_M, _LAMP_M, _POLE_M = 6.0, 7.5, 3.0
 _POLE_RADIUS_M = 0.06
 _TRUNK_M = 0.2
-_ARM_M = 1.9
+LUMINAIRE_M = 1.9
 """From the post of a street lamp to the middle of its luminaire [m]."""
 _SHRUB_M = 1.2
 _RAIL_M = 0.31
@@ -179,7 +179,7 @@ def _luminaire(body: StandingBody) -> tuple[float, float]:
     """World x, y of the middle of a street lamp's luminaire."""
     x, y, _ = body.position_m
     direction = body_axes(body.inward_rad, 0.0, 0.0)[0]
-    return x + _ARM_M * float(direction[0]), y + _ARM_M * float(direction[1])
+    return x + LUMINAIRE_M * float(direction[0]), y + LUMINAIRE_M * float(direction[1])
 
 
 def _add_gantry(mesh: MeshBuilder, body: StandingBody) -> list[Hull]:

@@ -12,6 +12,7 @@ import numpy as np
 from schemas.files.assets import asset_digest
 from twin.world.meshes.mesh import MeshBuilder
 from twin.world.road_scene import road_lane, road_map, surface_of
+from twin.world.roadside.lamp_rows import add_lamp_rows
 from twin.world.roadside.objects import add_objects
 from twin.world.roadside.scenery import add_scenery
 from twin.world.roadside.signals import add_signals
@@ -62,6 +63,8 @@ def add_roadside(mesh: MeshBuilder, scene: Scene, first_instance: int) -> Roadsi
         rows.append(
             add_scenery(mesh, roads, surface_of(scene.opendrive), scene.scenery, scene.seed)
         )
+        height_m = scene.furniture.lamp_height_m
+        rows.append(add_lamp_rows(mesh, roads, scene.scenery.lamps, height_m))
     count = sum(len(row.hulls) for row in rows)
     if count > HULLS_MAX:
         raise ValueError(
@@ -73,7 +76,7 @@ def add_roadside(mesh: MeshBuilder, scene: Scene, first_instance: int) -> Roadsi
         tuple(thing for row in rows for thing in row.things),
         signals.plates,
         tuple(signals.lights),
-        _shining(rows[0].lamps_m),
+        _shining([at for row in rows for at in row.lamps_m]),
     )
 
 

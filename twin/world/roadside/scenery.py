@@ -16,7 +16,7 @@ from twin.world.meshes import materials
 from twin.world.meshes.mesh import Color, MeshBuilder
 from twin.world.roadside.free_ground import FreeGround
 from twin.world.roadside.objects import RoadsideHulls, check_points
-from twin.world.scenery import HouseRow, RoadScenery, TreeRow
+from twin.world.scenery import HouseRow, LampRow, RoadScenery, TreeRow
 from twin.world.street.buildings import add_building
 from twin.world.street.plants import KINDS, add_tree
 
@@ -91,7 +91,7 @@ def add_scenery(
 
 def _stretches(roads: RoadMap, rows: Sequence[HouseRow | TreeRow], name: str) -> Iterator[_Stretch]:
     for number, row in enumerate(rows):
-        for road, frame in enumerate(_frames(roads, row, f"{name}[{number}]")):
+        for road, frame in enumerate(frames_of(roads, row, f"{name}[{number}]")):
             end = frame.road.length_m if row.to_m is None else min(row.to_m, frame.road.length_m)
             if row.side != "right":
                 yield _Stretch(row, frame, 1.0, end, (number, road, 1))
@@ -107,7 +107,12 @@ def _places(stretch: _Stretch) -> int:
     return int(length / row.spacing_m) + 1
 
 
-def _frames(roads: RoadMap, row: HouseRow | TreeRow, place: str) -> list[RoadFrame]:
+def frames_of(roads: RoadMap, row: HouseRow | TreeRow | LampRow, place: str) -> list[RoadFrame]:
+    """The roads that a row of a scene file stands along.
+
+    Raises:
+        ValueError: there is no such road, or it ends before the row begins; one line.
+    """
     if not row.road:
         return [frame for frame in roads.frames.values() if frame.road.junction is None]
     if row.road not in roads.frames:

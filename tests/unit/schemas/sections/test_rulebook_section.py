@@ -121,12 +121,37 @@ def test_rows_are_called_by_name_group_or_test(words: list[str], rows: list[str]
     assert chosen.cases == [c for c in plan.cases if trial_of(c.variation.scenario).row in rows]
 
 
+def test_tags_of_groups_choose_their_rows() -> None:
+    data = rulebook_data()
+    groups = [data["rulebook"]["groups"][row["group"]] for row in data["rulebook"]["rows"][:1]]
+    groups[0]["tags"] = ["standard", "city"]
+    plan = plan_of_data(data)
+    first = data["rulebook"]["rows"][0]["group"]
+    for words in (["standard"], ["City"], ["city", first]):
+        assert plan.rows(words).cases == plan.rows([first]).cases
+    with pytest.raises(ValueError, match=r"tag 'standart'; did you mean 'standard'"):
+        plan.rows(["standart"])
+
+
 def test_quick_takes_the_first_and_the_last_point_of_each_row_once() -> None:
     plan = plan_of_data(rulebook_data())
     ids = [case.id for case in plan.quick().cases]
     assert ids == [plan.cases[index].id for index in (0, 6, 9, 12)]
     single = {**BRAKING, "values": {"ego.speed_kmh": 30}}
     assert [case.id for case in plan_of_data(rulebook_data(single)).quick().cases] == ["braking-r0"]
+
+
+def test_quick_takes_them_for_each_value_of_a_matrix() -> None:
+    data = rulebook_data(BRAKING, matrix={"weather": ["clear", "heavy_snow"]})
+    ids = [
+        "braking-clear-ego.speed_kmh_20-r0",
+        "braking-heavy_snow-ego.speed_kmh_20-r0",
+        "braking-clear-ego.speed_kmh_60-r0",
+        "braking-heavy_snow-ego.speed_kmh_60-r0",
+    ]
+    plan = plan_of_data(data)
+    assert [case.id for case in plan.quick().cases] == ids
+    assert [case.id for case in plan.rows(["braking"]).quick().cases] == ids
 
 
 def test_what_was_chosen_is_a_campaign_of_the_same_cases() -> None:
@@ -143,7 +168,7 @@ def test_what_was_chosen_is_a_campaign_of_the_same_cases() -> None:
 def test_nobody_is_called_so_in_one_line() -> None:
     plan = plan_of_data(rulebook_data())
     with pytest.raises(
-        ValueError, match=r"^no row, group or test 'brakin'; did you mean 'braking'"
+        ValueError, match=r"^no row, group, test or tag 'brakin'; did you mean 'braking'"
     ):
         plan.rows(["crossing", "brakin"])
     plain = {**rulebook_data(), "matrix": {"weather": ["clear"]}}

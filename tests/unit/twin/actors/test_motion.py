@@ -15,7 +15,7 @@ from twin.world.content import SceneObject
 from twin.world.scene import load_scene
 from twin.world.street.build import build_world
 
-_OPTIONAL = ("half_m", "class_index", "lights", "signals")
+_OPTIONAL = ("half_m", "class_index", "lights", "signals", "pitch_rad", "roll_rad")
 FIELDS = [key.name for key in fields(Placement) if key.name not in _OPTIONAL]
 """What a script says; sizes and classes of its objects are those of the scene."""
 
@@ -295,3 +295,18 @@ def test_a_walker_on_a_loop_does_not_change_step_where_the_loop_ends(side_m):
     assert phases > 3
     steps = np.diff(found) % phases
     assert set(steps.tolist()) == {0, 1}
+
+
+def test_vehicles_climb_with_their_path():
+    """10 m up over 100 m, then level; who walks stands upright."""
+    way = {"waypoints": [[0, 0, 0], [100, 0, 10], [200, 0, 10]], "speed_mps": 10.0}
+    placement = at(
+        build_cast([SceneObject(kind=kind, **way) for kind in ("car", "pedestrian")]), [5.0, 15.0]
+    )
+    np.testing.assert_allclose(placement.pitch_rad[:, 0], [-math.atan(0.1), 0.0], atol=1e-6)
+    assert (placement.pitch_rad[:, 1] == 0.0).all()
+    assert (placement.roll_rad == 0.0).all()
+    np.testing.assert_allclose(placement.velocity_mps[:, 0, 2], [1.0, 0.0], atol=1e-6)
+    assert (placement.velocity_mps[:, 1, 2] == 0.0).all()
+    level = cast(kind="car", waypoints=[[0, 0], [9, 0]], speed_mps=1.0)
+    assert at(level, 0.0).pitch_rad is None

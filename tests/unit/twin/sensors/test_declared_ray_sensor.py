@@ -9,14 +9,14 @@ import pytest
 from plugin_site import ROOT, install_example
 
 CAMPAIGN = """\
-campaign: radar
+campaign: sonar
 control_hz: 20
 camera: {width: 32, height: 18, hz: 10}
 render: false
 scenario: {duration_s: 2, ego_speed_mps: 15}
-sensors: {radar: {hz: 10}}
+sensors: {sonar: {hz: 10}}
 autonomy: {stack: "devkit.idle:IdleStack", perception: {none: {type: ground_truth}}}
-matrix: {sensors.radar.range_m: [1, 500]}
+matrix: {sensors.sonar.range_m: [1, 500]}
 """
 
 DRIVE = """
@@ -32,7 +32,7 @@ from twin.rig.engine import Engine
 from twin.sensors.exteroceptive import frame_channels
 from twin.sensors.data import SensorData
 from twin.sensors.declared import DeclaredRay
-campaign, mistakes = parse_campaign(parse_yaml(sys.stdin.read(), "radar.yaml"))
+campaign, mistakes = parse_campaign(parse_yaml(sys.stdin.read(), "sonar.yaml"))
 assert campaign is not None, mistakes
 cases = expand(campaign)
 
@@ -45,9 +45,9 @@ def readings(cases):
     found = []
     for _ in range(5):
         sensed = engine.sense()
-        if "radar" in sensed:
-            data = sensed["radar"]
-            assert data.values is buffers["radar"]
+        if "sonar" in sensed:
+            data = sensed["sonar"]
+            assert data.values is buffers["sonar"]
             found.append([data.values[s, : data.count[s]].tolist() for s in range(len(cases))])
         engine.step([Command(s, 0, int(engine.tick[s]), 0.0, 0.0, 0.0) for s in range(len(cases))])
     return found
@@ -66,25 +66,25 @@ def refusal(**data):
     ray._sensor, ray._shared = Says(data), None
     ray._channel = frame_channels(cases[0], 2)[-1]
     try:
-        ray.read()["radar"].values
+        ray.read()["sonar"].values
     except ValueError as error:
         return str(error)
 
 full, two = np.zeros((2, 32, 2), np.float32), np.array([0, 33], np.int32)
-made, count = sense(cases[0], [CheckDrive("a", 1, 60.0, 10.0), None], 0)["radar"]
+made, count = sense(cases[0], [CheckDrive("a", 1, 60.0, 10.0), None], 0)["sonar"]
 print(json.dumps({
     "rigs": len({rig_key(case) for case in cases}),
-    "range_m": [case.variation.sensors.radar.range_m for case in cases],
+    "range_m": [case.variation.sensors.sonar.range_m for case in cases],
     "together": readings(cases),
     "alone": [readings([case]) for case in cases],
-    "topic": sensor_topic("radar").type,
+    "topic": sensor_topic("sonar").type,
     "checked": [list(made.shape), str(made.dtype), count],
     "refused": [
+        refusal(echo=SensorData(full, two)),
+        refusal(sonar=SensorData(full[:, :3], two)),
         refusal(sonar=SensorData(full, two)),
-        refusal(radar=SensorData(full[:, :3], two)),
-        refusal(radar=SensorData(full, two)),
-        refusal(radar=SensorData(full)),
-        refusal(radar=SensorData(full.astype(float), two * 0)),
+        refusal(sonar=SensorData(full)),
+        refusal(sonar=SensorData(full.astype(float), two * 0)),
     ],
 }))
 """
@@ -93,7 +93,7 @@ print(json.dumps({
 @pytest.fixture(scope="module")
 def drive(tmp_path_factory):
     """What two slots read."""
-    _, env = install_example(tmp_path_factory.mktemp("radar"))
+    _, env = install_example(tmp_path_factory.mktemp("sonar"))
     done = subprocess.run(
         [sys.executable, "-c", DRIVE],
         env=env,
@@ -127,15 +127,15 @@ def test_a_reading_does_not_depend_on_the_slot(drive):
 
 
 def test_topic_and_made_up_drive_follow_from_the_declaration(drive):
-    assert drive["topic"] == "RADAR_COLUMNS [S,32,2] float32"
+    assert drive["topic"] == "SONAR_COLUMNS [S,32,2] float32"
     assert drive["checked"] == [[2, 32, 2], "float32", [1, 0]]
 
 
 def test_a_reading_that_is_not_as_declared_is_refused(drive):
     assert drive["refused"] == [
-        "sensor 'radar' reads ['sonar']; declared: 'radar' alone",
-        "sensor 'radar' reads (2, 3, 2); declared: (2, 32, 2)",
-        "sensor 'radar' counts [0, 33] valid rows; allowed: 0 to 32 in each of 2 slots",
-        "sensor 'radar' counts [] valid rows; allowed: 0 to 32 in each of 2 slots",
-        "sensor 'radar' reads float64; declared: float32",
+        "sensor 'sonar' reads ['echo']; declared: 'sonar' alone",
+        "sensor 'sonar' reads (2, 3, 2); declared: (2, 32, 2)",
+        "sensor 'sonar' counts [0, 33] valid rows; allowed: 0 to 32 in each of 2 slots",
+        "sensor 'sonar' counts [] valid rows; allowed: 0 to 32 in each of 2 slots",
+        "sensor 'sonar' reads float64; declared: float32",
     ]

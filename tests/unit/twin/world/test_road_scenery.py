@@ -12,7 +12,9 @@ pytest.importorskip("lxml", reason="lxml is not installed")
 from road_files import crossing, geometry, road, xodr
 
 from schemas.messages import SEMANTIC_CLASSES
+from twin.render.light.ground_light import GroundLight
 from twin.validate.scene_check import Variant, check_scenes
+from twin.world.roadside.lamp_rows import LAMPS_MAX
 from twin.world.roadside.scenery import HOUSES_MAX, TREES_MAX
 from twin.world.scene import load_scene
 from twin.world.street.build import World, build_world
@@ -156,3 +158,54 @@ def test_too_much_scenery_is_one_line(tmp_path, kind, row, most):
     findings = check_scenes([Variant(scene_with(tmp_path, text, xodr(road(2000.0))), {})])
     assert len(findings.mistakes) == 1
     assert f"at most {most}; use fewer" in findings.mistakes[0]
+
+
+LAMPS = "furniture: {lamp_height_m: 9.0}\nscenery: {lamps: [{%s}]}\n"
+
+
+def test_street_lamps_stand_in_rows_and_reach_over_the_road(tmp_path):
+    row = "from_m: 20, to_m: 70, spacing_m: 25, lateral_m: -6"
+    world = build(tmp_path, LAMPS % row)
+    assert world.lamps == pytest.approx(np.array([(20.0, -4.1), (45.0, -4.1), (70.0, -4.1)]))
+    assert world.colliders[:, :2] == pytest.approx(np.array([(20, -6), (45, -6), (70, -6)]))
+    assert {thing.name for thing in world.things} == {"street lamp"}
+    lamp = world.mesh.semantic == SEMANTIC_CLASSES.index("lamp")
+    luminaires = world.mesh.points_m[world.mesh.faces[lamp]]
+    assert luminaires[..., 2].min() == pytest.approx(9.09, abs=0.01)
+    assert luminaires[..., 1].min() > -4.6
+    left = build(tmp_path, LAMPS % "spacing_m: 100, lateral_m: 6")
+    assert left.lamps == pytest.approx(np.array([(0.0, 4.1), (100.0, 4.1), (200.0, 4.1)]))
+
+
+@pytest.mark.parametrize(
+    ("row", "message"),
+    [
+        ("lateral_m: 5, road: '9'", "scenery.lamps[0].road: "),
+        (
+            "lateral_m: 5, from_m: 300, road: '0'",
+            "scenery.lamps[0].from_m 300: road 0 is 200 m long",
+        ),
+        ("lateral_m: 5, from_m: 90, to_m: 80", "to_m 80 must lie behind from_m 90"),
+        ("from_m: 5", "lateral_m"),
+    ],
+)
+def test_rows_of_lamps_that_cannot_be_are_refused(tmp_path, row, message):
+    with pytest.raises(ValueError, match=r"lamps|lateral_m|to_m") as refused:
+        build(tmp_path, LAMPS % row)
+    assert message in str(refused.value)
+
+
+def test_too_many_lamps_are_refused(tmp_path):
+    rows = ", ".join(["{spacing_m: 2, lateral_m: 6}"] * 20)
+    with pytest.raises(ValueError, match=f"more than {LAMPS_MAX} lamps"):
+        build(tmp_path, f"scenery: {{lamps: [{rows}]}}\n")
+
+
+def test_the_lit_track_has_the_light_of_night_tests_where_pedestrians_are_met():
+    scene = load_scene("track-lit")
+    light = GroundLight(build_world(scene), scene.furniture, 1)
+    line = [light.lamps_lx((150.0, y), 0.0) for y in np.linspace(-5.75, 4.25, 21)]
+    assert 15.0 < min(line) <= max(line) < 18.0
+    path = [light.lamps_lx((x, -1.75), 0.0) for x in np.arange(90.0, 150.0, 0.5)]
+    assert np.mean(path) == pytest.approx(22.0, abs=1.0)
+    assert scene.opendrive == load_scene("track").opendrive

@@ -9,7 +9,7 @@ from view_messages import STAGE, controls, detection, end, start, state
 from schemas.messages import OBJECT_CLASSES, SEMANTIC_CLASSES
 from viewer.recording import naming
 from viewer.recording.convert import CaseConverter
-from viewer.recording.scenery import ORANGE, RED, outline, verdict_color
+from viewer.recording.scenery import ORANGE, RED, outline, rotation, verdict_color
 from viewer.recording.summary import ended_text, running_text
 
 
@@ -212,3 +212,42 @@ def test_a_lane_is_drawn_at_its_height_and_level_where_heights_do_not_fit():
     assert heights(stage) == pytest.approx([1.02, 2.02, 4.02])
     assert heights(msgspec.structs.replace(stage, lane_z_m=[])) == pytest.approx([0.02] * 3)
     assert heights(msgspec.structs.replace(stage, lane_z_m=[5.0])) == pytest.approx([0.02] * 3)
+
+
+def test_ego_and_movers_stand_on_the_slope():
+    hull = [1.0, 2.0, 5.0, 0.3, 2.0, 1.0, 1.5]
+    samples = [
+        state(0, 0, z_m=4.0, pitch_rad=0.1, roll_rad=-0.2, movers=[hull, hull],
+              mover_tilts=[[0.1, -0.2], [0.0, 0.0]]),
+        state(1, 1, controls=None, movers=[hull]),  # the last row says nothing of heights
+    ]  # fmt: skip
+    shown = converted(*samples)
+    ego = shown[naming.EGO]
+    assert [place[2] for [place] in ego["translation"]] == [4.0, 4.0]
+    assert [place[2] for [place] in shown[naming.TRAIL]["positions"]] == pytest.approx([4.08] * 2)
+    turns = [rr_matrix(turn) for [turn] in ego["quaternion"]]
+    assert turns[0] == pytest.approx(rotation(np.degrees([-0.2, 0.1, 0.0])), abs=1e-6)
+    assert (turns[1] == turns[0]).all()
+    moved = shown[naming.MOVERS]
+    for (centres, halves, turns), tilts in zip(
+        zip(moved["centers"], moved["half_sizes"], moved["quaternions"], strict=True),
+        [[(0.1, -0.2), (0.0, 0.0)], [(0.0, 0.0)]],
+        strict=True,
+    ):
+        for centre, half, turn, (pitch, roll) in zip(centres, halves, turns, tilts, strict=True):
+            expected = rotation(np.degrees([roll, pitch, 0.3]))
+            assert rr_matrix(turn) == pytest.approx(expected, abs=1e-6)
+            assert centre == pytest.approx(hull[:3] + 0.75 * expected[:, 2], abs=1e-6)
+            assert half == pytest.approx([2.0, 1.0, 0.75])
+
+
+def rr_matrix(turn):
+    """[3, 3] of a quaternion x, y, z, w."""
+    x, y, z, w = turn
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )

@@ -32,6 +32,16 @@ FLAT_M = 0.1
 """A body no higher than this has no hull: it is driven over, as a plate on the road [m]."""
 _LIT = ("car", "van", "truck", "trailer", "bus", "motorcycle", "bicycle")
 """Sorts with lamps."""
+_LEANS = {
+    "pedestrian": (0.0, 0.0),
+    "child": (0.0, 0.0),
+    "motorcycle": (1.0, 0.0),
+    "bicycle": (1.0, 0.0),
+}
+"""Shares of a road's pitch and roll with which a sort leans: who walks stands upright, and who
+rides holds its balance. Everybody else stands on four wheels or legs."""
+STEEP_RAD = 0.35
+"""No road is as steep: a body that leans more was put so, whatever it is."""
 
 
 class SlotBodies:
@@ -56,6 +66,8 @@ class SlotBodies:
         """From the entity's origin to the middle of its box, forwards and to the left."""
         self.class_index = np.zeros(shape, np.int32)
         """Index into :data:`schemas.messages.OBJECT_CLASSES`."""
+        self.leans = np.ones((*shape, 2))
+        """Shares of its pitch and roll with which it stands on a road."""
         self.lit = np.zeros(shape, np.bool_)
         """Whether it has lamps."""
 
@@ -64,7 +76,13 @@ class SlotBodies:
         for rows in (self.there, self.entity, self.kind, self.phases, self.half_m):
             rows[slot] = 0
         self.centre_m[slot], self.class_index[slot], self.lit[slot] = 0.0, 0, False
-        self.way_m[slot] = 1.0
+        self.way_m[slot] = self.leans[slot] = 1.0
+
+    def lean(self, pitch_rad: np.ndarray, roll_rad: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Pitch and roll of bodies [S, M] in pictures, of what stands on such a slope."""
+        put = (np.abs(pitch_rad) > STEEP_RAD) | (np.abs(roll_rad) > STEEP_RAD)
+        shares = np.where(put[..., None], 1.0, self.leans) * self.there[..., None]
+        return pitch_rad * shares[..., 0], roll_rad * shares[..., 1]
 
     def begin(self, slot: int, loaded: LoadedStoryboard) -> tuple[Thing, ...]:
         """The bodies of a slot are those of a scenario, in the order of its entities; what they
@@ -80,6 +98,7 @@ class SlotBodies:
             self.phases[at], self.way_m[at] = look.phases, look.way_m
             if box.height_m > FLAT_M:
                 self.half_m[at] = box.length_m / 2, box.width_m / 2
+            self.leans[at] = _LEANS.get(sort, (1.0, 1.0))
             self.centre_m[at] = box.centre_x_m, box.centre_y_m
             self.class_index[at], self.lit[at] = class_index(sort), sort in _LIT
             things.append(named(entity.name, CLASS_OF[sort] if sort != "obstacle" else sort))

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from schemas.files.assets import SCENARIO_SUFFIX, asset_digest, asset_files, is_path
 from schemas.kinds.scenarios.storyboard import StoryboardConfig
 from twin.scenario.storyboard.native.document import scenario_path
 from twin.scenario.storyboard.program.program import Program
 
+if TYPE_CHECKING:
+    from twin.scenario.storyboard.native.document import NativeDocument
+
 CACHED_MAX = 256
-"""Most programs that a process keeps."""
+"""Most programs, and most files, that a process keeps."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,6 +35,9 @@ class LoadedStoryboard:
 
 
 _loaded: dict[tuple[Any, ...], LoadedStoryboard] = {}
+_documents: dict[tuple[str, str], NativeDocument] = {}
+"""Files that were read, by name and content: the cases of a campaign have few, with many numbers.
+"""
 
 
 def load_storyboard(name: str, numbers: dict[str, float]) -> LoadedStoryboard:
@@ -48,7 +54,7 @@ def load_storyboard(name: str, numbers: dict[str, float]) -> LoadedStoryboard:
     content = asset_digest(path) if is_path(name) else ""  # what ships does not change
     key = (name, content, tuple(sorted(numbers.items())))
     if key not in _loaded:
-        program = _program(path, numbers)
+        program = _program(path, content, numbers)
         while len(_loaded) >= CACHED_MAX:
             del _loaded[next(iter(_loaded))]
         _loaded[key] = LoadedStoryboard(program, _ego(path, program), _road(path, program))
@@ -79,7 +85,7 @@ def file_of(name: str) -> Path:
     return path
 
 
-def _program(path: Path, numbers: dict[str, float]) -> Program:
+def _program(path: Path, content: str, numbers: dict[str, float]) -> Program:
     # Both take libraries or tables that are slow to load, and a campaign needs one of them.
     if path.suffix == SCENARIO_SUFFIX:
         from twin.scenario.storyboard.apart import program_apart
@@ -88,7 +94,13 @@ def _program(path: Path, numbers: dict[str, float]) -> Program:
     from twin.scenario.storyboard.native.compiler import compile_native
     from twin.scenario.storyboard.native.document import load_native, with_values
 
-    return compile_native(with_values(load_native(path), numbers))
+    key = (str(path), content)
+    if key not in _documents:
+        document = load_native(path)
+        while len(_documents) >= CACHED_MAX:
+            del _documents[next(iter(_documents))]
+        _documents[key] = document
+    return compile_native(with_values(_documents[key], numbers))
 
 
 def _ego(path: Path, program: Program) -> int:

@@ -137,7 +137,7 @@ class StoryboardMotion:
             run.target = target_row(name, loaded, config.trial)
         if config.driver == "robot":
             run.limits = RobotLimits(config.robot_brake, math.radians(config.robot_steering_deg))
-            run.led_pose = self._led(slot, run)
+            run.led_pose = self._led(slot, run, self._player.bodies.reals.numpy())
         return self._ego(slot)
 
     def alone(self, slot: int, time_s: float) -> StartPose:
@@ -177,14 +177,15 @@ class StoryboardMotion:
         led = np.array([run is not None and run.limits is not None for run in self._cases])
         self._player.impose_egos(np.ascontiguousarray(state[:, _POSE]), led)
         self._go_on(active)
+        rows = self._player.bodies.reals.numpy()
         for slot in np.flatnonzero(active & led).tolist():
             run = self._run(slot)
-            run.led_pose = self._led(slot, run)
+            run.led_pose = self._led(slot, run, rows)
 
-    def _led(self, slot: int, run: _SlotCase) -> LedPose:
+    def _led(self, slot: int, run: _SlotCase, rows: np.ndarray) -> LedPose:
         """Where the robot has the ego: where the storyboard has it, and straight on at the same
         speed for what is left of a control period when that has ended."""
-        row = self._player.bodies.reals.numpy()[slot, run.loaded.ego].tolist()
+        row = rows[slot, run.loaded.ego].tolist()
         if self._running[slot]:
             return LedPose(*(row[column] for column in _LED))
         last, step_s = run.led_pose, self._step_s
@@ -382,17 +383,17 @@ class StoryboardMotion:
             seen[body] = False
         heading, rate = real[..., Real.HEADING], self._yaw_rate
         ahead, aside = bodies.centre_m[..., 0], bodies.centre_m[..., 1]
-        c, s = cosine(heading), sine(heading)
-        off_x, off_y = ahead * c - aside * s, ahead * s + aside * c
-        # Bodies stand level; the middle of a box stands on the slope that its origin stands on.
-        pitch, roll = real[..., Real.PITCH], real[..., Real.ROLL]
-        off_z = aside * sine(roll) * cosine(pitch) - ahead * sine(pitch)
+        axes = _axes(heading, real[..., Real.PITCH], real[..., Real.ROLL])
+        # The middle of a box stands on the slope that its origin stands on.
+        off_x, off_y, off_z = (ahead * along + aside * across for along, across, _ in axes)
         phase = np.floor(self._way_m / bodies.way_m * bodies.phases).astype(np.int64)
         moving = (np.abs(real[..., Real.SPEED]) > _STILL_MPS) & (bodies.phases > 0)
         kind = bodies.kind + np.where(moving, 1 + phase % np.maximum(bodies.phases, 1), 0)
         place = (settled(real[..., Real.X] + off_x), settled(real[..., Real.Y] + off_y))
         velocity = (real[..., Real.VX] - rate * off_y, real[..., Real.VY] + rate * off_x)
-        still = np.zeros(there.shape)
+        up_x, up_y, up_z = (up for _, _, up in axes)
+        climb = np.where(up_z < 1.0, -(velocity[0] * up_x + velocity[1] * up_y) / up_z, 0.0)
+        pitch, roll = bodies.lean(real[..., Real.PITCH], real[..., Real.ROLL])
         shown = self._lamps.shown(
             np.where(there, modes, 0),
             bodies.lit,
@@ -404,15 +405,32 @@ class StoryboardMotion:
             kind=np.where(seen, kind, -1).astype(np.int32),
             position_m=_vectors(there, *place, real[..., Real.Z] + settled(off_z)),
             yaw_rad=np.where(there, heading, 0.0),
-            velocity_mps=_vectors(there, *velocity, still),
+            velocity_mps=_vectors(there, *velocity, climb),
             yaw_rate_radps=np.where(there, rate, 0.0),
             brake=shown.brake.astype(np.float32),
             lamps=shown.lamps.astype(np.float32),
             half_m=bodies.half_m.copy(),
             class_index=bodies.class_index.copy(),
             lights=shown.lights,
+            pitch_rad=pitch,
+            roll_rad=roll,
             signals=self._signals_now(),
         )
+
+
+def _axes(
+    heading_rad: np.ndarray, pitch_rad: np.ndarray, roll_rad: np.ndarray
+) -> tuple[tuple[np.ndarray, np.ndarray, np.ndarray], ...]:
+    """World x, y and z of bodies' forward, left and upward axes: the rows of the rotation about z
+    by the heading, then y by the pitch, then x by the roll."""
+    (c, cp, cr), (s, sp, sr) = (
+        [of(angle) for angle in (heading_rad, pitch_rad, roll_rad)] for of in (cosine, sine)
+    )
+    return (
+        (c * cp, c * sp * sr - s * cr, c * sp * cr + s * sr),
+        (s * cp, s * sp * sr + c * cr, s * sp * cr - c * sr),
+        (-sp, cp * sr, cp * cr),
+    )
 
 
 def _vectors(there: np.ndarray, *parts: np.ndarray) -> np.ndarray:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from schemas.wire.interventions import FreeObject, MoveObject, RemoveObject, SpawnObject
-from twin.road.opendrive.grid import cosine, sine
+from twin.road.beside.bodies import body_axes
+from twin.road.opendrive.grid import cosine, settled, sine
 from twin.road.opendrive.road_map import RoadMap
 from twin.scenario.storyboard.case.bodies import SlotBodies
 from twin.scenario.storyboard.case.rig_player import RigPlayer
@@ -29,6 +31,8 @@ class _Moved:
     z_m: float
     heading_rad: float
     speed_mps: float
+    pitch_rad: float = 0.0
+    roll_rad: float = 0.0
     away: bool = False
     """Whether it was taken away; its place is where it was then."""
     steps: int = 0
@@ -39,8 +43,8 @@ class MovedBodies:
     """What interventions have done to the bodies of all slots; without any it costs nothing.
 
     A body that was moved goes straight ahead at its speed, whatever the storyboard says, at the
-    height of the road that it is on. Everybody else reacts to it where it is. Given back, it goes
-    on from there as the storyboard says.
+    height of the road that it is on, and leans as that does. Everybody else reacts to it where it
+    is. Given back, it goes on from there as the storyboard says.
     """
 
     def __init__(
@@ -140,17 +144,30 @@ class MovedBodies:
         x_m = moved.x_m + way_m * float(cosine(moved.heading_rad))
         y_m = moved.y_m + way_m * float(sine(moved.heading_rad))
         heading, speed = moved.heading_rad, moved.speed_mps
-        self._player.impose(slot, entity, x_m, y_m, moved.z_m, heading, 0.0, 0.0, speed)
+        before = moved.z_m, moved.pitch_rad, moved.roll_rad
+        self._player.impose(slot, entity, x_m, y_m, before[0], heading, *before[1:], speed)
         road = int(self._player.bodies.wholes.numpy()[slot, entity, Whole.ROAD])
         if road < 0:
             return
         reals = self._player.bodies.reals.numpy()[slot, entity]
-        z_m = self._height_m(road, float(reals[Real.S]), float(reals[Real.T]))
-        if z_m != moved.z_m:
-            moved.z_m = z_m
-            self._player.impose(slot, entity, x_m, y_m, z_m, heading, 0.0, 0.0, speed)
+        now = self._on_road(road, float(reals[Real.S]), float(reals[Real.T]), heading)
+        if now != before:
+            moved.z_m, moved.pitch_rad, moved.roll_rad = now
+            self._player.impose(slot, entity, x_m, y_m, now[0], heading, *now[1:], speed)
 
-    def _height_m(self, road: int, s_m: float, t_m: float) -> float:
+    def _on_road(
+        self, road: int, s_m: float, t_m: float, heading_rad: float
+    ) -> tuple[float, float, float]:
+        """Height [m] of a place of a road, and pitch and roll [rad] of what stands on it so."""
         frame = self._frames[road]
-        s = float(np.clip(s_m, 0.0, frame.road.length_m))
-        return float(frame.pose(s, t_m).z_m)
+        pose = frame.pose(float(np.clip(s_m, 0.0, frame.road.length_m)), t_m)
+        angles = [float(pose.heading_rad), float(pose.pitch_rad), float(pose.roll_rad)]
+        if not any(angles[1:]):
+            return float(pose.z_m), 0.0, 0.0
+        up_x, up_y, up_z = body_axes(*angles)[2].tolist()
+        c, s = float(cosine(heading_rad)), float(sine(heading_rad))
+        # The forward axis (c, s, climb) and the left one lie in the surface.
+        climb = -(up_x * c + up_y * s) / up_z
+        left_z = (up_x * s - up_y * c) / math.sqrt(1.0 + climb * climb)
+        pitch, roll = settled(np.array([-math.atan(climb), math.atan2(left_z, up_z)])).tolist()
+        return float(pose.z_m), pitch, roll

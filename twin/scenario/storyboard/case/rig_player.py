@@ -18,6 +18,7 @@ from twin.scenario.storyboard.interpreter.arrays import (
     program_arrays,
 )
 from twin.scenario.storyboard.player.columns import TRANSITIONS_MAX, SlotColumn, Whole
+from twin.scenario.storyboard.player.joining import join_tables
 from twin.scenario.storyboard.player.storyboard_player import StoryboardPlayer
 from twin.scenario.storyboard.player.tables import pack_programs
 from twin.scenario.storyboard.program.conditions import ElementState
@@ -49,6 +50,8 @@ class RigPlayer(StoryboardPlayer):
     ) -> None:
         """``program``: any that a slot may run."""
         super().__init__([program], roads, slots, step_s=step_s, device=device)
+        self._parts = [self.tables]
+        """The tables of each program alone."""
         self._sizes = dict(self.tables.most)
         self._run_by: list[int] = [-1] * slots
         """Program of each slot; -1: none."""
@@ -157,12 +160,12 @@ class RigPlayer(StoryboardPlayer):
                 return index
         free = (index for index in range(len(self.programs)) if index not in self._run_by)
         index = next(free, len(self.programs))
-        programs = [*self.programs, program]
-        if index < len(self.programs):
-            programs = [*self.programs]
-            programs[index] = program
-        tables = pack_programs(programs)
-        self.programs, self.tables = tuple(programs), tables
+        programs = [*self.programs]
+        programs[index : index + 1] = [program]
+        parts = [*self._parts]
+        parts[index : index + 1] = [pack_programs([program])]
+        tables = join_tables(parts)
+        self.programs, self.tables, self._parts = tuple(programs), tables, parts
         self._programs = program_arrays(tables, self.device)
         self._look_at_programs()
         self._graph = None  # the one that was recorded has the arrays of before

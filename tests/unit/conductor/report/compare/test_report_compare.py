@@ -18,6 +18,7 @@ from conductor.cli import app
 from conductor.commands.report_commands import compare_folders
 from conductor.records.outcomes import encode_outcomes, read_outcomes
 from conductor.report.compare.page import as_html, as_json, as_markdown, told
+from schemas.kinds.scenario import levels_of_verdicts, verdict_kinds
 from schemas.names import WEATHERS
 from schemas.plan import expand, parse_campaign
 from schemas.sections.perception import GroundTruthPerception
@@ -179,6 +180,51 @@ def test_what_counts_as_worse(tmp_path: Path) -> None:
     assert (found.passed_before, found.passed_after) == (6, 4)
     sides = (found.before, found.after)
     assert [(side.passed, side.no_collision) for side in sides] == [(6, 7), (4, 5)]
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "change"),
+    [
+        ("avoided", "mitigated", "worse"),
+        ("mitigated", "not_mitigated", "worse"),
+        ("avoided", "not_mitigated", "worse"),
+        ("pass", "fail", "worse"),
+        ("pass", "false_reaction", "worse"),
+        ("false_reaction", "fail", "worse"),
+        ("avoided", "inconclusive", "worse"),
+        ("mitigated", "inconclusive", "worse"),
+        ("not_mitigated", "inconclusive", "other"),
+        ("pass", "avoided", "other"),
+        ("false_braking", "lane_departure", "other"),
+        ("mitigated", "", "worse"),
+        ("fail", "", "other"),
+    ],
+)
+def test_trials_have_an_order_of_verdicts(
+    tmp_path: Path, before: str, after: str, change: str
+) -> None:
+    """Also where both touched the target, or none did; the reverse is better."""
+
+    def ends(verdict: str) -> dict[str, str]:
+        return {"outcome": "verdict" if verdict else "unresolved", "verdict": verdict}
+
+    for folder, verdict in (("a", before), ("b", after)):
+        make_campaign(tmp_path / folder, change=lambda _, end, v=verdict: replace(end, **ends(v)))
+    forth = compare_folders(tmp_path / "a", tmp_path / "b")
+    back = compare_folders(tmp_path / "b", tmp_path / "a")
+    assert {flip.change for flip in forth.flips} == {change}
+    reverse = {"worse": "better", "other": "other"}[change]
+    assert {flip.change for flip in back.flips} == {reverse}
+    assert bool(forth.regressions) == (change == "worse")
+    assert not back.regressions
+
+
+def test_every_verdict_that_passes_is_better_than_any_other() -> None:
+    levels = levels_of_verdicts()
+    passing = {levels[kind.name] for kind in verdict_kinds() if kind.passes}
+    others = {levels[kind.name] for kind in verdict_kinds() if not kind.passes}
+    assert len(passing) == 1
+    assert max(others) < min(passing)
 
 
 def test_cases_of_one_run_are_listed_and_do_not_count(tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ from unit.conductor.report.synthetic_campaign import make_campaign
 from conductor.records.outcomes import CaseOutcome
 from conductor.report import make_report, report_json, write_result_page
 from conductor.report.reading.dossier import open_dossier
+from conductor.report.rulebook.figure import residual_figure
 from conductor.report.rulebook.results import rulebook_result, standing_of
 from conductor.report.rulebook.shown import rulebook_shown
 from conductor.report.rulebook.side_by_side import paired_tables
@@ -215,6 +216,75 @@ def test_the_page_and_the_file_hold_it(tmp_path: Path) -> None:
     text = write_result_page(tmp_path, tmp_path / "result.md").read_text()
     assert "## Rules of the yard: passed" in text
     assert "| Standing car | ✓ 2/2 | ✓ 2/2 | ✗ 30 · 1/2 |" in text
+
+
+@pytest.mark.parametrize("listed", [False, True])
+def test_a_matrix_has_a_table_of_its_values(tmp_path: Path, listed: bool) -> None:
+    """Also where some cases of it were chosen, which are listed then."""
+    data = campaign() | {"matrix": {"weather": ["clear", "heavy_fog"]}}
+    if listed:
+        points = [
+            {"row": "standing", "storyboard.ego.speed_kmh": speed, "weather": weather, "repeat": 0}
+            for speed in (40, 60)
+            for weather in ("clear", "heavy_fog")
+        ]
+        data |= {"matrix": {}, "cases": points}
+
+    def change(case: Case, end: CaseOutcome) -> CaseOutcome:
+        failed = case.variation.weather == "heavy_fog" and "_60" in case.id
+        return ended("fail" if failed else "pass", speed_of(case), 30.0 if failed else None, end)
+
+    make_campaign(tmp_path, data, change)
+    dossier = open_dossier(tmp_path)
+    shown = rulebook_shown(dossier, rulebook_result(dossier))
+    assert shown is not None
+    (table,) = shown.beyond
+    assert table.label == "Weather"
+    if listed:
+        assert table.columns == ["Car to car"]
+        assert table.lines == [("clear", ["2/2", "2/2"]), ("heavy fog", ["1/2", "1/2"])]
+    else:
+        assert table.columns == ["Car to car", "Steel plate"]
+        assert table.lines == [
+            ("clear", ["6/6", "1/1", "7/7"]),
+            ("heavy fog", ["4/6", "1/1", "5/7"]),
+        ]
+    (cell,) = (
+        c for t in shown.tables for line in t.lines for c in line.cells if c and "30" in c.text
+    )
+    assert cell.text == ("30 · 1/2" if listed else "30 · 2/4")
+
+
+def test_residual_speeds_have_a_panel_per_group_and_a_point_per_run(tmp_path: Path) -> None:
+    result = result_of(tmp_path, {"_60-r1": "fail"})
+    figure = residual_figure(result)
+    assert figure is not None
+    titles = [note["text"] for note in figure["layout"]["annotations"]]
+    assert titles == ["Car to car", "Steel plate"]
+    car, plate = (t for t in figure["data"] if t["mode"] == "markers")
+    assert (len(car["x"]), len(plate["x"])) == (6, 1)
+    assert max(car["y"]) == 30.0
+    assert car["xaxis"] != plate["xaxis"]
+    (limits,) = (t for t in figure["data"] if t.get("line", {}).get("shape") == "vh")
+    assert list(zip(limits["x"], limits["y"], strict=True)) == [(40, 0), (50, 25), (60, 35)]
+    stacked = residual_figure(result, columns=1)
+    assert stacked is not None
+    assert stacked["layout"]["height"] > figure["layout"]["height"]
+    assert [trace["xaxis"] for trace in stacked["data"]] == [t["xaxis"] for t in figure["data"]]
+
+
+def test_runs_that_ended_before_their_test_began_are_in_no_figure(tmp_path: Path) -> None:
+    def acted_at_once(case: Case, end: CaseOutcome) -> CaseOutcome:
+        done = ended("pass", speed_of(case), None, end)
+        return msgspec.structs.replace(done, scalars={**done.scalars, "trial_speed_mps": None})
+
+    make_campaign(tmp_path, campaign(), acted_at_once)
+    result = rulebook_result(open_dossier(tmp_path))
+    assert result is not None
+    assert residual_figure(result) is None
+    page = make_report(tmp_path, plots=False).page.read_text()
+    assert "None: no test began" in page
+    assert 'id="residual"' not in page
 
 
 def test_a_campaign_without_a_rulebook_has_neither(tmp_path: Path) -> None:

@@ -21,8 +21,11 @@ from schemas.wire.interventions import (
     RemoveObject,
     SpawnObject,
 )
+from twin.actors.motion import Placement
 from twin.rig.engine import Engine
 from twin.rig.interventions.slot_changes import SlotChanges
+from twin.road.beside.bodies import body_axes
+from twin.road.opendrive.road_frame import RoadFrame
 from twin.road.shipped.library import road_path
 from twin.vehicle.columns import COLUMN
 from twin.world.road_scene import road_map
@@ -44,7 +47,7 @@ end: {after_s: 6}
 """
 HILLS = """scenario: hills
 road: rural
-ego: {lane: 1, s_m: 60, speed_mps: 15}
+ego: {lane: 1, s_m: 260, speed_mps: 15}
 actors:
   van: {kind: van, lane: 1, ahead_m: 30, speed_mps: 15}
 end: {after_s: 6}
@@ -214,11 +217,38 @@ def test_what_cannot_be_done_changes_nothing(followed: Case, action: Action, wor
     rig.engine.close()
 
 
+def stands_on(frame: RoadFrame, placement: Placement) -> None:
+    """The ground below body 0, at its corners, is that of the road to 3 cm: it leans as that
+    does, and moves along it."""
+    assert placement.pitch_rad is not None
+    assert placement.roll_rad is not None
+    yaw, pitch, roll = (
+        float(angles[0, 0])
+        for angles in (placement.yaw_rad, placement.pitch_rad, placement.roll_rad)
+    )
+    forward, left, up = body_axes(yaw, pitch, roll)
+    along = np.linspace(0.0, frame.road.length_m, 4000)
+    line = frame.pose(along, np.zeros(along.size))
+    middle = placement.position_m[0, 0]
+    for ahead, aside in ((2.2, 0.9), (2.2, -0.9), (-2.2, 0.9), (-2.2, -0.9)):
+        corner = middle + ahead * forward + aside * left
+        s = along[np.hypot(line.x_m - corner[0], line.y_m - corner[1]).argmin()]
+        below = frame.pose(s, 0.0)
+        c, s_ = math.cos(float(below.heading_rad)), math.sin(float(below.heading_rad))
+        t = -s_ * (corner[0] - float(below.x_m)) + c * (corner[1] - float(below.y_m))
+        assert corner[2] == pytest.approx(float(frame.pose(s, t).z_m), abs=0.03)
+    assert abs(pitch) > 0.02, "a slope"
+    assert abs(placement.velocity_mps[0, 0] @ up) < 1e-9
+
+
 def test_on_hills_bodies_and_the_ego_stand_on_the_road(tmp_path: Path) -> None:
     path = tmp_path / "hills.yaml"
     path.write_text(HILLS)
     rig = Played([case_of(path)])
     frame = next(iter(road_map(str(road_path("rural", tmp_path))).frames.values()))
+    stands_on(frame, rig.engine.objects.at(np.zeros(1)))
+    rig.ticks(40)
+    stands_on(frame, rig.engine.objects.at(np.zeros(1)))
     place, ahead = (frame.lane_pose(-1, s) for s in (600.0, 606.0))
     x_m, y_m, yaw_rad = (float(v) for v in (place.x_m, place.y_m, place.heading_rad))
     move = MoveObject(object=0, x_m=x_m, y_m=y_m, yaw_rad=yaw_rad, speed_mps=10.0)
@@ -227,6 +257,7 @@ def test_on_hills_bodies_and_the_ego_stand_on_the_road(tmp_path: Path) -> None:
         place.z_m, abs=0.05
     )
     rig.ticks(12)
+    stands_on(frame, rig.engine.objects.at(np.zeros(1)))
     height_m = rig.engine.placement.position_m[0, 0, 2]
     assert height_m == pytest.approx(float(ahead.z_m), abs=0.07)
     assert abs(float(ahead.z_m - place.z_m)) > 0.14, "the road is a hill there"

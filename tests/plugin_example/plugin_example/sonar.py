@@ -6,7 +6,7 @@ from twin.sensors.truth import ROTATION
 ROWS_MAX = 32
 
 
-class Radar:
+class Sonar:
     needs_truth = True
 
     def __init__(self, mount, hz):
@@ -18,7 +18,7 @@ class Radar:
         self._truth = None
 
     def reset(self, slot, case):
-        self._range_m[slot] = case.variation.sensors.radar.range_m
+        self._range_m[slot] = case.variation.sensors.sonar.range_m
         self._active[slot] = True
 
     def light(self, slot, light, weather, wind_towards):
@@ -53,4 +53,4 @@ class Radar:
             count[slot] = len(seen)
             rows[slot, : len(seen), 0] = far[seen]
             rows[slot, : len(seen), 1] = np.remainder(bearing[seen] + np.pi, 2 * np.pi) - np.pi
-        return {"radar": SensorData(rows, count)}
+        return {"sonar": SensorData(rows, count)}

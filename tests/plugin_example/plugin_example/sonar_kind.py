@@ -5,8 +5,8 @@ from msgspec import Meta
 from schemas.kinds.sensor import MadeUpDrive, SensorConfig, SensorKind
 
 
-class RadarConfig(SensorConfig, frozen=True):
-    """A radar that looks all around."""
+class SonarConfig(SensorConfig, frozen=True):
+    """A sonar that looks all around."""
 
     range_m: Annotated[float, Meta(gt=0, le=500)] = 60.0
     """Nothing farther away is seen [m]."""
@@ -17,13 +17,13 @@ def made_up(drive: MadeUpDrive) -> list[list[float]]:
 
 
 KIND = SensorKind(
-    name="radar",
+    name="sonar",
     doc="Range and bearing of what one can hit.",
-    config=RadarConfig,
+    config=SonarConfig,
     columns=("range_m", "bearing_rad"),
-    columns_name="RADAR_COLUMNS",
+    columns_name="SONAR_COLUMNS",
     dtype="<f4",
     rows_max=32,
-    implementation="plugin_example.radar:Radar",
+    implementation="plugin_example.sonar:Sonar",
     made_up=made_up,
 )

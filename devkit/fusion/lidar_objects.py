@@ -1,0 +1,210 @@
+"""Obstacles in a LiDAR sweep: ground taken away, cells counted, neighbours joined.
+
+One slot at a time and sums along one axis only, so neighbours in the rig change no bit. Nothing
+here looks at the kind of a return: a real sensor does not know it. Fog, drops and flakes are told
+from surfaces by how thinly they fill the space.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from schemas.messages import LidarSite
+from schemas.sections.lidar import POINT_COLUMNS
+
+_X, _Y, _Z, _TIME = (POINT_COLUMNS.index(name) for name in ("x_m", "y_m", "z_m", "time_s"))
+
+HALF_WIDTH_M = 9.0
+"""Points further aside are left out [m]."""
+NEAR_M = 2.6
+"""Points nearer to the rear axle lie on the car itself or behind it [m]."""
+CELL_M = 0.5
+"""Side of a cell of the grid [m]."""
+LOW_M, HIGH_M = 0.3, 2.2
+"""Height of obstacles above the ground: above kerbs, below what a car drives under [m]."""
+GROUND_BAND_M = 0.25
+"""Points as near to the expected ground belong to it [m]."""
+GROUND_FROM_M, GROUND_TO_M = 5.0, 25.0
+"""The ground is fitted between these distances [m]."""
+GROUND_POINTS_MIN = 30
+"""Fewer points fit no ground: it is taken to be flat."""
+FIT_ROUNDS = 3
+"""Rounds of the ground's fit; each takes the points near the last one's."""
+PITCH_MAX = 0.08
+"""Steepest ground in the car's axes, its own pitch included [-]."""
+FIELD_RAD = 0.72
+"""Vertical field of view that the channels are taken to share [rad]."""
+FILL_MIN = 0.15
+"""Share of the rays through a cell's front, 1.2 m high, that must come back from it [-]."""
+EDGE_POINTS = 2
+"""Outermost points of an obstacle that are not its edge: mixed pixels."""
+
+
+@dataclass(frozen=True, slots=True)
+class LidarView:
+    """One LiDAR as the stack knows it: where it sits, and how dense its rays are."""
+
+    rotation: tuple[tuple[float, float, float], ...]
+    position_m: tuple[float, float, float]
+    rays_in_cell: float
+    """Rays through the front of a cell 1 m away, 1.2 m high; falls with the squared distance."""
+
+    @classmethod
+    def of_site(cls, site: LidarSite) -> LidarView:
+        """The view of a LiDAR; ``site`` stands in the episode."""
+        roll, pitch, yaw = (math.radians(angle) for angle in site.rotation_deg)
+        # Rounded: sines of C libraries differ in their last bits.
+        sr, cr, sp, cp, sy, cy = (
+            round(f(a), 9) for a in (roll, pitch, yaw) for f in (math.sin, math.cos)
+        )
+        rotation = (
+            (cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr),
+            (sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr),
+            (-sp, cp * sr, cp * cr),
+        )
+        rays = site.columns / (2.0 * math.pi) * site.channels / FIELD_RAD * CELL_M * 1.2
+        x_m, y_m, z_m = site.position_m
+        return cls(rotation, (x_m, y_m, z_m), rays)
+
+
+class SweepObjects(NamedTuple):
+    """Obstacles of one sweep, the nearest first, in arrays [M]."""
+
+    x_m: np.ndarray
+    """Near end."""
+    right_m: np.ndarray
+    left_m: np.ndarray
+    inside: np.ndarray
+    """bool: enough points are in the path."""
+    path_x_m: np.ndarray
+    """Nearest part in the path; ``x_m`` where it is outside."""
+    free_to_m: float
+    """The road in the path is seen up to here [m]."""
+    returned: float
+    """Share of the rays that came back, of all around the car [-]."""
+
+
+def in_vehicle_axes(
+    points: np.ndarray, view: LidarView, speed_mps: float, range_m: float, *, deskewed: bool
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """x, y, z of the points ahead, float64 [P] each.
+
+    Args:
+        points: float32 [N, K], a sweep.
+        view: of the LiDAR.
+        speed_mps: of the ego; moves points that are not those of the tick.
+        range_m: points further ahead are left out.
+        deskewed: whether the points are those of the tick already.
+    """
+    sensor = points[:, (_X, _Y, _Z)]
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = view.rotation
+    a, b, c = (sensor[:, axis].astype(np.float64) for axis in range(3))
+    x = xx * a + xy * b + xz * c + view.position_m[0]
+    if not deskewed:
+        x = x + speed_mps * points[:, _TIME]
+    y = yx * a + yy * b + yz * c + view.position_m[1]
+    # Comparisons with NaN, a ray without a return, are false.
+    kept = np.flatnonzero((x > NEAR_M) & (x < range_m) & (y < HALF_WIDTH_M) & (y > -HALF_WIDTH_M))
+    z = zx * a[kept] + zy * b[kept] + zz * c[kept] + view.position_m[2]
+    return x[kept], y[kept], z
+
+
+def ground(x_m: np.ndarray, z_m: np.ndarray) -> tuple[float, float]:
+    """Height at the rear axle and slope of the road in the car's axes: z = a + b x.
+
+    The car pitches when it brakes: a flat road then rises by 3 m per 100 m, and its points would
+    stand as high as obstacles. A least-squares line through the lowest points, three rounds.
+    """
+    lowest_m, slope = 0.0, 0.0
+    near = (x_m > GROUND_FROM_M) & (x_m < GROUND_TO_M)
+    x, z = x_m[near], z_m[near]
+    band_m = 3.0 * GROUND_BAND_M
+    for _ in range(FIT_ROUNDS):
+        road = np.abs(z - (lowest_m + slope * x)) < band_m
+        n = int(road.sum())
+        if n < GROUND_POINTS_MIN:
+            break
+        u, v = x[road], z[road]
+        mean_x, mean_z = float(u.sum()) / n, float(v.sum()) / n
+        u = u - mean_x
+        spread = float((u * u).sum())
+        slope = float((u * v).sum()) / spread if spread > 1.0 else 0.0
+        slope = min(max(slope, -PITCH_MAX), PITCH_MAX)
+        lowest_m = mean_z - slope * mean_x
+        band_m = GROUND_BAND_M
+    return lowest_m, slope
+
+
+def find_objects(
+    points: np.ndarray,
+    view: LidarView,
+    *,
+    speed_mps: float,
+    curvature_per_m: float,
+    corridor_half_m: float,
+    range_m: float,
+    points_min: int,
+    deskewed: bool,
+) -> SweepObjects:
+    """Obstacles of one sweep.
+
+    Args:
+        points: float32 [N, K], :data:`schemas.sections.lidar.POINT_COLUMNS`.
+        view: of the LiDAR.
+        speed_mps: of the ego.
+        curvature_per_m: of its path, left positive.
+        corridor_half_m: half width of the path.
+        range_m: points further ahead are left out.
+        points_min: fewest points of an obstacle.
+        deskewed: whether the points are those of the tick already.
+    """
+    returned = float(np.isfinite(points[:, _X]).sum()) / max(len(points), 1)
+    x, y, z = in_vehicle_axes(points, view, speed_mps, range_m, deskewed=deskewed)
+    lowest_m, slope = ground(x, z)
+    height = z - (lowest_m + slope * x)
+    off_path = y - 0.5 * curvature_per_m * x * x
+    ways = x[(np.abs(height) < LOW_M) & (np.abs(off_path) < corridor_half_m)]
+    free_to_m = float(np.partition(ways, -5)[-5]) if len(ways) >= 5 else 0.0
+    high = (height > LOW_M) & (height < HIGH_M)
+    x, y, off_path = x[high], y[high], off_path[high]
+    group = _groups(x, y, view, range_m)
+    inside = np.abs(off_path) < corridor_half_m
+    rows = []
+    order = np.argsort(group, kind="stable")
+    bounds = np.searchsorted(group[order], np.arange(1, int(group.max(initial=0)) + 2))
+    for first, last in zip(bounds[:-1].tolist(), bounds[1:].tolist(), strict=True):
+        if last - first < points_min:
+            continue
+        one = order[first:last]
+        xs, ys, within = np.sort(x[one]), np.sort(y[one]), np.sort(x[one[inside[one]]])
+        skip = EDGE_POINTS if len(one) > 4 * EDGE_POINTS else 0
+        into = len(within) >= points_min
+        near_m = float(xs[skip])
+        path_m = float(within[min(skip, len(within) - 1)]) if into else near_m
+        rows.append((near_m, float(ys[skip]), float(ys[-1 - skip]), into, path_m))
+    rows.sort()
+    near, right, left, into, path = (
+        np.array([row[i] for row in rows], bool if i == 3 else float) for i in range(5)
+    )
+    return SweepObjects(near, right, left, into, path, free_to_m, returned)
+
+
+def _groups(x: np.ndarray, y: np.ndarray, view: LidarView, range_m: float) -> np.ndarray:
+    """Group of each point, from 1; 0: in a cell too thin to be a surface."""
+    rows = math.ceil(range_m / CELL_M)
+    columns = math.ceil(2.0 * HALF_WIDTH_M / CELL_M)
+    row = np.minimum((x / CELL_M).astype(np.int64), rows - 1)
+    column = np.minimum(((y + HALF_WIDTH_M) / CELL_M).astype(np.int64), columns - 1)
+    cell = row * columns + column
+    count = np.bincount(cell, minlength=rows * columns).reshape(rows, columns)
+    distance = np.maximum((np.arange(rows) + 0.5) * CELL_M - view.position_m[0], 1.0)
+    least = np.maximum(FILL_MIN * view.rays_in_cell / (distance * distance), 1.5)
+    solid = (count > least[:, None]).astype(np.uint8)
+    _, labels = cv2.connectedComponents(solid, connectivity=8, ltype=cv2.CV_32S)
+    group: np.ndarray = labels.reshape(-1)[cell]
+    return group

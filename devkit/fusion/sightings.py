@@ -1,0 +1,53 @@
+"""What one sensor sees of the objects around S cars at one instant, in arrays [S, M].
+
+Axes of the vehicle: x forward from the middle of the rear axle, y left [m].
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+LABELS = ("", "car", "truck", "bus", "pedestrian", "bicycle")
+"""What an object is, by index; 0: nobody has said."""
+
+
+@dataclass(slots=True, eq=False)
+class Sightings:
+    """M places per slot; those that are not ``valid`` hold zeros."""
+
+    valid: np.ndarray
+    """bool [S, M]."""
+    x_m: np.ndarray
+    """Near end of the object."""
+    sigma_m: np.ndarray
+    """Deviation of the near end along x."""
+    right_m: np.ndarray
+    """Its right end, left of the vehicle's middle."""
+    left_m: np.ndarray
+    """Its left end."""
+    inside: np.ndarray
+    """bool [S, M]: it reaches into the path."""
+    path_x_m: np.ndarray
+    """Nearest part of it that is in the path; ``x_m`` where it is outside."""
+    label: np.ndarray
+    """int [S, M]: index into :data:`LABELS`."""
+    place: np.ndarray
+    """int [S, M]: index in the list of the sensor, for pictures."""
+    radial_mps: np.ndarray
+    """Speed over ground along the ray, positive: away; NaN where the sensor measures none."""
+
+    @classmethod
+    def empty(cls, slots: int, places: int) -> Sightings:
+        """Nothing seen anywhere."""
+
+        def zeros() -> np.ndarray:
+            return np.zeros((slots, places))
+
+        return cls(
+            *(np.zeros((slots, places), bool), zeros(), np.ones((slots, places)), zeros()),
+            *(zeros(), np.zeros((slots, places), bool), zeros()),
+            *(np.zeros((slots, places), np.int64), np.zeros((slots, places), np.int64)),
+            np.full((slots, places), np.nan),
+        )

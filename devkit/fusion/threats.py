@@ -1,0 +1,150 @@
+"""Which tracks are in the way: on the predicted path, or about to cross it, arrays [S, T]."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from devkit.fusion.ego_motion import EgoMotion
+from devkit.fusion.health import SensorHealth
+from devkit.fusion.parameters import StagingParameters
+from devkit.fusion.sightings import LABELS
+from devkit.fusion.tracks import HELD_S, TrackStore
+
+INSIDE_MIN = 0.5
+"""How much a sensor must say that a track is in the path for it to count [-]."""
+STAYS_MIN = 0.3
+"""The same for one that the car brakes for already [-]."""
+MOVING_MPS = 0.8
+"""A track that may be slower counts as standing [m/s]."""
+SURE_VARIANCES = 4.0
+"""Square of a speed over its variance from which on it counts as a speed [-]."""
+AWAY_MPS = 2.0
+"""Who drives ahead, at least so fast and not slower than the car, is not in the way [m/s]."""
+SLACK_MPS = 0.5
+"""Difference of two speeds that counts as none [m/s]."""
+SIGHTINGS_MIN = 3
+"""Fewest sightings by one sensor of what counts: two give no speed."""
+RECENT_S = 0.5
+"""Sensors agree on a track that each of them has seen so lately [s]."""
+FREE_MARGIN_M = 2.0
+"""LiDAR that sees the road so much further than a box says that nothing stands there [m]."""
+REACH_RATIO = 1.2
+"""LiDAR that sees obstacles so many times further away would see a vehicle."""
+TIME_MAX_S = 99.0
+"""Time to collision of what does not come nearer [s]."""
+
+_PERSONS = (LABELS.index("pedestrian"), LABELS.index("bicycle"))
+_VEHICLES = (LABELS.index("car"), LABELS.index("truck"), LABELS.index("bus"))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Threats:
+    """What the stages need of every track, [S, T]."""
+
+    agreed: np.ndarray
+    """bool: two sensors say that it is in the path, or one where the other is blind."""
+    single: np.ndarray
+    """bool: one sensor does, sure enough."""
+    blocking: np.ndarray
+    """bool: it keeps a car that brakes from driving on, were it near."""
+    gap_m: np.ndarray
+    """From the front bumper, along the path."""
+    ttc_s: np.ndarray
+    """Time to collision, :data:`TIME_MAX_S` of what does not come nearer."""
+    needed_mps2: np.ndarray
+    """Deceleration that would still end before it."""
+
+
+def _is_any(values: np.ndarray, wanted: tuple[int, ...]) -> np.ndarray:
+    result = values == wanted[0]
+    for value in wanted[1:]:
+        result |= values == value
+    return result
+
+
+def find_threats(
+    tracks: TrackStore, ego: EgoMotion, health: SensorHealth, staging: StagingParameters
+) -> Threats:
+    """Judge all tracks of all slots."""
+    speed = ego.speed_mps[:, None]
+    vx = np.where(_is_speed(tracks.vx_mps, tracks.p_vv), tracks.vx_mps, 0.0)
+    vy = np.where(_is_speed(tracks.vy_mps, tracks.q_vv), tracks.vy_mps, 0.0)
+    closing = speed - vx
+    inside, stays = _in_path(tracks)
+    gap = np.maximum(tracks.x_m + np.where(inside, tracks.path_m, 0.0) - staging.front_m, 0.0)
+    nearing = closing > 0.1
+    ttc = np.where(nearing, gap / np.where(nearing, closing, 1.0), TIME_MAX_S)
+    ttc = np.minimum(ttc, TIME_MAX_S)
+    crossing = _crosses(tracks, ego, vy, ttc, staging)
+    ahead = tracks.live & (tracks.x_m > staging.front_m - 1.0)
+    in_way = ahead & (inside | crossing)
+    camera = tracks.camera.age_s < RECENT_S
+    places = np.minimum(tracks.lidar.age_s, tracks.radar.age_s) < RECENT_S
+    sightings = np.maximum(tracks.lidar.hits, np.maximum(tracks.radar.hits, tracks.camera.hits))
+    in_way &= sightings >= SIGHTINGS_MIN
+    sure = tracks.probability > staging.single_probability
+    # What radar alone sees standing are manhole covers, bridges and mirrors as often as cars.
+    by_one = camera | (tracks.lidar.age_s < RECENT_S) | (places & (vx != 0.0))
+    denied = _contradicted(tracks, health)
+    alone = sure & by_one & ~denied
+    blind = health.camera_blind[:, None] | health.range_blind[:, None]
+    agreed = camera & places & (tracks.probability > staging.agree_probability) & ~denied
+    room = np.maximum(gap - staging.stop_gap_m, 0.3)
+    fast = np.maximum(closing, 0.0)
+    away = (vx > AWAY_MPS) & (vx > speed - SLACK_MPS)
+    blocking = ahead & (stays | crossing) & (tracks.probability > 0.5) & ~away
+    return Threats(
+        in_way & (agreed | (alone & blind)), in_way & alone, blocking, gap, ttc,
+        0.5 * fast * fast / room,
+    )  # fmt: skip
+
+
+def _is_speed(speed: np.ndarray, variance: np.ndarray) -> np.ndarray:
+    """Whether a track moves along an axis, surely."""
+    square = speed * speed
+    moves: np.ndarray = (square > MOVING_MPS * MOVING_MPS) & (square > SURE_VARIANCES * variance)
+    return moves
+
+
+def _in_path(tracks: TrackStore) -> tuple[np.ndarray, np.ndarray]:
+    """Whether tracks are in the path, to brake for and to stay braked for: LiDAR says so where it
+    sees them, then the camera, then radar."""
+    # The camera's directions at the radar's distance are better than the radar's own.
+    seen = tracks.camera.age_s < RECENT_S
+    says = np.where(seen, tracks.camera.inside, tracks.radar.inside)
+    says = np.where(tracks.lidar.age_s < HELD_S, tracks.lidar.inside, says)
+    return says > INSIDE_MIN, says > STAYS_MIN
+
+
+def _crosses(
+    tracks: TrackStore,
+    ego: EgoMotion,
+    vy_mps: np.ndarray,
+    ttc_s: np.ndarray,
+    staging: StagingParameters,
+) -> np.ndarray:
+    """Pedestrians and cyclists that will be in the path when the car is there.
+
+    The path's middle at the track is k x^2 / 2; the ends of the object at the time of collision
+    are those of now and their way until then.
+    """
+    middle = 0.5 * ego.curvature_per_m[:, None] * tracks.x_m * tracks.x_m
+    shift = tracks.y_m + vy_mps * ttc_s - middle
+    reaches = (shift + tracks.left_m > -staging.corridor_half_m) & (
+        shift + tracks.right_m < staging.corridor_half_m
+    )
+    walks = (vy_mps != 0.0) & _is_any(tracks.label, _PERSONS)
+    crosses: np.ndarray = walks & reaches & (ttc_s < staging.crossing_s)
+    return crosses
+
+
+def _contradicted(tracks: TrackStore, health: SensorHealth) -> np.ndarray:
+    """Tracks that the camera alone sees where LiDAR sees the road, or would see a vehicle."""
+    only_camera = tracks.lidar.age_s >= HELD_S
+    sees_road = health.free_to_m[:, None] > tracks.x_m + FREE_MARGIN_M
+    would_see = _is_any(tracks.label, _VEHICLES)
+    would_see &= health.reach_m[:, None] > REACH_RATIO * tracks.x_m
+    contradicted: np.ndarray = only_camera & (sees_road | would_see)
+    return contradicted

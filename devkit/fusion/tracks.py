@@ -1,0 +1,386 @@
+"""Tracks of what stands and moves around S cars: Kalman filters in arrays [S, T].
+
+The state of a track is the middle of its near end in the car's axes, and its velocity over ground
+along them. Per axis a constant-velocity filter (Bar-Shalom, Li and Kirubarajan 2001, 6.2.2); the
+car's own motion moves the axes. Products are written out and nothing is summed across arrays, so a
+slot's numbers do not depend on how many there are.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from devkit.fusion.parameters import TrackingParameters
+from devkit.fusion.sightings import Sightings
+
+TRACKS_MAX = 32
+"""Most tracks of a car."""
+LATERAL_SIGMA_M = 0.4
+"""Deviation of an object's middle by LiDAR or radar, what is seen of it changes [m]."""
+EDGE_SHARE = 0.5
+"""Share by which a new sighting moves the ends of a track [-]."""
+INSIDE_SHARE = 0.4
+"""Share by which one sighting changes whether a track is in the path [-]."""
+HELD_S = 1.0
+"""A sensor that measures places and has seen a track so lately tells where it is, though a few
+sweeps may have missed it: the camera's guess does not take its place at once [s]."""
+OVERLAP_MIN = 0.3
+"""Share of a camera box that must lie on a track for it to be of it [-]."""
+BEHIND_M = -2.0
+"""Tracks further behind the rear axle are forgotten [m]."""
+RADIAL_SIGMA_MPS = 0.3
+"""Deviation of a radial speed [m/s]."""
+PROBABILITY_MAX = 0.999
+"""Existence is never surer [-]."""
+
+
+def _arrays(slots: int, count: int) -> list[np.ndarray]:
+    return [np.zeros((slots, TRACKS_MAX)) for _ in range(count)]
+
+
+@dataclass(frozen=True, slots=True)
+class SensorMemory:
+    """What the tracks remember of one sensor, arrays [S, T]."""
+
+    age_s: np.ndarray
+    """Since it saw the track last; 1e9: never."""
+    inside: np.ndarray
+    """How much it says that the track is in the path, 0 to 1."""
+    hits: np.ndarray
+    """Sightings so far."""
+
+    @classmethod
+    def empty(cls, slots: int) -> SensorMemory:
+        """Nothing remembered."""
+        inside, hits = _arrays(slots, 2)
+        return cls(np.full((slots, TRACKS_MAX), 1e9), inside, hits)
+
+
+@dataclass(frozen=True, slots=True)
+class EyePlaces:
+    """Where cameras sit and where the cars are going."""
+
+    x_m: np.ndarray
+    """Camera before the rear axle, [S]."""
+    y_m: np.ndarray
+    """Camera left of the middle, [S]."""
+    bend_per_m: np.ndarray
+    """Curvature of the path, left positive, [S]."""
+    corridor_half_m: float
+    """Half width of the path."""
+
+
+class TrackStore:
+    """All tracks of S cars."""
+
+    def __init__(self, slots: int, parameters: TrackingParameters) -> None:
+        """Begin without tracks."""
+        self._p = parameters
+        self.live = np.zeros((slots, TRACKS_MAX), bool)
+        self.x_m, self.y_m, self.vx_mps, self.vy_mps = _arrays(slots, 4)
+        self.p_xx, self.p_xv, self.p_vv = _arrays(slots, 3)
+        self.q_xx, self.q_xv, self.q_vv = _arrays(slots, 3)
+        """Variances along y."""
+        self.right_m, self.left_m, self.path_m = _arrays(slots, 3)
+        """Ends relative to ``y_m``, and the nearest part in the path relative to ``x_m``."""
+        self.probability, self.age_s = _arrays(slots, 2)
+        self.label = np.zeros((slots, TRACKS_MAX), np.int64)
+        self.place = np.full((slots, TRACKS_MAX), -1)
+        """Of the camera box that showed it in this picture; -1: none."""
+        self.camera = SensorMemory.empty(slots)
+        self.lidar = SensorMemory.empty(slots)
+        self.radar = SensorMemory.empty(slots)
+
+    def reset(self, slot: int) -> None:
+        """Forget the tracks of a slot."""
+        self.live[slot] = False
+
+    def predict(
+        self, period_s: np.ndarray, speed_mps: np.ndarray, yaw_rate_radps: np.ndarray
+    ) -> None:
+        """Move on by a period: objects by their velocity, the axes by the car's motion, all [S]."""
+        dt, v = period_s[:, None], speed_mps[:, None]
+        turn = yaw_rate_radps[:, None] * dt
+        # A turn of one period is small: the series is exact to 1e-9 below 0.15 rad.
+        square = turn * turn
+        c = 1.0 - square * (0.5 - square / 24.0)
+        s = turn * (1.0 - square * (1.0 / 6.0 - square / 120.0))
+        x = self.x_m + (self.vx_mps - v) * dt
+        y = self.y_m + self.vy_mps * dt
+        vx, vy = self.vx_mps, self.vy_mps
+        self.x_m, self.y_m = c * x + s * y, c * y - s * x
+        self.vx_mps, self.vy_mps = c * vx + s * vy, c * vy - s * vx
+        noise = self._p.acceleration_mps2 * self._p.acceleration_mps2
+        for pos, cross, vel in (("p_xx", "p_xv", "p_vv"), ("q_xx", "q_xv", "q_vv")):
+            xx, xv, vv = getattr(self, pos), getattr(self, cross), getattr(self, vel)
+            setattr(self, pos, xx + dt * (2.0 * xv + dt * vv) + 0.25 * noise * (dt * dt) ** 2)
+            setattr(self, cross, xv + dt * vv + 0.5 * noise * dt * dt * dt)
+            setattr(self, vel, vv + noise * dt * dt)
+        self.age_s = self.age_s + dt
+        for memory in (self.camera, self.lidar, self.radar):
+            memory.age_s[...] += dt
+        self.place[...] = -1
+
+    def update(self, seen: Sightings, memory: SensorMemory, looked: np.ndarray) -> None:
+        """Take the sightings of a sensor that measures places: LiDAR or radar.
+
+        Each sighting goes to the nearest track within the gate, pairs in the order of their
+        distance, equal ones in that of their numbers; what is left over begins new tracks.
+
+        Args:
+            seen: arrays [S, M].
+            memory: of the sensor.
+            looked: bool [S]: slots that have a new sweep.
+        """
+        pair = self._assigned(self._distances(seen), looked)
+        self._correct(seen, memory, pair)
+        self._missed(memory, pair, looked)
+        self._begin(seen, memory, pair, looked)
+
+    def confirm(self, seen: Sightings, eye: EyePlaces) -> np.ndarray:
+        """Take the boxes of a picture: each raises all tracks that it covers.
+
+        A box tells directions well and distances badly, so it moves only tracks that no other
+        sensor places. Its ends are those at the track's distance along its rays, and so is whether
+        they reach into the path: the camera's directions at the radar's distance.
+
+        Args:
+            seen: arrays [S, M].
+            eye: the cameras, and the paths.
+
+        Returns:
+            bool [S, M]: boxes that cover no track.
+        """
+        eye_x, eye_y = eye.x_m[:, None, None], eye.y_m[:, None, None]
+        x = self.x_m[:, :, None]
+        scale = np.maximum(x - eye_x, 0.5) / np.maximum(seen.x_m[:, None] - eye_x, 0.5)
+        right = eye_y + (seen.right_m[:, None] - eye_y) * scale
+        left = eye_y + (seen.left_m[:, None] - eye_y) * scale
+        y = self.y_m[:, :, None]
+        common = np.minimum(left, y + self.left_m[:, :, None])
+        common = common - np.maximum(right, y + self.right_m[:, :, None])
+        least = np.minimum(left - right, (self.left_m - self.right_m)[:, :, None])
+        along = x - seen.x_m[:, None]
+        variance = self.p_xx[:, :, None] + (seen.sigma_m * seen.sigma_m)[:, None]
+        cover = self.live[:, :, None] & seen.valid[:, None]
+        cover &= (common >= OVERLAP_MIN * least) & (along * along < self._p.gate * variance)
+        cost = np.where(cover, along * along / variance, np.inf)
+        best = cost.argmin(axis=2)
+        pair = np.where(cover.any(axis=2), best, -1)
+        middle = 0.5 * eye.bend_per_m[:, None, None] * x * x
+        reaches = (left - middle > -eye.corridor_half_m) & (right - middle < eye.corridor_half_m)
+        self._correct(seen, self.camera, pair, reaches)
+        taken: np.ndarray = cover.any(axis=1)
+        return seen.valid & ~taken
+
+    def take_boxes(self, seen: Sightings, eye: EyePlaces, looked: np.ndarray) -> None:
+        """:meth:`confirm`, and begin tracks of the boxes that cover none."""
+        alone = self.confirm(seen, eye)
+        pair = np.where(self.live & (self.camera.age_s == 0.0), 0, -1)
+        self._missed(self.camera, pair, looked)
+        places = Sightings(
+            alone, seen.x_m, seen.sigma_m, seen.right_m, seen.left_m, seen.inside, seen.path_x_m,
+            seen.label, seen.place, seen.radial_mps,
+        )  # fmt: skip
+        self._begin(places, self.camera, np.full(self.live.shape, -1), looked)
+
+    def _distances(self, seen: Sightings) -> np.ndarray:
+        """Squared Mahalanobis distance of every track and sighting, [S, T, M]; infinite outside
+        the gate. Across, ends count: what overlaps is not apart."""
+        along = seen.x_m[:, None] - self.x_m[:, :, None]
+        variance = self.p_xx[:, :, None] + (seen.sigma_m * seen.sigma_m)[:, None]
+        y = self.y_m[:, :, None]
+        apart = np.maximum(
+            seen.right_m[:, None] - (y + self.left_m[:, :, None]),
+            (y + self.right_m[:, :, None]) - seen.left_m[:, None],
+        )
+        apart = np.maximum(apart, 0.0)
+        sideways = self.q_xx[:, :, None] + LATERAL_SIGMA_M * LATERAL_SIGMA_M
+        distance = along * along / variance + apart * apart / sideways
+        near = self.live[:, :, None] & seen.valid[:, None] & (distance < self._p.gate)
+        return np.where(near, distance, np.inf)
+
+    def _assigned(self, distance: np.ndarray, looked: np.ndarray) -> np.ndarray:
+        """Sighting of each track, int [S, T]; -1: none."""
+        slots, tracks, places = distance.shape
+        pair = np.full((slots, tracks), -1)
+        flat = np.where(looked[:, None, None], distance, np.inf).reshape(slots, -1).copy()
+        cube = flat.reshape(slots, tracks, places)
+        rows = np.arange(slots)
+        for _ in range(min(tracks, places)):
+            best = flat.argmin(axis=1)
+            open_ = np.flatnonzero(flat[rows, best] < np.inf)
+            if not len(open_):
+                break
+            track, place = np.divmod(best[open_], places)
+            pair[open_, track] = place
+            cube[open_, track, :] = np.inf
+            cube[open_, :, place] = np.inf
+        return pair
+
+    def _correct(
+        self,
+        seen: Sightings,
+        memory: SensorMemory,
+        pair: np.ndarray,
+        reaches: np.ndarray | None = None,
+    ) -> None:
+        """Kalman's correction of the paired tracks, their ends, their place in the path; bool
+        ``reaches`` [S, T, M]: who is in the path, if that depends on the track."""
+        paired = pair >= 0
+        index = np.where(paired, pair, 0)
+
+        def of(values: np.ndarray) -> np.ndarray:
+            picked: np.ndarray = np.take_along_axis(values, index, axis=1)
+            return picked
+
+        by_camera = memory is self.camera
+        # Who measures places worse leaves those alone that a better sensor sees.
+        better_s = np.minimum(self.lidar.age_s, self.radar.age_s) if by_camera else self.lidar.age_s
+        moved = paired & ((better_s >= HELD_S) | (memory is self.lidar))
+        right, left, x = of(seen.right_m), of(seen.left_m), of(seen.x_m)
+        sigma = of(seen.sigma_m)
+        middle = 0.5 * (left + right)
+        self._filter(moved, x, middle, sigma * sigma, self._sideways(sigma, camera=by_camera))
+        radial = of(seen.radial_mps)
+        self._measure_speed(paired & np.isfinite(radial), radial)
+        first = moved & (memory.hits == 0.0)
+        share = np.where(first, 1.0, EDGE_SHARE)
+        half = 0.5 * (left - right)
+        self.left_m = np.where(moved, self.left_m + share * (half - self.left_m), self.left_m)
+        self.right_m = np.where(moved, self.right_m - share * (half + self.right_m), self.right_m)
+        path = of(seen.path_x_m) - x
+        self.path_m = np.where(moved, path, self.path_m)
+        if reaches is None:
+            inside = of(seen.inside).astype(float)
+        else:
+            inside = np.take_along_axis(reaches, index[:, :, None], axis=2)[:, :, 0].astype(float)
+        memory.inside[...] = np.where(
+            paired, memory.inside + INSIDE_SHARE * (inside - memory.inside), memory.inside
+        )
+        memory.age_s[...] = np.where(paired, 0.0, memory.age_s)
+        memory.hits[...] = memory.hits + paired
+        self.probability = np.where(paired, self._seen_probability(), self.probability)
+        if by_camera:
+            self.label = np.where(paired, of(seen.label), self.label)
+            self.place = np.where(paired, of(seen.place), self.place)
+
+    def _sideways(self, sigma_m: np.ndarray, *, camera: bool) -> np.ndarray:
+        """Variance of a middle across: a camera's grows with the error of its distance."""
+        if not camera:
+            return np.full_like(sigma_m, LATERAL_SIGMA_M * LATERAL_SIGMA_M)
+        sigma = LATERAL_SIGMA_M + 0.1 * sigma_m
+        return sigma * sigma
+
+    def _filter(
+        self,
+        which: np.ndarray,
+        x_m: np.ndarray,
+        y_m: np.ndarray,
+        x_variance: np.ndarray,
+        y_variance: np.ndarray,
+    ) -> None:
+        """Correct both axes of the tracks ``which`` by measured places."""
+        names = (
+            ("x_m", "vx_mps", "p_xx", "p_xv", "p_vv"),
+            ("y_m", "vy_mps", "q_xx", "q_xv", "q_vv"),
+        )
+        for axis, measured, variance in zip(
+            names, (x_m, y_m), (x_variance, y_variance), strict=True
+        ):
+            place, speed, xx, xv, vv = (getattr(self, name) for name in axis)
+            total = xx + variance
+            gain, gain_v = xx / total, xv / total
+            residual = measured - place
+            keep = 1.0 - gain
+            values = (
+                *(place + gain * residual, speed + gain_v * residual),
+                *(keep * xx, keep * xv, vv - gain_v * xv),
+            )
+            for name, old, new in zip(axis, (place, speed, xx, xv, vv), values, strict=True):
+                setattr(self, name, np.where(which, new, old))
+
+    def _measure_speed(self, which: np.ndarray, radial_mps: np.ndarray) -> None:
+        """Correct tracks by a radial speed over ground: ahead of the car it is the one along x."""
+        total = self.p_vv + RADIAL_SIGMA_MPS * RADIAL_SIGMA_MPS
+        gain, gain_v = self.p_xv / total, self.p_vv / total
+        residual = np.where(which, radial_mps - self.vx_mps, 0.0)
+        keep = 1.0 - gain_v
+        p_xx, p_xv, p_vv = self.p_xx - gain * self.p_xv, keep * self.p_xv, keep * self.p_vv
+        self.x_m, self.vx_mps = self.x_m + gain * residual, self.vx_mps + gain_v * residual
+        self.p_xx = np.where(which, p_xx, self.p_xx)
+        self.p_xv = np.where(which, p_xv, self.p_xv)
+        self.p_vv = np.where(which, p_vv, self.p_vv)
+
+    def _seen_probability(self) -> np.ndarray:
+        """Bayes' rule after a sighting."""
+        there = self.probability * self._p.detection
+        probability = there / (there + (1.0 - self.probability) * self._p.clutter)
+        return np.minimum(probability, PROBABILITY_MAX)
+
+    def _missed(self, memory: SensorMemory, pair: np.ndarray, looked: np.ndarray) -> None:
+        """Bayes' rule after a sweep without a sighting, for tracks that this sensor has seen; what
+        is improbable, old or behind is forgotten."""
+        missed = self.live & looked[:, None] & (pair < 0) & (memory.hits > 0.0)
+        there = self.probability * (1.0 - self._p.detection)
+        probability = there / (there + (1.0 - self.probability) * (1.0 - self._p.clutter))
+        self.probability = np.where(missed, probability, self.probability)
+        youngest = np.minimum(np.minimum(self.camera.age_s, self.lidar.age_s), self.radar.age_s)
+        gone = (self.probability < self._p.dead) | (youngest > self._p.memory_s)
+        self.live &= ~(gone | (self.x_m < BEHIND_M))
+
+    def _begin(
+        self, seen: Sightings, memory: SensorMemory, pair: np.ndarray, looked: np.ndarray
+    ) -> None:
+        """Tracks of sightings that no track has, in their order, in the free places."""
+        taken = np.zeros(seen.valid.shape, bool)
+        rows, tracks = np.nonzero(pair >= 0)
+        taken[rows, pair[rows, tracks]] = True
+        for slot in np.flatnonzero(looked & (seen.valid & ~taken).any(axis=1)).tolist():
+            free = np.flatnonzero(~self.live[slot])
+            fresh = np.flatnonzero(seen.valid[slot] & ~taken[slot])[: len(free)]
+            self._start(slot, free[: len(fresh)], fresh, seen, memory)
+
+    def _start(
+        self,
+        slot: int,
+        at: np.ndarray,
+        fresh: np.ndarray,
+        seen: Sightings,
+        memory: SensorMemory,
+    ) -> None:
+        camera = memory is self.camera
+        sigma = seen.sigma_m[slot, fresh]
+        right, left = seen.right_m[slot, fresh], seen.left_m[slot, fresh]
+        speed = self._p.start_speed_mps * self._p.start_speed_mps
+        radial = seen.radial_mps[slot, fresh]
+        told = np.isfinite(radial)
+        sure = RADIAL_SIGMA_MPS * RADIAL_SIGMA_MPS
+        values = {
+            "x_m": seen.x_m[slot, fresh],
+            "y_m": 0.5 * (left + right),
+            "vx_mps": np.where(told, radial, 0.0),
+            "vy_mps": 0.0,
+            "p_xx": sigma * sigma,
+            "p_xv": 0.0,
+            "p_vv": np.where(told, sure, speed),
+            "q_xx": self._sideways(sigma, camera=camera),
+            "q_xv": 0.0,
+            "q_vv": 0.25 * speed,
+            "right_m": 0.5 * (right - left),
+            "left_m": 0.5 * (left - right),
+            "path_m": seen.path_x_m[slot, fresh] - seen.x_m[slot, fresh],
+            "probability": self._p.born,
+            "age_s": 0.0,
+            "live": True,
+            "label": seen.label[slot, fresh],
+            "place": seen.place[slot, fresh] if camera else -1,
+        }
+        for name, value in values.items():
+            getattr(self, name)[slot, at] = value
+        for other in (self.camera, self.lidar, self.radar):
+            other.age_s[slot, at], other.hits[slot, at], other.inside[slot, at] = 1e9, 0.0, 0.0
+        memory.age_s[slot, at], memory.hits[slot, at] = 0.0, 1.0
+        memory.inside[slot, at] = INSIDE_SHARE * seen.inside[slot, fresh]

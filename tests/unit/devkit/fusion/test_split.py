@@ -1,0 +1,42 @@
+"""Data that the fusion stack was tuned on are in no shipped campaign."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import yaml
+
+import devkit.fusion
+from conductor.run.source import load, shipped
+
+FOLDER = Path(devkit.fusion.__file__).parent / "tuning"
+SPLIT = yaml.safe_load((FOLDER / "split.yaml").read_text())
+SCENES = Path(devkit.fusion.__file__).parents[2] / "twin/world/scenes"
+
+
+def test_the_split_names_all_that_lies_in_its_folder():
+    files = {path.name for path in FOLDER.glob("*.yaml")} - {"split.yaml"}
+    assert files == {*SPLIT["campaigns"], *SPLIT["scenes"]}
+
+
+def test_seeds_and_streets_of_tuning_are_in_no_shipped_campaign():
+    campaigns = {name: load(name) for name in shipped()}
+    assert {"aeb-256", "aeb-256-fusion"} <= set(campaigns)
+    for name in SPLIT["campaigns"]:
+        tuning = yaml.safe_load((FOLDER / name).read_text())
+        assert tuning["seed"] in SPLIT["seeds"]
+        assert Path(tuning["scenario"]["scene"]).name in SPLIT["scenes"]
+    for plan in campaigns.values():
+        assert plan.campaign.seed not in SPLIT["seeds"]
+        for case in plan.cases:
+            assert Path(case.rig.scene).name not in SPLIT["scenes"]
+
+
+def test_tuning_streets_are_others_than_the_shipped_ones():
+    shipped_scenes = [yaml.safe_load(path.read_text()) for path in SCENES.glob("*.yaml")]
+    assert len(shipped_scenes) >= 3
+    for name in SPLIT["scenes"]:
+        street = yaml.safe_load((FOLDER / name).read_text())
+        for other in shipped_scenes:
+            for key in ("scene", "seed", "objects", "obstacle"):
+                assert street[key] != other.get(key)

@@ -1,0 +1,178 @@
+"""devkit.fusion.tracks: the filters against closed forms, gate, assignment, existence."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from devkit.fusion.parameters import TrackingParameters
+from devkit.fusion.sightings import Sightings
+from devkit.fusion.tracks import EDGE_SHARE, LATERAL_SIGMA_M, TRACKS_MAX, EyePlaces, TrackStore
+
+PERIOD_S = 0.1
+PARAMETERS = TrackingParameters()
+
+
+def sightings(x_m, y_m, half_m: float = 0.9, places: int = 0) -> Sightings:
+    """Things of one width at x and y, [S, M] or [S]."""
+    x, y = (np.atleast_2d(np.asarray(v, float)) for v in (x_m, y_m))
+    seen = Sightings.empty(x.shape[0], max(places, x.shape[1]))
+    n = x.shape[1]
+    seen.valid[:, :n] = np.isfinite(x)
+    seen.x_m[:, :n] = seen.path_x_m[:, :n] = np.nan_to_num(x)
+    seen.sigma_m[:, :n] = PARAMETERS.lidar_sigma_m
+    seen.right_m[:, :n], seen.left_m[:, :n] = np.nan_to_num(y) - half_m, np.nan_to_num(y) + half_m
+    seen.inside[:, :n] = np.abs(seen.right_m[:, :n] + half_m) < 2.0
+    return seen
+
+
+def step(store: TrackStore, seen: Sightings, speed_mps: float = 0.0, yaw: float = 0.0) -> None:
+    slots = len(seen.valid)
+    ones = np.ones(slots)
+    store.predict(PERIOD_S * ones, speed_mps * ones, yaw * ones)
+    store.update(seen, store.lidar, np.ones(slots, bool))
+
+
+def test_a_constant_velocity_is_found_from_exact_places():
+    store = TrackStore(1, PARAMETERS)
+    for k in range(60):
+        step(store, sightings([30.0 + 3.0 * k * PERIOD_S], [1.0 - 0.5 * k * PERIOD_S]))
+    assert store.live.sum() == 1
+    at = 0, int(np.flatnonzero(store.live[0])[0])
+    assert store.vx_mps[at] == pytest.approx(3.0, abs=0.01)
+    assert store.vy_mps[at] == pytest.approx(-0.5, abs=0.01)
+    assert store.x_m[at] == pytest.approx(30.0 + 3.0 * 5.9, abs=0.01)
+
+
+def test_the_variance_settles_at_the_closed_form_of_the_alpha_beta_filter():
+    """Kalata's tracking index L = a T^2 / s gives the steady gain alpha, and P_xx = alpha s^2."""
+    store = TrackStore(1, PARAMETERS)
+    for _ in range(300):
+        step(store, sightings([20.0], [0.0]))
+    at = 0, int(np.flatnonzero(store.live[0])[0])
+    index = PARAMETERS.acceleration_mps2 * PERIOD_S**2 / PARAMETERS.lidar_sigma_m
+    r = (4.0 + index - np.sqrt(8.0 * index + index**2)) / 4.0
+    assert store.p_xx[at] == pytest.approx((1.0 - r**2) * PARAMETERS.lidar_sigma_m**2, rel=1e-3)
+
+
+def test_errors_are_as_large_as_the_filter_says():
+    """Normalised estimation error squared: its mean over runs lies in the chi-square interval."""
+    runs, rng = 60, np.random.default_rng(5)
+    store = TrackStore(runs, PARAMETERS)
+    x, vx = np.full(runs, 300.0), PARAMETERS.start_speed_mps * rng.standard_normal(runs)
+    for k in range(50):
+        if k:
+            accel = PARAMETERS.acceleration_mps2 * rng.standard_normal(runs)
+            x = x + vx * PERIOD_S + 0.5 * accel * PERIOD_S**2
+            vx = vx + accel * PERIOD_S
+        noise = PARAMETERS.lidar_sigma_m * rng.standard_normal(runs)
+        step(store, sightings((x + noise)[:, None], np.zeros((runs, 1))))
+    assert (store.live.sum(axis=1) == 1).all()
+    ex, ev = (store.x_m - x[:, None])[store.live], (store.vx_mps - vx[:, None])[store.live]
+    xx, xv, vv = (p[store.live] for p in (store.p_xx, store.p_xv, store.p_vv))
+    nees = (vv * ex * ex - 2.0 * xv * ex * ev + xx * ev * ev) / (xx * vv - xv * xv)
+    # 95 % of chi-square with 120 degrees of freedom: 91.57 to 152.21.
+    assert 91.57 < nees.sum() < 152.21
+
+
+def test_what_stands_keeps_its_place_in_the_world_while_the_car_turns():
+    store = TrackStore(1, PARAMETERS)
+    step(store, sightings([20.0], [3.0]))
+    nothing = Sightings.empty(1, 1)
+    for _ in range(5):
+        store.predict(np.full(1, PERIOD_S), np.full(1, 6.0), np.full(1, 0.2))
+    at = 0, int(np.flatnonzero(store.live[0])[0])
+    # Euler's way of the car: straight for a period, then the turn.
+    angle = 0.2 * PERIOD_S
+    x, y = 20.0, 3.0
+    for _ in range(5):
+        x -= 6.0 * PERIOD_S
+        x, y = np.cos(angle) * x + np.sin(angle) * y, np.cos(angle) * y - np.sin(angle) * x
+    assert (store.x_m[at], store.y_m[at]) == pytest.approx((x, y), abs=1e-9)
+    assert not nothing.valid.any()
+
+
+def test_a_sighting_outside_the_gate_begins_a_track_of_its_own():
+    deviation = np.sqrt(2.0) * PARAMETERS.lidar_sigma_m
+    edge_m = np.sqrt(PARAMETERS.gate) * deviation
+    for shift_m, tracks in ((0.99 * edge_m, 1), (1.01 * edge_m, 2)):
+        store = TrackStore(1, PARAMETERS)
+        store.update(sightings([20.0], [0.0]), store.lidar, np.ones(1, bool))
+        store.update(sightings([20.0 + shift_m], [0.0]), store.lidar, np.ones(1, bool))
+        assert store.live.sum() == tracks
+
+
+def test_pairs_are_made_by_distance_and_equal_ones_by_number():
+    store = TrackStore(1, PARAMETERS)
+    both = sightings([20.0, 20.6], [0.0, 0.0])
+    store.update(both, store.lidar, np.ones(1, bool))
+    assert store.x_m[0, :2].tolist() == [20.0, 20.6]
+    store.update(sightings([20.3, 20.58], [0.0, 0.0]), store.lidar, np.ones(1, bool))
+    # 20.58 is the second's; the first gets what is left, though both are as far from 20.3.
+    assert store.live.sum() == 2
+    assert store.x_m[0, 0] == pytest.approx(20.15)
+    assert store.x_m[0, 1] == pytest.approx(20.59)
+
+
+def test_existence_rises_and_falls_by_bayes_rule():
+    store = TrackStore(1, PARAMETERS)
+    expected = PARAMETERS.born
+    seen, nothing = sightings([20.0], [0.0]), Sightings.empty(1, 1)
+    step(store, seen)
+    for _ in range(2):
+        step(store, seen)
+        there = expected * PARAMETERS.detection
+        expected = there / (there + (1.0 - expected) * PARAMETERS.clutter)
+        assert store.probability[0, 0] == pytest.approx(expected)
+    step(store, nothing)
+    there = expected * (1.0 - PARAMETERS.detection)
+    expected = there / (there + (1.0 - expected) * (1.0 - PARAMETERS.clutter))
+    assert store.probability[0, 0] == pytest.approx(expected)
+    for _ in range(4):
+        step(store, nothing)
+    assert not store.live.any()
+
+
+def test_a_radial_speed_is_believed_at_once():
+    store = TrackStore(1, PARAMETERS)
+    seen = sightings([40.0], [0.0])
+    seen.radial_mps[0, 0] = -7.0
+    store.update(seen, store.radar, np.ones(1, bool))
+    assert store.vx_mps[0, 0] == -7.0
+    seen.radial_mps[0, 0] = -7.4
+    store.update(seen, store.radar, np.ones(1, bool))
+    assert store.vx_mps[0, 0] == pytest.approx(-7.2)
+
+
+def test_a_camera_box_is_in_the_path_at_the_distance_of_the_radar():
+    """Its edge at 12 m, by its own distance, is outside; at the radar's 20 m it is far outside."""
+    eye = EyePlaces(np.zeros(1), np.zeros(1), np.zeros(1), 1.1)
+    for radar_x_m, inside in ((12.0, True), (20.0, False)):
+        store = TrackStore(1, PARAMETERS)
+        echo = sightings([radar_x_m], [-1.9 * radar_x_m / 12.0], half_m=0.3)
+        store.update(echo, store.radar, np.ones(1, bool))
+        box = sightings([12.0], [-1.9])
+        box.sigma_m[0, 0] = 6.0
+        for _ in range(3):
+            store.take_boxes(box, eye, np.ones(1, bool))
+        assert store.live.sum() == 1
+        assert (store.camera.inside[0, 0] > 0.5) == inside
+        assert store.x_m[0, 0] == radar_x_m
+
+
+def test_no_more_tracks_than_places():
+    store = TrackStore(1, PARAMETERS)
+    many = TRACKS_MAX + 8
+    seen = sightings(5.0 + 1.5 * np.arange(many)[None], np.zeros((1, many)))
+    store.update(seen, store.lidar, np.ones(1, bool))
+    assert store.live.sum() == TRACKS_MAX
+    assert store.x_m[0].max() == 5.0 + 1.5 * (TRACKS_MAX - 1)
+
+
+def test_ends_follow_what_is_seen():
+    store = TrackStore(1, PARAMETERS)
+    step(store, sightings([20.0], [0.0], half_m=0.5))
+    step(store, sightings([20.0], [0.0], half_m=0.9))
+    assert store.left_m[0, 0] == pytest.approx(0.5 + EDGE_SHARE * 0.4)
+    assert store.right_m[0, 0] == -store.left_m[0, 0]
+    assert store.q_xx[0, 0] < LATERAL_SIGMA_M**2

@@ -1,0 +1,1 @@
+"""A frequency-modulated radar."""

@@ -1,0 +1,238 @@
+"""The range-Doppler map: echoes of all scatterers in every antenna, and noise.
+
+Instead of samples and their Fourier transform, each echo is added where the transform would show
+it: in the cells within reach of its main lobe, by the windows' response
+(:mod:`twin.sensors.radar.window`). A thread has a range cell of a slot and meets the echoes in
+their order, so the sums have one order on every device.
+
+Noise is a complex normal number per cell and antenna, by counter: with u and v uniform, its power
+is -ln u and its phase 2 pi v (Box and Muller 1958). A cell without echoes needs no phases, and
+its power over all antennas is -ln of a product of uniform numbers.
+"""
+
+from __future__ import annotations
+
+import math
+
+import warp as wp
+
+from twin.base.portable_math import portable_cos, portable_exp, portable_log, portable_sin
+from twin.render.noise import draw
+from twin.sensors.radar.echo import (
+    FAINT,
+    RadarEcho,
+    RadarModel,
+    RadarPose,
+    RadarSlot,
+    complex_product,
+)
+from twin.sensors.radar.window import REACH, STEPS
+
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
+
+_REACH = wp.constant(REACH)
+_STEPS = wp.constant(float(STEPS))
+_S32 = wp.constant(wp.uint64(32))
+_LOW = wp.constant(wp.uint64(0xFFFFFFFF))
+_UNIT = wp.constant(wp.float64(2.0**-32))
+_HALF = wp.constant(wp.float64(0.5))
+_ONE = wp.constant(wp.float64(1.0))
+_ZERO = wp.constant(wp.float64(0.0))
+_TWO_PI = wp.constant(wp.float64(2.0 * math.pi))
+
+
+@wp.func
+def window_at(window: wp.array(dtype=wp.float32), offset: wp.float32) -> wp.float32:
+    """Response ``offset`` cells from a tone, between the table's rows on straight lines."""
+    place = wp.abs(offset) * _STEPS
+    row = wp.int32(place)
+    share = place - wp.float32(row)
+    return window[row] * (1.0 - share) + window[row + 1] * share
+
+
+@wp.func
+def _add(
+    model: RadarModel,
+    echo: RadarEcho,
+    signal: wp.vec2,
+    slot: wp.int32,
+    speed: wp.int32,
+    row: wp.int32,
+    touched: wp.array3d(dtype=wp.uint8),
+    map_out: wp.array4d(dtype=wp.vec2),
+):
+    """Add ``signal`` to a cell of all antennas; the first echo there replaces what was."""
+    fresh = touched[slot, speed, row] == wp.uint8(0)
+    touched[slot, speed, row] = wp.uint8(1)
+    lower = signal
+    for a in range(model.columns):
+        if fresh:
+            map_out[slot, a, speed, row] = lower
+        else:
+            map_out[slot, a, speed, row] = map_out[slot, a, speed, row] + lower
+        lower = complex_product(lower, echo.step)
+    higher = complex_product(signal, echo.up)
+    for b in range(model.upper):
+        a = model.columns + b
+        if fresh:
+            map_out[slot, a, speed, row] = higher
+        else:
+            map_out[slot, a, speed, row] = map_out[slot, a, speed, row] + higher
+        higher = complex_product(higher, echo.step)
+
+
+@wp.kernel
+def map_kernel(
+    # model
+    model: RadarModel,
+    # state in
+    slots: wp.array(dtype=RadarSlot),
+    echoes: wp.array2d(dtype=RadarEcho),
+    # state in and out
+    touched: wp.array3d(dtype=wp.uint8),
+    # out
+    map_out: wp.array4d(dtype=wp.vec2),
+):
+    """Signals [S, antennas, speeds, ranges]; ``touched`` [S, speeds, ranges] must be zeros, and
+    cells where it stays 0 keep what was there."""
+    slot, row = wp.tid()
+    if slots[slot].active == 0:
+        return
+    for number in range(echoes.shape[1]):
+        if echoes[slot, number].power <= FAINT:
+            continue
+        offset = wp.float32(row) - echoes[slot, number].row
+        if wp.abs(offset) >= wp.float32(_REACH):
+            continue
+        echo = echoes[slot, number]
+        here = window_at(model.range_window, offset)
+        if echo.power * here * here <= FAINT:
+            continue
+        first = wp.int32(wp.floor(echo.column)) - _REACH + 1
+        for k in range(2 * _REACH):
+            speed = first + k
+            there = window_at(model.speed_window, wp.float32(speed) - echo.column) * here
+            if echo.power * there * there > FAINT:
+                cell = (speed + model.speeds) % model.speeds
+                _add(model, echo, echo.signal * there, slot, cell, row, touched, map_out)
+
+
+@wp.func
+def first_uniform(bits: wp.uint64) -> wp.float64:
+    """Uniform number in (0, 1) from the upper half of 64 bits."""
+    return (wp.float64(bits >> _S32) + _HALF) * _UNIT
+
+
+@wp.func
+def noise_of(bits: wp.uint64, variance: wp.float64) -> wp.vec2:
+    """Complex normal number of ``variance``."""
+    size = wp.sqrt(-variance * portable_log(first_uniform(bits)))
+    angle = _TWO_PI * (wp.float64(bits & _LOW) * _UNIT)
+    return wp.vec2(wp.float32(size * portable_cos(angle)), wp.float32(size * portable_sin(angle)))
+
+
+@wp.func
+def noise_bits(
+    model: RadarModel, state: RadarSlot, antenna: wp.int32, speed: wp.int32, row: wp.int32
+) -> wp.uint64:
+    """Random bits of a cell of an antenna."""
+    cell = (antenna * model.speeds + speed) * model.ranges + row
+    return draw(state.key, state.tick, cell)
+
+
+@wp.kernel
+def rain_kernel(
+    # model
+    model: RadarModel,
+    solid_angle: wp.float64,
+    fall: wp.float64,
+    # state in
+    slots: wp.array(dtype=RadarSlot),
+    poses: wp.array(dtype=RadarPose),
+    # out
+    near_out: wp.array2d(dtype=wp.float64),
+    speed_out: wp.array2d(dtype=wp.float64),
+):
+    """Echo of rain over thermal noise: by range cell [S, ranges], and its share of each speed cell
+    [S, speeds]. ``solid_angle``: of the two-way beam [sr]; ``fall``: standard deviation of the
+    drops' radial speeds [m/s]."""
+    slot, cell = wp.tid()
+    state = slots[slot]
+    if state.active == 0 or state.rain_echo <= _ZERO:
+        return
+    if cell < model.ranges:
+        far = (wp.float64(cell) + _HALF) * model.range_cell
+        volume = far * far * solid_angle * model.range_cell
+        weakened = portable_exp(-wp.float64(2.0) * state.attenuation * far)
+        square = far * far
+        near_out[slot, cell] = (
+            model.signal * state.rain_echo * volume * weakened / (square * square)
+        )
+    if cell < model.speeds:
+        pose = poses[slot]
+        ahead = wp.vec3d(pose.rotation[0, 0], pose.rotation[1, 0], pose.rotation[2, 0])
+        radial = -wp.dot(pose.velocity, ahead)
+        away = model.speed_min + wp.float64(cell) * model.speed_cell - radial
+        span = wp.float64(model.speeds) * model.speed_cell
+        away = away - span * wp.floor(away / span + _HALF)
+        sigmas = away / fall
+        share = portable_exp(-_HALF * sigmas * sigmas) / (fall * wp.sqrt(_TWO_PI))
+        speed_out[slot, cell] = share * model.speed_cell
+
+
+@wp.func
+def variance_of(
+    state: RadarSlot,
+    near: wp.array2d(dtype=wp.float64),
+    by_speed: wp.array2d(dtype=wp.float64),
+    slot: wp.int32,
+    speed: wp.int32,
+    row: wp.int32,
+) -> wp.float64:
+    """Power of thermal noise and rain in a cell of one antenna, over thermal noise [-]."""
+    if state.rain_echo <= _ZERO:
+        return _ONE
+    return _ONE + near[slot, row] * by_speed[slot, speed]
+
+
+@wp.kernel
+def power_kernel(
+    # model
+    model: RadarModel,
+    # state in
+    slots: wp.array(dtype=RadarSlot),
+    near: wp.array2d(dtype=wp.float64),
+    by_speed: wp.array2d(dtype=wp.float64),
+    touched: wp.array3d(dtype=wp.uint8),
+    signals: wp.array4d(dtype=wp.vec2),
+    # out
+    power_out: wp.array3d(dtype=wp.float32),
+):
+    """Mean power of the antennas over thermal noise [S, speeds, ranges]. Without noise its mean
+    takes its place."""
+    slot, speed, row = wp.tid()
+    state = slots[slot]
+    if state.active == 0:
+        return
+    antennas = model.columns + model.upper
+    there = touched[slot, speed, row] != wp.uint8(0)
+    total = _ZERO
+    if state.noise == 0:
+        total = wp.float64(antennas)
+        if there:
+            for a in range(antennas):
+                signal = signals[slot, a, speed, row]
+                total += wp.float64(wp.dot(signal, signal))
+    else:
+        variance = variance_of(state, near, by_speed, slot, speed, row)
+        if there:
+            for a in range(antennas):
+                bits = noise_bits(model, state, a, speed, row)
+                value = signals[slot, a, speed, row] + noise_of(bits, variance)
+                total += wp.float64(wp.dot(value, value))
+        else:
+            product = _ONE
+            for a in range(antennas):
+                product *= first_uniform(noise_bits(model, state, a, speed, row))
+            total = -variance * portable_log(product)
+    power_out[slot, speed, row] = wp.float32(total / wp.float64(antennas))
