@@ -65,15 +65,10 @@ HOMONYMS = {
         *("devkit/replaying/parity.py", "conductor/report/autodrive/importing.py"),
     ),
 }
-"""Files in which a bridge says where each reading goes, in which columns have their public names,
-that measure how fast a sensor is,
-or in which the same word means something else: the outermost element of a scenario file,
-weather families, rules of the planner, and the simulator of imported logs, which are called after
-AutoDRIVE, too."""
 """Files in which a bridge or a stack says where each reading goes, in which columns have their
-public names, or in which the same word means something else: the outermost element of a scenario
-file, weather families, rules of the planner, and the simulator of imported logs, which are
-called after AutoDRIVE, too."""
+public names, that measure how fast a sensor is, or in which the same word means something else: the
+outermost element of a scenario file, weather families, rules of the planner, and the simulator of
+imported logs, which are called after AutoDRIVE, too."""
 
 
 def home(kind) -> str:

@@ -85,8 +85,20 @@ def _instance_of(scene: RayScene, slot: wp.int32, at: ShadedPoint) -> wp.int32:
 
 
 @wp.func
-def _camera_axes(v: wp.vec3, pose: SlotPose) -> wp.vec3:
-    return wp.vec3(wp.dot(v, pose.right), wp.dot(v, pose.down), wp.dot(v, pose.ahead))
+def _semantic_of(scene: RayScene, at: ShadedPoint) -> wp.uint8:
+    kind = wp.int32(0)
+    if at.face >= 0:
+        kind = scene.faces[at.face].semantic
+    return wp.uint8(kind)
+
+
+@wp.func
+def _facing(at: ShadedPoint, pose: SlotPose) -> wp.vec3:
+    """Normal of what is seen in the camera's axes; zero where nothing is seen."""
+    n = wp.vec3(0.0, 0.0, 0.0)
+    if at.face >= 0:
+        n = wp.vec3(wp.dot(at.n, pose.right), wp.dot(at.n, pose.down), wp.dot(at.n, pose.ahead))
+    return n
 
 
 @cache
@@ -181,14 +193,9 @@ def picture_kernel(
         if wp.static(instance):
             out.instance[slot, row, column] = tag
         if wp.static(semantic):
-            kind = wp.int32(0)
-            if at.face >= 0:
-                kind = scene.faces[at.face].semantic
-            out.semantic[slot, row, column] = wp.uint8(kind)
+            out.semantic[slot, row, column] = _semantic_of(scene, at)
         if wp.static(normal):
-            facing = wp.vec3(0.0, 0.0, 0.0)
-            if at.face >= 0:
-                facing = _camera_axes(at.n, pose)
+            facing = _facing(at, pose)
             for k in range(3):
                 out.normal[slot, row, column, k] = facing[k]
         if wp.static(flow):
