@@ -20,6 +20,8 @@ _PEAKS_MAX = wp.constant(PEAKS_MAX)
 _GUARD, _RANK, _QUARTER = (wp.constant(n) for n in (GUARD, RANK, REFERENCES // 4))
 _SIXTEEN = wp.constant(REFERENCES // 2)
 
+References = wp.types.vector(length=REFERENCES, dtype=wp.float32)
+
 
 @wp.func
 def reference(
@@ -60,11 +62,13 @@ def exceeds(
 ) -> wp.bool:
     """Whether a cell is above ``factor`` times the level of its references."""
     limit = power[slot, speed, row] / factor
-    below = wp.int32(0)
+    above = wp.int32(0)
     for number in range(2 * _SIXTEEN):
-        if reference(power, slot, speed, row, number) < limit:
-            below += 1
-    return below >= _RANK
+        if reference(power, slot, speed, row, number) >= limit:
+            above += 1
+            if above > 2 * _SIXTEEN - _RANK:
+                return False
+    return True
 
 
 @wp.func
@@ -72,12 +76,15 @@ def level_of(
     power: wp.array3d(dtype=wp.float32), slot: wp.int32, speed: wp.int32, row: wp.int32
 ) -> wp.float32:
     """The k-th smallest reference of a cell."""
+    values = References()
+    for number in range(2 * _SIXTEEN):
+        values[number] = reference(power, slot, speed, row, number)
     level = wp.float32(0.0)
     for number in range(2 * _SIXTEEN):
-        value = reference(power, slot, speed, row, number)
+        value = values[number]
         smaller = wp.int32(0)
         for other in range(2 * _SIXTEEN):
-            against = reference(power, slot, speed, row, other)
+            against = values[other]
             if against < value or (against == value and other < number):
                 smaller += 1
         if smaller == _RANK - 1:

@@ -68,8 +68,15 @@ class RadarSensor:
 
         self._poses = empty((slots,), RadarPose)
         self.echoes = empty((slots, self._bodies + self._rays), RadarEcho)
-        self.touched = empty(cells, wp.uint8)
-        self.signals = empty((slots, profile.antennas, *cells[1:]), wp.vec2)
+        flat = math.prod(cells)
+        self.touched = empty((flat,), wp.uint8)
+        """1 where echoes were added [S x speeds x ranges]."""
+        self.signals = empty((flat, profile.antennas), wp.vec2)
+        """Signals of the antennas, there [S x speeds x ranges, antennas]."""
+        groups = -(-profile.samples // spectrum.GROUP)
+        self._group_count = empty((slots, groups), wp.int32)
+        self._group_first = empty((slots, groups), wp.int32)
+        self._members = empty((slots, 2 * self.echoes.shape[1]), wp.int32)
         self.power = empty(cells, wp.float32)
         """Range-Doppler map: mean power of the antennas over thermal noise."""
         self.alarm = empty(cells, wp.uint8)
@@ -161,10 +168,15 @@ class RadarSensor:
         model, launch = self.model, self._launch
         cells = (slots, profile.chirps, profile.samples)
         self.touched.zero_()
+        listed = [state, self.echoes]
+        groups = self._group_count.shape
+        launch(spectrum.group_kernel, groups, listed, [self._group_count])
+        members = [self._group_first, self._members]
+        launch(spectrum.member_kernel, groups, [*listed, self._group_count], members)
         launch(
             spectrum.map_kernel,
             (slots, profile.samples),
-            [model, state, self.echoes, self.touched],
+            [model, *listed, self._group_count, *members, self.touched],
             [self.signals],
         )
         rain = [model, self._solid_angle, DROP_SPREAD_MPS, state, self._poses]
