@@ -32,7 +32,7 @@ from twin.sensors.radar.echo import (
     power_of,
 )
 from twin.sensors.radar.profile import RadarProfile
-from twin.sensors.radar.spectrum import GAMMA_TRIES, first_uniform
+from twin.sensors.radar.spectrum import first_uniform
 from twin.world.meshes import materials
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
@@ -43,7 +43,6 @@ _ONE = wp.constant(wp.float64(1.0))
 _TWO = wp.constant(wp.float64(2.0))
 _UNIT = wp.constant(wp.float64(2.0**-32))
 _LOW = wp.constant(wp.uint64(0xFFFFFFFF))
-_TRIES = wp.constant(GAMMA_TRIES)
 _FLAT = wp.constant(wp.float64(0.02))
 _WET_LOSS = wp.constant(wp.float64(0.7))
 
@@ -147,8 +146,7 @@ def clutter_kernel_of(features: Features) -> wp.Kernel:
         echo = RadarEcho()
         if state.clutter != 0:
             # Counters beyond those of the map's noise.
-            antennas = model.columns + model.upper + 2 * _TRIES
-            cells = antennas * model.speeds * model.ranges
+            cells = (model.columns + model.upper + 1) * model.speeds * model.ranges
             bits = draw(state.key, state.tick, cells + 2 * ray)
             more = draw(state.key, state.tick, cells + 2 * ray + 1)
             column = ray / grid.upright

@@ -9,6 +9,7 @@ from __future__ import annotations
 import warp as wp
 
 from twin.sensors.radar.echo import RadarModel, RadarSlot
+from twin.sensors.radar.spectrum import SPEEDS
 from twin.sensors.radar.threshold import GUARD, RANK, REFERENCES
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
@@ -18,6 +19,7 @@ PEAKS_MAX = 512
 
 _PEAKS_MAX = wp.constant(PEAKS_MAX)
 _GUARD, _RANK, _QUARTER = (wp.constant(n) for n in (GUARD, RANK, REFERENCES // 4))
+_SPEEDS = wp.constant(SPEEDS)
 _SIXTEEN = wp.constant(REFERENCES // 2)
 
 References = wp.types.vector(length=REFERENCES, dtype=wp.float32)
@@ -120,17 +122,18 @@ def alarm_kernel(
     alarm_out: wp.array3d(dtype=wp.uint8),
 ):
     """1 where a cell is above its threshold [S, speeds, ranges]; ``peaks_only``: and no neighbour
-    is higher."""
-    slot, speed, row = wp.tid()
+    is higher. Threads over (slot, block of speeds, range)."""
+    slot, block, row = wp.tid()
     if slots[slot].active == 0:
         return
-    alarm = wp.uint8(0)
-    looked_at = row >= model.first_row and row <= model.last_row
-    if looked_at and peaks_only != 0:
-        looked_at = _highest(power, slot, speed, row)
-    if looked_at and exceeds(power, slot, speed, row, model.factor):
-        alarm = wp.uint8(1)
-    alarm_out[slot, speed, row] = alarm
+    for speed in range(block * _SPEEDS, wp.min((block + 1) * _SPEEDS, model.speeds)):
+        alarm = wp.uint8(0)
+        looked_at = row >= model.first_row and row <= model.last_row
+        if looked_at and peaks_only != 0:
+            looked_at = _highest(power, slot, speed, row)
+        if looked_at and exceeds(power, slot, speed, row, model.factor):
+            alarm = wp.uint8(1)
+        alarm_out[slot, speed, row] = alarm
 
 
 @wp.kernel

@@ -91,10 +91,9 @@ class RadarSensor:
         self.count = empty((slots,), wp.int32)
         self.scatter = radar_scatter.scatter_kernel_of(geometry.features)
         self.clutter = clutter_kernel_of(geometry.features)
-        for module in (radar_scatter, spectrum, peaks, detect):
-            wp.load_module(module, device=device)
-        for kernel in (self.scatter, self.clutter):
-            kernel.module.load(device)
+        modules = [wp.get_module(m.__name__) for m in (radar_scatter, spectrum, peaks, detect)]
+        # Side by side: they are compiled on first use.
+        wp.force_load(device, [*modules, self.scatter.module, self.clutter.module])
 
     def reset(self, slot: int, key: int, *, noise: bool = True) -> None:
         """A case begins in ``slot``, its random stream is ``key``; :meth:`mount` follows."""
@@ -166,7 +165,7 @@ class RadarSensor:
         """The range-Doppler map and its alarms, of :attr:`echoes`."""
         slots, profile, state = self.geometry.slots, self.profile, self.state.device
         model, launch = self.model, self._launch
-        cells = (slots, profile.chirps, profile.samples)
+        blocks = (slots, -(-profile.chirps // spectrum.SPEEDS), profile.samples)
         self.touched.zero_()
         listed = [state, self.echoes]
         groups = self._group_count.shape
@@ -182,18 +181,18 @@ class RadarSensor:
         rain = [model, self._solid_angle, DROP_SPREAD_MPS, state, self._poses]
         launch(
             spectrum.rain_kernel,
-            (slots, max(cells[1:])),
+            (slots, max(profile.chirps, profile.samples)),
             rain,
             [self._near, self._by_speed],
         )
         air = [self._near, self._by_speed]
         launch(
             spectrum.power_kernel,
-            cells,
+            blocks,
             [model, state, *air, self.touched, self.signals],
             [self.power],
         )
-        launch(peaks.alarm_kernel, cells, [model, int(peaks_only), state, self.power], [self.alarm])
+        launch(peaks.alarm_kernel, blocks, [model, int(peaks_only), state, self.power], [self.alarm])
 
     def _tell(self) -> None:
         """Peaks, their directions, and the strongest of them as rows."""

@@ -8,7 +8,7 @@ one order on every device.
 
 Noise is a complex normal number per cell and antenna, by counter: with u and v uniform, its power
 is -ln u and its phase 2 pi v (Box and Muller 1958). A cell without echoes needs no phases: its
-power over all M antennas is a gamma variable of shape M, drawn at once (Marsaglia and Tsang 2000).
+power over all M antennas is a gamma variable of shape M, drawn at once by a table of its quantiles.
 Where such a cell is a peak, its antennas get normal numbers scaled to that power, which is the same
 distribution: the direction of a vector of normal numbers does not depend on its length.
 """
@@ -29,17 +29,23 @@ from twin.sensors.radar.echo import (
     RadarSlot,
     complex_product,
 )
+from twin.sensors.radar.threshold import POWER_END, POWER_ROWS
 from twin.sensors.radar.window import REACH, STEPS
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 GROUP = 8
 """Range cells of a group in which echoes are listed."""
-GAMMA_TRIES = 4
-"""Tries of a gamma variable; the last counts whatever it is (once in 1e7 cells)."""
+SPEEDS = 8
+"""Speed cells of a thread: on a CPU a thread costs as much as a few cells."""
 
+_SPAN = wp.constant(2 * REACH)
+Cells = wp.types.vector(length=2 * REACH, dtype=wp.int32)
+Weights = wp.types.vector(length=2 * REACH, dtype=wp.float32)
+
+_SPEEDS = wp.constant(SPEEDS)
 _REACH = wp.constant(REACH)
-_GROUP, _TRIES = wp.constant(GROUP), wp.constant(GAMMA_TRIES)
+_GROUP, _ROWS = wp.constant(GROUP), wp.constant(POWER_ROWS)
 _STEPS = wp.constant(float(STEPS))
 _S32 = wp.constant(wp.uint64(32))
 _LOW = wp.constant(wp.uint64(0xFFFFFFFF))
@@ -48,9 +54,8 @@ _HALF = wp.constant(wp.float64(0.5))
 _ONE = wp.constant(wp.float64(1.0))
 _ZERO = wp.constant(wp.float64(0.0))
 _TWO = wp.constant(wp.float64(2.0))
-_THIRD = wp.constant(wp.float64(1.0 / 3.0))
-_SQUEEZE = wp.constant(wp.float64(0.0331))
-_LEAST = wp.constant(wp.float64(1.0e-3))
+_LN_2 = wp.constant(wp.float64(math.log(2.0)))
+_ROWS_PER_NEPER = wp.constant(wp.float64(POWER_ROWS / (POWER_END - math.log(2.0))))
 _TWO_PI = wp.constant(wp.float64(2.0 * math.pi))
 
 
@@ -118,26 +123,17 @@ def member_kernel(
 
 @wp.func
 def _add(
-    model: RadarModel,
-    echo: RadarEcho,
     signal: wp.vec2,
-    cell: wp.int32,
-    touched: wp.array(dtype=wp.uint8),
+    antenna: wp.int32,
+    cells: Cells,
+    weights: Weights,
     map_out: wp.array2d(dtype=wp.vec2),
 ):
-    """Add ``signal`` to a cell of all antennas; the first echo there replaces what was."""
-    if touched[cell] == wp.uint8(0):
-        touched[cell] = wp.uint8(1)
-        for a in range(model.columns + model.upper):
-            map_out[cell, a] = wp.vec2(0.0, 0.0)
-    lower = signal
-    for a in range(model.columns):
-        map_out[cell, a] = map_out[cell, a] + lower
-        lower = complex_product(lower, echo.step)
-    higher = complex_product(signal, echo.up)
-    for b in range(model.upper):
-        map_out[cell, model.columns + b] = map_out[cell, model.columns + b] + higher
-        higher = complex_product(higher, echo.step)
+    """Add ``signal`` to an antenna's cells, by their weights."""
+    for k in range(_SPAN):
+        if weights[k] != 0.0:
+            cell = cells[k]
+            map_out[cell, antenna] = map_out[cell, antenna] + signal * weights[k]
 
 
 @wp.kernel
@@ -172,13 +168,28 @@ def map_kernel(
         if echo.power * here * here <= FAINT:
             continue
         lowest = wp.int32(wp.floor(echo.column)) - _REACH + 1
-        for k in range(2 * _REACH):
+        cells = Cells()
+        weights = Weights()
+        for k in range(_SPAN):
             speed = lowest + k
             there = window_at(model.speed_window, wp.float32(speed) - echo.column) * here
             if echo.power * there * there > FAINT:
                 folded = (speed + model.speeds) % model.speeds
                 cell = cell_of(model, slot, folded, row)
-                _add(model, echo, echo.signal * there, cell, touched, map_out)
+                cells[k] = cell
+                weights[k] = there
+                if touched[cell] == wp.uint8(0):
+                    touched[cell] = wp.uint8(1)
+                    for a in range(model.columns + model.upper):
+                        map_out[cell, a] = wp.vec2(0.0, 0.0)
+        lower = echo.signal
+        for a in range(model.columns):
+            _add(lower, a, cells, weights, map_out)
+            lower = complex_product(lower, echo.step)
+        higher = complex_product(echo.signal, echo.up)
+        for b in range(model.upper):
+            _add(higher, model.columns + b, cells, weights, map_out)
+            higher = complex_product(higher, echo.step)
 
 
 @wp.func
@@ -266,28 +277,23 @@ def variance_of(
 
 
 @wp.func
-def gamma_of(model: RadarModel, state: RadarSlot, speed: wp.int32, row: wp.int32) -> wp.float64:
-    """Gamma variable whose shape is the number of antennas: d (1 + c x)^3 with a normal x, taken
-    if ln u < x^2 / 2 + d (1 - v + ln v)."""
+def power_of_noise(
+    model: RadarModel, state: RadarSlot, speed: wp.int32, row: wp.int32
+) -> wp.float64:
+    """Power of noise in all antennas of a cell without echoes, over that of one, in the mean."""
     antennas = model.columns + model.upper
-    d = wp.float64(antennas) - _THIRD
-    c = _THIRD / wp.sqrt(d)
-    value = d
-    for attempt in range(_TRIES):
-        first = noise_bits(model, state, antennas + 2 * attempt, speed, row)
-        second = noise_bits(model, state, antennas + 2 * attempt + 1, speed, row)
-        size = wp.sqrt(-_TWO * portable_log(first_uniform(first)))
-        x = size * portable_cos(_TWO_PI * (wp.float64(first & _LOW) * _UNIT))
-        base = wp.max(_ONE + c * x, _LEAST)
-        v = base * base * base
-        value = d * v
-        u = first_uniform(second)
-        square = x * x
-        if u < _ONE - _SQUEEZE * square * square:
-            break
-        if portable_log(u) < _HALF * square + d * (_ONE - v + portable_log(v)):
-            break
-    return value
+    uniform = first_uniform(noise_bits(model, state, antennas, speed, row))
+    first = wp.int32(0)
+    tail = uniform
+    if uniform > _HALF:
+        first = _ROWS + 1
+        tail = _ONE - uniform
+    place = (-portable_log(tail) - _LN_2) * _ROWS_PER_NEPER
+    at = wp.clamp(wp.int32(place), 0, _ROWS - 1)
+    share = place - wp.float64(at)
+    low = wp.float64(model.noise_power[first + at])
+    high = wp.float64(model.noise_power[first + at + 1])
+    return low + share * (high - low)
 
 
 @wp.kernel
@@ -303,29 +309,30 @@ def power_kernel(
     # out
     power_out: wp.array3d(dtype=wp.float32),
 ):
-    """Mean power of the antennas over thermal noise [S, speeds, ranges]. Without noise its mean
-    takes its place."""
-    slot, speed, row = wp.tid()
+    """Mean power of the antennas over thermal noise [S, speeds, ranges]; threads over (slot, block
+    of :data:`SPEEDS` speeds, range). Without noise its mean takes its place."""
+    slot, block, row = wp.tid()
     state = slots[slot]
     if state.active == 0:
         return
     antennas = model.columns + model.upper
-    cell = cell_of(model, slot, speed, row)
-    there = touched[cell] != wp.uint8(0)
-    total = _ZERO
-    if state.noise == 0:
-        total = wp.float64(antennas)
-        if there:
-            for a in range(antennas):
-                signal = signals[cell, a]
-                total += wp.float64(wp.dot(signal, signal))
-    else:
-        variance = variance_of(state, near, by_speed, slot, speed, row)
-        if there:
-            for a in range(antennas):
-                bits = noise_bits(model, state, a, speed, row)
-                value = signals[cell, a] + noise_of(bits, variance)
-                total += wp.float64(wp.dot(value, value))
+    for speed in range(block * _SPEEDS, wp.min((block + 1) * _SPEEDS, model.speeds)):
+        cell = cell_of(model, slot, speed, row)
+        there = touched[cell] != wp.uint8(0)
+        total = _ZERO
+        if state.noise == 0:
+            total = wp.float64(antennas)
+            if there:
+                for a in range(antennas):
+                    signal = signals[cell, a]
+                    total += wp.float64(wp.dot(signal, signal))
         else:
-            total = variance * gamma_of(model, state, speed, row)
-    power_out[slot, speed, row] = wp.float32(total / wp.float64(antennas))
+            variance = variance_of(state, near, by_speed, slot, speed, row)
+            if there:
+                for a in range(antennas):
+                    bits = noise_bits(model, state, a, speed, row)
+                    value = signals[cell, a] + noise_of(bits, variance)
+                    total += wp.float64(wp.dot(value, value))
+            else:
+                total = variance * power_of_noise(model, state, speed, row)
+        power_out[slot, speed, row] = wp.float32(total / wp.float64(antennas))
