@@ -192,7 +192,9 @@ class RadarSensor:
             [model, state, *air, self.touched, self.signals],
             [self.power],
         )
-        launch(peaks.alarm_kernel, blocks, [model, int(peaks_only), state, self.power], [self.alarm])
+        launch(
+            peaks.alarm_kernel, blocks, [model, int(peaks_only), state, self.power], [self.alarm]
+        )
 
     def _tell(self) -> None:
         """Peaks, their directions, and the strongest of them as rows."""
