@@ -53,7 +53,7 @@ class PointsLook(Struct, frozen=True):
     azimuth_rad: str
     """To the left of forward."""
     elevation_rad: str
-    """Upwards."""
+    """Upwards; empty: all lie level."""
     color: str
     """Colours the points: blue at the end of :attr:`span`, grey at 0, red at its beginning."""
     span: tuple[float, float]

@@ -18,7 +18,7 @@ _BOXES = (naming.DETECTIONS, naming.DETECTIONS_FAR, naming.TRIGGER, naming.TRUTH
 BACKGROUND = (18, 20, 25)
 SKY = (118, 138, 160)
 
-ABOVE_AHEAD_M, ABOVE_M = 35.0, 80.0
+ABOVE_AHEAD_M, ABOVE_M = 40.0, 65.0
 """Where the eye of the view from above is: before the ego, and over the road [m]."""
 
 WALL_SECONDS = 300
@@ -181,7 +181,7 @@ def _chase(lidars: Sequence[LidarSite]) -> rrb.Spatial3DView:
 
 
 def _from_above(rows: Sequence[str]) -> rrb.Spatial3DView:
-    """What sensors see by rows, from above, the way ahead of the ego up."""
+    """What sensors see by rows, from above, the way ahead of the ego to the right."""
     return rrb.Spatial3DView(
         origin=naming.EGO,
         name=f"{', '.join(rows)} from above".capitalize(),
@@ -196,7 +196,7 @@ def _from_above(rows: Sequence[str]) -> rrb.Spatial3DView:
         eye_controls=rrb.EyeControls3D(
             position=[ABOVE_AHEAD_M, 0.0, ABOVE_M],
             look_target=[ABOVE_AHEAD_M, 0.0, 0.0],
-            eye_up=[1.0, 0.0, 0.0],
+            eye_up=[0.0, 1.0, 0.0],
         ),
         line_grid=False,
         background=BACKGROUND,

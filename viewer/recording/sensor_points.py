@@ -7,13 +7,13 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import rerun as rr
 
-from schemas.kinds.sensor import PointsLook
 from schemas.wire.view import RowsSite, StateSample
+from twin.view.point_look import colors, places
 from viewer.recording import naming
 from viewer.recording.rows import EntityRows, rows_at
-from viewer.recording.scenery import BLUE, GREY, RED, Logged, rotation
+from viewer.recording.scenery import Logged, rotation
 
-POINT_RADIUS = 4.0
+POINT_RADIUS = 3.0
 """Of a point on the screen [points]."""
 
 
@@ -51,25 +51,6 @@ def _columns(site: RowsSite, rows: Sequence[list[list[float]]]) -> list[rr.Compo
     ).partition(counts)
     more = rr.AnyValues.columns(**named).partition(counts)
     return [*points, *more]
-
-
-def places(look: PointsLook, named: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Points in the sensor's axes, float64 [N, 3], of columns by name."""
-    distance, azimuth, elevation = (
-        named[name] for name in (look.range_m, look.azimuth_rad, look.elevation_rad)
-    )
-    level = distance * np.cos(elevation)
-    ahead, left = level * np.cos(azimuth), level * np.sin(azimuth)
-    return np.stack([ahead, left, distance * np.sin(elevation)], axis=1)
-
-
-def colors(look: PointsLook, named: Mapping[str, np.ndarray]) -> np.ndarray:
-    """uint8 [N, 3]: from red over grey at 0 to blue."""
-    low, high = look.span
-    stops = np.array([low, 0.0, high])
-    tones = np.array([RED, GREY, BLUE], float)
-    mixed = [np.interp(named[look.color], stops, tones[:, i]) for i in range(3)]
-    return np.rint(np.stack(mixed, axis=1)).astype(np.uint8)
 
 
 def _label(columns: Sequence[str], row: np.ndarray) -> str:
