@@ -89,6 +89,9 @@ class SensorKind:
     """With :attr:`points`: ``module:attribute`` of a function of a case and its vehicle that says
     where the sensor sits: x forward of the vehicle's reference point, y left, z up [m]; and its
     roll, pitch and yaw, as of :class:`schemas.sections.lidar.LidarMount` [deg]."""
+    memory: str = ""
+    """With ``rows_max``: ``module:attribute`` of a function of a case and its world that says what
+    a slot takes of a GPU besides the rows [bytes]; empty: nothing."""
     made_up: Callable[[MadeUpDrive], list[float] | list[list[float]]]
     """A row of the made-up drive; with ``rows_max``, rows."""
 

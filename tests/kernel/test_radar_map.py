@@ -4,11 +4,14 @@ import math
 
 import numpy as np
 import pytest
+import warp as wp
 from lidar_rigs import wall, world
 from radar_rigs import HEIGHT_M, RANGE, SNR, measure, radar, small_profile, vehicle_row
 
 from twin.sensors.radar.bodies import LOBE, Reflector
+from twin.sensors.radar.profile import load_radar_profile
 from twin.sensors.radar.rain import coefficients
+from twin.sensors.radar.sensor import bytes_per_slot
 from twin.sensors.radar.threshold import factor, false_alarms, level_mean
 from twin.sensors.radar.window import chebyshev
 
@@ -181,6 +184,18 @@ def test_a_wall_that_faces_the_radar_is_its_mirror_image():
         near_axis = echoes["power"] > 0
         sums.append((echoes["power"] / scale * (12.0 / np.maximum(far, 1.0)) ** 4)[near_axis].sum())
     assert 10 * np.log10(np.mean(sums) / (math.pi * 144.0 * 0.4)) == pytest.approx(0.0, abs=1.0)
+
+
+def test_the_memory_of_a_slot_is_what_is_allocated():
+    """Arrays of the slots are as long as there are slots, or a multiple."""
+    slots = 7
+    sensor = radar(reflectors=targets(), slots=slots)
+    shared = {"_templates", "_standing", "_surface"}
+    own = {k: a for k, a in vars(sensor).items() if isinstance(a, wp.array) and k not in shared}
+    assert all(a.shape[0] % slots == 0 for a in own.values())
+    bodies = sensor.echoes.shape[1] - PROFILE.rays[0] * PROFILE.rays[1]
+    assert sum(a.capacity for a in own.values()) == slots * bytes_per_slot(PROFILE, bodies)
+    assert 12e6 < bytes_per_slot(load_radar_profile("long_range"), 1000) < 13e6, "docs/limits.md"
 
 
 def test_products_and_sums_are_not_fused():

@@ -75,6 +75,7 @@ KIND = SensorKind(
         color="radial_speed_mps",
         span=(-15.0, 15.0),
     ),
+    memory="twin.sensors.radar.unit:bytes_of",
     site="twin.sensors.radar.unit:site_of",
     made_up=_made_up,
 )

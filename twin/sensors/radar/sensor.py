@@ -18,6 +18,7 @@ from twin.sensors.radar.echo import RadarEcho, RadarPose, RadarSlot, make_model
 from twin.sensors.radar.profile import RadarProfile
 from twin.sensors.radar.rain import attenuation_per_m, echo_per_m
 from twin.world.mirror import Mirror
+from twin.world.street.build import World
 
 DROP_SPREAD_MPS = 1.5
 """Standard deviation of the radial speeds of drops: wind and turbulence (inferred) [m/s]."""
@@ -231,6 +232,25 @@ class RadarSensor:
     def pull(self) -> tuple[np.ndarray, np.ndarray]:
         """Host arrays: detections float32 [S, N, 6] and count int32 [S]."""
         return self.rows.pull(), self.count.numpy()
+
+
+def bodies_in(world: World, objects: int) -> int:
+    """Bright points that may be in a world with so many movable objects."""
+    return len(standing(world)) + objects * TEMPLATE_ROWS
+
+
+def bytes_per_slot(profile: RadarProfile, bodies: int) -> int:
+    """Memory of a slot on the device besides its detections and state [bytes]."""
+    cells = profile.chirps * profile.samples
+    echoes = bodies + profile.rays[0] * profile.rays[1]
+    echo = np.dtype(RadarEcho.numpy_dtype()).itemsize
+    found = np.dtype(detect.RadarDetection.numpy_dtype()).itemsize
+    groups = -(-profile.samples // spectrum.GROUP)
+    by_cell = 1 + 8 * profile.antennas + 4 + 1
+    by_peak = 4 + detect.PER_PEAK * (found + 4)
+    by_line = 12 * profile.samples + 8 * profile.chirps + 8 * groups
+    pose = np.dtype(RadarPose.numpy_dtype()).itemsize
+    return cells * by_cell + echoes * (echo + 8) + peaks.PEAKS_MAX * by_peak + by_line + pose + 8
 
 
 def two_way_solid_angle(profile: RadarProfile) -> float:

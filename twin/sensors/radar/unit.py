@@ -9,11 +9,12 @@ from schemas.identity import stream_key
 from schemas.kinds.sensors.radar import COLUMNS, DETECTIONS_MAX, PROFILES
 from twin.sensors.data import SensorData
 from twin.sensors.radar.profile import load_radar_profile
-from twin.sensors.radar.sensor import RadarSensor
+from twin.sensors.radar.sensor import RadarSensor, bodies_in, bytes_per_slot
 from twin.sensors.ray_sensor import Moment, RayMount, Sight
 from twin.vehicle.vehicle_file import Vehicle
 from twin.world.sky.sun import Daylight
 from twin.world.sky.weather import WeatherParameters
+from twin.world.street.build import World
 
 
 def site_of(
@@ -27,6 +28,12 @@ def site_of(
     left_m = 0.0 if profile.yaw_deg == 0.0 else 0.4 * vehicle.width_m
     x_m, y_m, z_m = config.position_m or (front_m, left_m, profile.height_m)
     return (x_m, y_m, z_m), (0.0, 0.0, yaw_deg)
+
+
+def bytes_of(case: Case, world: World) -> int:
+    """What a slot's radar takes of a GPU besides its detections [bytes]."""
+    profile = load_radar_profile(case.variation.sensors.radar.profile)
+    return bytes_per_slot(profile, bodies_in(world, world.motion.count))
 
 
 class RadarUnit:
