@@ -118,8 +118,7 @@ def contact_sheet(
         street = (_OpenDrive if target.opendrive else _Street)(
             target, build_world(target), vehicle, camera, device
         )
-        if sensors:
-            street.carry(_case({"scene": road or scene, "vehicle": vehicle}, sensors))
+        street.carry({"scene": road or scene, "vehicle": vehicle}, sensors)
     street.stand(distance_m, at_m)
     rows = []
     for time in times:
@@ -330,8 +329,12 @@ class _Street:
         self._drawn: DrawnSensors | None = None
         self._speed_mps = 0.0
 
-    def carry(self, case: Case) -> None:
-        """Draw what the sensors of ``case`` see."""
+    def carry(self, scenario: Mapping[str, Any], sensors: Mapping[str, Mapping[str, Any]]) -> None:
+        """Draw what ``sensors`` see, if there are any, in the section ``scenario``."""
+        if sensors:
+            self._carry(_case(scenario, sensors))
+
+    def _carry(self, case: Case) -> None:
         self._drawn = DrawnSensors(case, self._car, self._scene, self._world, self._geometry)
 
     def stand(self, distance_m: float, at_m: float | None) -> None:
@@ -450,7 +453,7 @@ class _Moment(_Street):
         )
         super().__init__(target, world, vehicle, camera, device)
         if sensors:
-            self.carry(self._case)
+            self._carry(self._case)
 
     def stand(self, distance_m: float, at_m: float | None) -> None:  # noqa: ARG002 - it says where
         """Put the ego and all others where the scenario has them."""

@@ -48,8 +48,8 @@ def unfused(options: ast.expr | None) -> bool:
     """Whether a literal of options switches fusing off."""
     if not isinstance(options, ast.Dict):
         return False
-    pairs = {ast.unparse(k): ast.unparse(v) for k, v in zip(options.keys, options.values) if k}
-    return pairs.get("'fuse_fp'") == "False"
+    pairs = zip(options.keys, options.values, strict=True)
+    return any(k and (ast.unparse(k), ast.unparse(v)) == ("'fuse_fp'", "False") for k, v in pairs)
 
 
 def says_unfused(tree: ast.Module) -> bool:

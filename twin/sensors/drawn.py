@@ -11,6 +11,7 @@ import warp as wp
 
 from schemas.campaign import Camera
 from schemas.case import Case
+from schemas.kinds.point_look import colors, places
 from schemas.kinds.registry import implementation
 from schemas.kinds.sensor import SensorKind, drawn_kinds, sensor_kinds
 from schemas.messages import Lights
@@ -18,7 +19,6 @@ from schemas.sections.lens import CameraMount
 from twin.render.trace.geometry import Geometry
 from twin.sensors.ray_sensor import Moment, RayMount, RaySensor, Sight
 from twin.vehicle.vehicle_file import Vehicle
-from twin.view.point_look import colors, places
 from twin.world.scene import Scene
 from twin.world.sky.sun import Daylight
 from twin.world.sky.weather import WeatherParameters

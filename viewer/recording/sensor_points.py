@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import rerun as rr
 
+from schemas.kinds.point_look import colors, places
 from schemas.wire.view import RowsSite, StateSample
-from twin.view.point_look import colors, places
 from viewer.recording import naming
 from viewer.recording.rows import EntityRows, rows_at
 from viewer.recording.scenery import Logged, rotation

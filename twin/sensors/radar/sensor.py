@@ -10,7 +10,7 @@ import warp as wp
 from schemas.kinds.sensors.radar import COLUMNS, DETECTIONS_MAX
 from schemas.steady import steady
 from twin.render.trace.geometry import Geometry
-from twin.sensors.radar import detect, peaks, spectrum
+from twin.sensors.radar import detect, ghosts, peaks, spectrum
 from twin.sensors.radar import scatter as radar_scatter
 from twin.sensors.radar.bodies import TEMPLATE_ROWS, Reflector, Scatterer, standing, templates
 from twin.sensors.radar.clutter import clutter_kernel_of, make_grid, surfaces
@@ -57,7 +57,12 @@ class RadarSensor:
         self._templates = wp.array(templates(), dtype=Scatterer, device=device)
         still = standing(world, reflectors)
         self._standing = wp.array(still, dtype=Scatterer, device=device)
-        self._bodies = len(still) + geometry.scene.objects.shape[1] * TEMPLATE_ROWS
+        objects = geometry.scene.objects.shape[1]
+        self._bodies = len(still) + objects * TEMPLATE_ROWS
+        self._reflectors = len(reflectors)
+        self._mirrored = self._reflectors + objects * TEMPLATE_ROWS
+        self._ghosts = self._mirrored * ghosts.SIDES * ghosts.ECHOES
+        self._parked = world.cars
         self._grid = make_grid(profile, world.cars)
         self._rays = profile.rays[0] * profile.rays[1]
         self._surface = wp.array(surfaces(), dtype=wp.vec4d, device=device)
@@ -68,7 +73,8 @@ class RadarSensor:
             return wp.zeros(shape, dtype=dtype, device=device)
 
         self._poses = empty((slots,), RadarPose)
-        self.echoes = empty((slots, self._bodies + self._rays), RadarEcho)
+        self._walls = empty((slots, ghosts.SIDES), ghosts.RadarWall)
+        self.echoes = empty((slots, self._bodies + self._ghosts + self._rays), RadarEcho)
         flat = math.prod(cells)
         self.touched = empty((flat,), wp.uint8)
         """1 where echoes were added [S x speeds x ranges]."""
@@ -92,9 +98,16 @@ class RadarSensor:
         self.count = empty((slots,), wp.int32)
         self.scatter = radar_scatter.scatter_kernel_of(geometry.features)
         self.clutter = clutter_kernel_of(geometry.features)
+        self._wall = ghosts.wall_kernel_of(geometry.features)
+        self._ghost = ghosts.ghost_kernel_of(geometry.features)
+        self.unique = (self.scatter, self.clutter, self._wall, self._ghost)
+        """Kernels with modules of their own."""
+        self._compile()
+
+    def _compile(self) -> None:
+        """Compile on first use, the modules side by side."""
         modules = [wp.get_module(m.__name__) for m in (radar_scatter, spectrum, peaks, detect)]
-        # Side by side: they are compiled on first use.
-        wp.force_load(device, [*modules, self.scatter.module, self.clutter.module])
+        wp.force_load(self._device, [*modules, *(kernel.module for kernel in self.unique)])
 
     def reset(self, slot: int, key: int, *, noise: bool = True) -> None:
         """A case begins in ``slot``, its random stream is ``key``; :meth:`mount` follows."""
@@ -155,10 +168,28 @@ class RadarSensor:
                 [*fixed, *bodies, state, self._poses],
                 [self.echoes],
             )
+        if self._mirrored:
+            looking = [scene, self._parked, self._surface, state, self._poses]
+            launch(self._wall, slots, looking, [self._walls])
+            mirrored = [self._templates, self._standing, self.geometry.classes]
+            launch(
+                self._ghost,
+                (slots, self._mirrored, ghosts.SIDES),
+                [
+                    *fixed,
+                    *mirrored,
+                    state,
+                    self._poses,
+                    self._walls,
+                    self._reflectors,
+                    self._bodies,
+                ],
+                [self.echoes],
+            )
         launch(
             self.clutter,
             (slots, self._rays),
-            [*fixed, self._grid, self._surface, state, self._poses, self._bodies],
+            [*fixed, self._grid, self._surface, state, self._poses, self._bodies + self._ghosts],
             [self.echoes],
         )
 
@@ -235,8 +266,9 @@ class RadarSensor:
 
 
 def bodies_in(world: World, objects: int) -> int:
-    """Bright points that may be in a world with so many movable objects."""
-    return len(standing(world)) + objects * TEMPLATE_ROWS
+    """Bright points and ghosts that may be in a world with so many movable objects."""
+    moving = objects * TEMPLATE_ROWS
+    return len(standing(world)) + moving * (1 + ghosts.SIDES * ghosts.ECHOES)
 
 
 def bytes_per_slot(profile: RadarProfile, bodies: int) -> int:
@@ -249,8 +281,9 @@ def bytes_per_slot(profile: RadarProfile, bodies: int) -> int:
     by_cell = 1 + 8 * profile.antennas + 4 + 1
     by_peak = 4 + detect.PER_PEAK * (found + 4)
     by_line = 12 * profile.samples + 8 * profile.chirps + 8 * groups
-    pose = np.dtype(RadarPose.numpy_dtype()).itemsize
-    return cells * by_cell + echoes * (echo + 8) + peaks.PEAKS_MAX * by_peak + by_line + pose + 8
+    by_slot = np.dtype(RadarPose.numpy_dtype()).itemsize
+    by_slot += ghosts.SIDES * np.dtype(ghosts.RadarWall.numpy_dtype()).itemsize + 8
+    return cells * by_cell + echoes * (echo + 8) + peaks.PEAKS_MAX * by_peak + by_line + by_slot
 
 
 def two_way_solid_angle(profile: RadarProfile) -> float:

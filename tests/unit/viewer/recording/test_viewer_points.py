@@ -6,9 +6,9 @@ import pytest
 from test_viewer_convert import only, paths, values
 from view_messages import STAGE, start, state
 
+from schemas.kinds.point_look import colors, places
 from schemas.kinds.sensor import sensor_kinds
 from schemas.wire.view import RowsSite
-from twin.view.point_look import colors, places
 from viewer.recording import naming
 from viewer.recording.blueprint import case_blueprint
 from viewer.recording.convert import CaseConverter

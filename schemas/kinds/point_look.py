@@ -27,4 +27,4 @@ def colors(look: PointsLook, named: Mapping[str, np.ndarray]) -> np.ndarray:
     stops = np.array([low, 0.0, high])
     tones = np.array([AT_BEGINNING, AT_ZERO, AT_END], float)
     mixed = [np.interp(named[look.color], stops, tones[:, i]) for i in range(3)]
-    return np.rint(np.stack(mixed, axis=1)).astype(np.uint8)
+    return np.asarray(np.rint(np.stack(mixed, axis=1)), np.uint8)
