@@ -115,43 +115,38 @@ class LaneGraph:
         Raises:
             ValueError: a position lies on no lane.
         """
-        first, last = self._key(start), self._key(goal)
-        done: set[DrivenLane] = set()
-        heap: list[tuple[float, int, tuple[DrivenLane, ...], bool]] = []
-        for sign in self.signs(first):
-            driven = DrivenLane(first, sign)
-            if first == last and sign * (goal.s_m - start.s_m) >= 0.0:
-                step = RouteStep(driven, start.s_m, goal.s_m)
-                return LaneRoute((step,), abs(goal.s_m - start.s_m))
-            heapq.heappush(heap, (abs(self._end(driven) - start.s_m), 1, (driven,), False))
+        return self.ways_to(goal, types).route_from(start)
+
+    def ways_to(self, goal: LanePosition, types: frozenset[str] = DRIVEN_TYPES) -> WaysToPlace:
+        """The shortest ways to a place from the beginning of every lane: one search, backwards.
+
+        Args:
+            goal: where they end.
+            types: lanes they may use.
+
+        Raises:
+            ValueError: the position lies on no lane.
+        """
+        last = self.key(goal)
+        ways: dict[DrivenLane, Way] = {}
+        heap: list[Way] = []
+        for sign in self.signs(last):
+            driven = DrivenLane(last, sign)
+            heapq.heappush(heap, (abs(goal.s_m - self.begin(driven)), 1, (driven,)))
         while heap:
-            length, count, way, at_goal = heapq.heappop(heap)
-            if at_goal:
-                return self._as_route(way, start, goal, length)
-            for after in self.successors(way[-1]):
-                if after in done or self._lane(after.key).type not in types:
-                    continue
-                begin = self._end(DrivenLane(after.key, -after.sign))
-                if after.key == last:
-                    to_goal = length + abs(goal.s_m - begin)
-                    heapq.heappush(heap, (to_goal, count + 1, (*way, after), True))
-                to_end = length + abs(self._end(after) - begin)
-                heapq.heappush(heap, (to_end, count + 1, (*way, after), False))
-            done.update(self.successors(way[-1]))
-        return None
+            length, count, lanes = heapq.heappop(heap)
+            driven = lanes[0]
+            if driven in ways or self._lane(driven.key).type not in types:
+                continue
+            ways[driven] = (length, count, lanes)
+            for before in self.predecessors(driven):
+                if before not in ways:
+                    whole = abs(self.end(before) - self.begin(before))
+                    heapq.heappush(heap, (whole + length, count + 1, (before, *lanes)))
+        return WaysToPlace(self, goal, last, ways)
 
-    def _as_route(
-        self, way: tuple[DrivenLane, ...], start: LanePosition, goal: LanePosition, length_m: float
-    ) -> LaneRoute:
-        steps = []
-        for index, driven in enumerate(way):
-            begin = self._end(DrivenLane(driven.key, -driven.sign))
-            from_s = start.s_m if index == 0 else begin
-            to_s = goal.s_m if index == len(way) - 1 else self._end(driven)
-            steps.append(RouteStep(driven, from_s, to_s))
-        return LaneRoute(tuple(steps), length_m)
-
-    def _key(self, position: LanePosition) -> LaneKey:
+    def key(self, position: LanePosition) -> LaneKey:
+        """The lane of a position; ValueError: there is none."""
         road = self.network.roads.get(position.road)
         if road is None:
             raise ValueError(f"road {position.road[:40]} does not exist")
@@ -172,10 +167,64 @@ class LaneGraph:
         assert lane is not None
         return lane
 
-    def _end(self, driven: DrivenLane) -> float:
+    def begin(self, driven: DrivenLane) -> float:
+        """Station at which a driven lane begins."""
+        return self.end(DrivenLane(driven.key, -driven.sign))
+
+    def end(self, driven: DrivenLane) -> float:
         """Station at which a driven lane ends."""
         section: LaneSection = self.network.roads[driven.key.road].sections[driven.key.section]
         return section.end_m if driven.sign > 0 else section.start_m
+
+
+Way = tuple[float, int, tuple[DrivenLane, ...]]
+"""Length [m], number of lanes and lanes: the order in which ways are preferred."""
+
+
+@dataclass(frozen=True, slots=True)
+class WaysToPlace:
+    """The shortest ways to one place; make it with :meth:`LaneGraph.ways_to`."""
+
+    graph: LaneGraph
+    goal: LanePosition
+    last: LaneKey
+    """The lane that the place lies on."""
+    ways: dict[DrivenLane, Way]
+    """From the beginning of each lane that leads there and may be used."""
+
+    def route_from(self, start: LanePosition) -> LaneRoute | None:
+        """The shortest way from a place; its own lane may be of any type. None: there is none.
+
+        Raises:
+            ValueError: the position lies on no lane.
+        """
+        graph, goal_s_m = self.graph, self.goal.s_m
+        first = graph.key(start)
+        best: Way | None = None
+        for sign in graph.signs(first):
+            driven = DrivenLane(first, sign)
+            if first == self.last and sign * (goal_s_m - start.s_m) >= 0.0:
+                step = RouteStep(driven, start.s_m, goal_s_m)
+                return LaneRoute((step,), abs(goal_s_m - start.s_m))
+            to_end = abs(graph.end(driven) - start.s_m)
+            for after in graph.successors(driven):
+                if after in self.ways:
+                    length, count, lanes = self.ways[after]
+                    way = (to_end + length, count + 1, (driven, *lanes))
+                    best = way if best is None else min(best, way)
+        return None if best is None else self._as_route(best, start)
+
+    def _as_route(self, way: Way, start: LanePosition) -> LaneRoute:
+        length_m, count, lanes = way
+        steps = [
+            RouteStep(
+                driven,
+                start.s_m if index == 0 else self.graph.begin(driven),
+                self.goal.s_m if index == count - 1 else self.graph.end(driven),
+            )
+            for index, driven in enumerate(lanes)
+        ]
+        return LaneRoute(tuple(steps), length_m)
 
 
 _Joint = tuple[tuple[LaneKey, ContactPoint], tuple[LaneKey, ContactPoint]]
