@@ -239,7 +239,10 @@ def test_an_arrival_with_its_final_speed(tmp_path: Path, final: str, expected: t
     assert (action.master, action.tolerance_master_m, action.tolerance_m) == (1, 0.5, 0.25)
 
 
-LIGHT = "<PrivateAction><AppearanceAction><LightStateAction>{}</LightStateAction></AppearanceAction></PrivateAction>"
+LIGHT = (
+    "<PrivateAction><AppearanceAction><LightStateAction>{}</LightStateAction></AppearanceAction>"
+    "</PrivateAction>"
+)
 NOTED = [
     (
         _controller('<ActivateControllerAction controllerRef="c" lateral="true"/>'),
