@@ -5,7 +5,7 @@ from __future__ import annotations
 import heapq
 import itertools
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from twin.road.opendrive.records import (
@@ -118,7 +118,7 @@ class LaneGraph:
         return self.ways_to(goal, types).route_from(start)
 
     def ways_to(self, goal: LanePosition, types: frozenset[str] = DRIVEN_TYPES) -> WaysToPlace:
-        """The shortest ways to a place from the beginning of every lane: one search, backwards.
+        """The shortest ways to a place: one search for all starts, backwards.
 
         Args:
             goal: where they end.
@@ -128,22 +128,11 @@ class LaneGraph:
             ValueError: the position lies on no lane.
         """
         last = self.key(goal)
-        ways: dict[DrivenLane, Way] = {}
-        heap: list[Way] = []
+        heap: list[_Way] = []
         for sign in self.signs(last):
             driven = DrivenLane(last, sign)
-            heapq.heappush(heap, (abs(goal.s_m - self.begin(driven)), 1, (driven,)))
-        while heap:
-            length, count, lanes = heapq.heappop(heap)
-            driven = lanes[0]
-            if driven in ways or self._lane(driven.key).type not in types:
-                continue
-            ways[driven] = (length, count, lanes)
-            for before in self.predecessors(driven):
-                if before not in ways:
-                    whole = abs(self.end(before) - self.begin(before))
-                    heapq.heappush(heap, (whole + length, count + 1, (before, *lanes)))
-        return WaysToPlace(self, goal, last, ways)
+            heapq.heappush(heap, (abs(goal.s_m - self.begin(driven)), 1, (driven, ())))
+        return WaysToPlace(self, goal, last, types, heap)
 
     def key(self, position: LanePosition) -> LaneKey:
         """The lane of a position; ValueError: there is none."""
@@ -162,7 +151,8 @@ class LaneGraph:
             )
         return LaneKey(road.id, index, position.lane)
 
-    def _lane(self, key: LaneKey) -> Lane:
+    def lane(self, key: LaneKey) -> Lane:
+        """The record of a lane."""
         lane = self.network.roads[key.road].sections[key.section].lane(key.lane)
         assert lane is not None
         return lane
@@ -177,20 +167,26 @@ class LaneGraph:
         return section.end_m if driven.sign > 0 else section.start_m
 
 
-Way = tuple[float, int, tuple[DrivenLane, ...]]
+_Lanes = tuple[DrivenLane, "_Lanes"] | tuple[()]
+"""A lane and those after it, shared by all ways that end alike."""
+_Way = tuple[float, int, _Lanes]
 """Length [m], number of lanes and lanes: the order in which ways are preferred."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class WaysToPlace:
-    """The shortest ways to one place; make it with :meth:`LaneGraph.ways_to`."""
+    """The shortest ways to one place, searched as far as they are asked for; make it with
+    :meth:`LaneGraph.ways_to`."""
 
     graph: LaneGraph
     goal: LanePosition
     last: LaneKey
     """The lane that the place lies on."""
-    ways: dict[DrivenLane, Way]
-    """From the beginning of each lane that leads there and may be used."""
+    types: frozenset[str]
+    heap: list[_Way]
+    """Ways that were met and may not be the shortest of their first lanes."""
+    ways: dict[DrivenLane, _Way] = field(default_factory=dict)
+    """The shortest from the beginning of a lane."""
 
     def route_from(self, start: LanePosition) -> LaneRoute | None:
         """The shortest way from a place; its own lane may be of any type. None: there is none.
@@ -198,32 +194,54 @@ class WaysToPlace:
         Raises:
             ValueError: the position lies on no lane.
         """
-        graph, goal_s_m = self.graph, self.goal.s_m
-        first = graph.key(start)
-        best: Way | None = None
-        for sign in graph.signs(first):
+        first = self.graph.key(start)
+        nexts: list[tuple[float, DrivenLane, DrivenLane]] = []
+        for sign in self.graph.signs(first):
             driven = DrivenLane(first, sign)
-            if first == self.last and sign * (goal_s_m - start.s_m) >= 0.0:
-                step = RouteStep(driven, start.s_m, goal_s_m)
-                return LaneRoute((step,), abs(goal_s_m - start.s_m))
-            to_end = abs(graph.end(driven) - start.s_m)
-            for after in graph.successors(driven):
+            if first == self.last and sign * (self.goal.s_m - start.s_m) >= 0.0:
+                step = RouteStep(driven, start.s_m, self.goal.s_m)
+                return LaneRoute((step,), abs(self.goal.s_m - start.s_m))
+            to_end = abs(self.graph.end(driven) - start.s_m)
+            nexts += [(to_end, driven, after) for after in self.graph.successors(driven)]
+        nearest = min((to_end for to_end, *_ in nexts), default=0.0)
+        best: _Way | None = None
+        while nexts:
+            for to_end, driven, after in nexts:
                 if after in self.ways:
                     length, count, lanes = self.ways[after]
-                    way = (to_end + length, count + 1, (driven, *lanes))
+                    way: _Way = (to_end + length, count + 1, (driven, lanes))
                     best = way if best is None else min(best, way)
+            nexts = [each for each in nexts if each[2] not in self.ways]
+            if not self.heap or (best is not None and nearest + self.heap[0][0] > best[0]):
+                break
+            self._settle({after for *_, after in nexts})
         return None if best is None else self._as_route(best, start)
 
-    def _as_route(self, way: Way, start: LanePosition) -> LaneRoute:
-        length_m, count, lanes = way
-        steps = [
-            RouteStep(
-                driven,
-                start.s_m if index == 0 else self.graph.begin(driven),
-                self.goal.s_m if index == count - 1 else self.graph.end(driven),
-            )
-            for index, driven in enumerate(lanes)
-        ]
+    def _settle(self, wanted: set[DrivenLane]) -> None:
+        """Search on until the shortest way of one more of these lanes is known, or none is left."""
+        graph, types = self.graph, self.types
+        while self.heap:
+            length, count, lanes = heapq.heappop(self.heap)
+            assert lanes
+            driven = lanes[0]
+            if driven in self.ways or graph.lane(driven.key).type not in types:
+                continue
+            self.ways[driven] = (length, count, lanes)
+            for before in graph.predecessors(driven):
+                if before not in self.ways:
+                    whole = abs(graph.end(before) - graph.begin(before))
+                    heapq.heappush(self.heap, (whole + length, count + 1, (before, lanes)))
+            if driven in wanted:
+                return
+
+    def _as_route(self, way: _Way, start: LanePosition) -> LaneRoute:
+        length_m, _, lanes = way
+        steps: list[RouteStep] = []
+        while lanes:
+            driven, lanes = lanes
+            from_s = self.graph.begin(driven) if steps else start.s_m
+            to_s = self.graph.end(driven) if lanes else self.goal.s_m
+            steps.append(RouteStep(driven, from_s, to_s))
         return LaneRoute(tuple(steps), length_m)
 
 
