@@ -87,6 +87,13 @@ class EgoStart(_Section, frozen=True, kw_only=True):
     """Speed at the start [m/s]."""
     turns: list[Turn] = field(default_factory=list)
     """What it does at one junction after the other; not given: the straightest way."""
+    behaviour: Literal["idm"] | None = None
+    """Driver model that drives it as long as the scenario does, which is for a robot
+    (`scenario.driver`); not given: it keeps its speed and lane."""
+    idm: IdmSettings | None = None
+
+    def __post_init__(self) -> None:
+        _check_idm(self)
 
 
 class ActorStart(_Section, frozen=True, kw_only=True):
@@ -148,8 +155,7 @@ class ActorStart(_Section, frozen=True, kw_only=True):
             return
         _exactly_one(self, ("lane", "footway", "parked", "shoulder", "lateral_m"))
         _exactly_one(self, ("s_m", "ahead_m", "ahead_s", "behind_m"))
-        if self.idm is not None and self.behaviour != "idm":
-            raise ValueError("idm sets up `behaviour: idm`, which is not given")
+        _check_idm(self)
         if self.parked is not None and self.speed_mps > 0.0:
             raise ValueError("what is parked stands: leave speed_mps out, or give a lane")
 
@@ -228,6 +234,11 @@ class NativeScenario(_Section, frozen=True, kw_only=True):
     def __post_init__(self) -> None:
         if "ego" in self.actors:
             raise ValueError("actors: 'ego' has a section of its own; use another name")
+
+
+def _check_idm(start: EgoStart | ActorStart) -> None:
+    if start.idm is not None and start.behaviour != "idm":
+        raise ValueError("idm sets up `behaviour: idm`, which is not given")
 
 
 def _exactly_one(start: ActorStart, names: tuple[str, ...]) -> None:

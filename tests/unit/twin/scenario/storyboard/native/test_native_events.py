@@ -417,7 +417,7 @@ def test_a_scenario_without_events_is_one_element(tmp_path):
             "events.a.do.van.arrive: the ways of 'van' and 'ego' do n",
         ),
         ("a: {do: {van: {arrive: {meet: x}}}}", "events.a.do.van.arrive.meet: no other actor 'x';"),
-        ("a: {do: {ego: {behaviour: idm}}}", "events.a.do.ego.behaviour: the ego has no driver mo"),
+        ("a: {do: {ego: {behaviour: idm}}}", "events.a.do.ego.behaviour: an event leaves the ego"),
         (
             "a: {when: {bus: {stands_s: 1}}, do: {van: {stop: true}}}",
             "events.a.when.bus: no actor 'bus'; allowed: ego, van",
