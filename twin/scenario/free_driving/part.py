@@ -112,7 +112,7 @@ def shipped_files() -> dict[str, bytes]:
         head = (
             f"# Free driving on a {road_class.name}{' road' if name.endswith('rural') else ''}: "
             f"{road_class.about}.\n#\n"
-            "# Written, with its road, by `python -m twin.scenario.free_driving.part` from a seed.\n"
+            "# Written with its road by `python -m twin.scenario.free_driving.part`, from a seed.\n"
             "# A robot follows the others at the road's speeds; nothing calls for a full braking.\n"
         )
         files[f"{name}.yaml"] = head.encode() + _text(data)
