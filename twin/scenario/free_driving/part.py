@@ -93,6 +93,7 @@ def _campaign(commit: str, part: int, seed: int, cases: list[dict[str, Any]]) ->
                 "yolov3-tiny-w25": {"type": "network", "model": "yolov3-tiny-w25"},
             },
         },
+        "recording": {"keep": "failed"},
         "cases": cases,
     }
 
