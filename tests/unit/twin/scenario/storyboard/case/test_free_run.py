@@ -174,9 +174,9 @@ def test_in_a_rig_a_full_braking_ends_the_case_and_a_partial_one_does_not(tmp_pa
 
 
 def test_in_a_rig_truth_sees_who_stands_in_the_way(tmp_path):
-    far = drive(case_of(tmp_path, numbers={"ego.lane": 1}), 1.0)
+    far = drive(case_of(tmp_path, numbers={"ego.lane": 1, "actors.stands.s_m": 125}), 1.0)
     ttc = far.table.columns["way_ttc_s"]
-    gap_m = 150 - 60 - 0.5 * (4.5 + 5.17)
+    gap_m = 125 - 60 - 0.5 * (4.5 + 5.17)
     assert ttc.values[0] == pytest.approx(gap_m / 25, abs=0.02)
     assert far.verdict == "pass"
     assert far.scalars["full_braking_ttc_s"] < 3.0
