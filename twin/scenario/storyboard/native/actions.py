@@ -135,12 +135,11 @@ class ActionCompiler:
             if start.curve is not None:
                 follow = self.mistakes.attempt(path, partial(self._curve, name, start.curve))
                 actions += [follow] if follow else []
-            if isinstance(start, ActorStart):
-                if start.behaviour == "idm":
-                    self._check_driver(f"{path}.behaviour", start)
-                    actions.append(self._model(name, start))
-                if not start.visible:
-                    actions.append(records.VisibilityAction(False, False, False))
+            if start.behaviour == "idm":
+                self._check_driver(f"{path}.behaviour", start)
+                actions.append(self._model(path, start))
+            if isinstance(start, ActorStart) and not start.visible:
+                actions.append(records.VisibilityAction(False, False, False))
             self.courses[name].moves = start.speed_mps > 0.0
             first[name] = actions
         return first
@@ -183,12 +182,12 @@ class ActionCompiler:
         self.routes.append(route_of(name, legs))
         return records.AssignRouteAction(len(self.routes) - 1)
 
-    def _model(self, name: str, start: ActorStart) -> records.ControllerAction:
+    def _model(self, path: str, start: EgoStart | ActorStart) -> records.ControllerAction:
         settings = start.idm or IdmSettings()
         speed = settings.desired_speed_mps or start.speed_mps
         if speed <= 0.0:
-            path = f"actors.{name}.idm.desired_speed_mps"
-            self.mistakes.add(path, "needed of an actor that stands at the start")
+            where = f"{path}.idm.desired_speed_mps"
+            self.mistakes.add(where, "needed of an actor that stands at the start")
         self.models.append(
             DriverModel(
                 desired_speed_mps=speed,
@@ -201,7 +200,9 @@ class ActionCompiler:
         )
         return records.ControllerAction(settings.changes_lanes, True, len(self.models) - 1)
 
-    def _check_driver(self, path: str, start: ActorStart) -> None:
+    def _check_driver(self, path: str, start: EgoStart | ActorStart) -> None:
+        if isinstance(start, EgoStart):
+            return
         if start.kind in WALKERS or start.lane is None:
             words = f"of kind {start.kind}" if start.kind in WALKERS else "without a lane"
             self.mistakes.add(path, f"no driver model moves an actor {words}")
@@ -378,12 +379,14 @@ class ActionCompiler:
         actions: list[tuple[str, PrivateAction]] = []
         start = self.scenario.actors.get(name)
         if orders.behaviour is not None and start is None:
-            self.mistakes.add(f"{path}.behaviour", "the ego has no driver model")
+            self.mistakes.add(
+                f"{path}.behaviour", "an event leaves the ego its driver model: give ego.behaviour"
+            )
         elif orders.behaviour == "none":
             actions.append(("behaviour", records.ControllerAction(False, False)))
         elif orders.behaviour == "idm" and start is not None:
             self._check_driver(f"{path}.behaviour", start)
-            actions.append(("behaviour", self._model(name, start)))
+            actions.append(("behaviour", self._model(f"actors.{name}", start)))
         if orders.lamps is not None:
             if start is not None and start.kind in WALKERS:
                 self.mistakes.add(f"{path}.lamps", f"an actor of kind {start.kind} has no lamps")

@@ -91,9 +91,14 @@ class EgoStart(_Section, frozen=True, kw_only=True):
     """Line that its origin follows from the start, in pieces that each have a length and the
     curvature at their beginning and end, to the left positive [m, 1/m, 1/m]; then it goes on
     along the road."""
+    behaviour: Literal["idm"] | None = None
+    """Driver model that drives it as long as the scenario does, which is for a robot
+    (`scenario.driver`); not given: it keeps its speed and lane."""
+    idm: IdmSettings | None = None
 
     def __post_init__(self) -> None:
-        _curve_alone(self, ("turns",))
+        _curve_alone(self, ("turns", "behaviour"))
+        _check_idm(self)
 
 
 class ActorStart(_Section, frozen=True, kw_only=True):
@@ -160,8 +165,7 @@ class ActorStart(_Section, frozen=True, kw_only=True):
         _exactly_one(self, ("lane", "footway", "parked", "shoulder", "lateral_m"))
         _exactly_one(self, ("s_m", "ahead_m", "ahead_s", "behind_m"))
         _curve_alone(self, ("turns", "behaviour", "heading_deg", "parked"))
-        if self.idm is not None and self.behaviour != "idm":
-            raise ValueError("idm sets up `behaviour: idm`, which is not given")
+        _check_idm(self)
         if self.parked is not None and self.speed_mps > 0.0:
             raise ValueError("what is parked stands: leave speed_mps out, or give a lane")
 
@@ -247,6 +251,11 @@ def _curve_alone(start: EgoStart | ActorStart, names: tuple[str, ...]) -> None:
     for name in names:
         if start.curve is not None and getattr(start, name):
             raise ValueError(f"given curve and {name}: give one")
+
+
+def _check_idm(start: EgoStart | ActorStart) -> None:
+    if start.idm is not None and start.behaviour != "idm":
+        raise ValueError("idm sets up `behaviour: idm`, which is not given")
 
 
 def _exactly_one(start: ActorStart, names: tuple[str, ...]) -> None:
