@@ -26,6 +26,10 @@ SLACK_MPS = 0.5
 """Difference of two speeds that counts as none [m/s]."""
 SIGHTINGS_MIN = 3
 """Fewest sightings by one sensor of what counts: two give no speed."""
+RIPE_S = 0.3
+"""A younger track whose speed is not known might be as fast as the car [s]."""
+KNOWN_VARIANCE = 2.0
+"""Variance of a speed that is known [m^2/s^2]."""
 RECENT_S = 0.5
 """Sensors agree on a track that each of them has seen so lately [s]."""
 FREE_MARGIN_M = 2.0
@@ -94,6 +98,10 @@ def find_threats(
     places = np.minimum(tracks.lidar.age_s, tracks.radar.age_s) < RECENT_S
     sightings = np.maximum(tracks.lidar.hits, np.maximum(tracks.radar.hits, tracks.camera.hits))
     in_way &= sightings >= SIGHTINGS_MIN
+    # Pedestrians are slow: to take them for standing is no great mistake.
+    in_way &= (
+        (tracks.age_s > RIPE_S) | (tracks.p_vv < KNOWN_VARIANCE) | _is_any(tracks.label, _PERSONS)
+    )
     sure = tracks.probability > staging.single_probability
     # What radar alone sees standing are manhole covers, bridges and mirrors as often as cars.
     trusted = camera | (tracks.lidar.age_s < RECENT_S) | (places & (vx != 0.0))

@@ -2,8 +2,9 @@
 
 The state of a track is the middle of its near end in the car's axes, and its velocity over ground
 along them, with a turn rate beside it. Per axis a constant-velocity filter (Bar-Shalom, Li and
-Kirubarajan 2001, 6.2.2), whose velocity turns; the car's own motion moves the axes. Products are written out and nothing is summed across arrays, so a
-slot's numbers do not depend on how many there are.
+Kirubarajan 2001, 6.2.2), whose velocity turns; the car's own motion moves the axes. Products are
+written out and nothing is summed across arrays, so a slot's numbers do not depend on how many there
+are.
 """
 
 from __future__ import annotations
