@@ -103,7 +103,7 @@ class StagingParameters(Struct, frozen=True, forbid_unknown_fields=True):
     """A car that has stopped drives on when its path was free for so long [s], 0 to 60."""
     crossing_s: Annotated[float, Meta(ge=0, le=10)] = 3.0
     """How far ahead the way of those who cross is foreseen [s], 0 to 10."""
-    crossing_deceleration_mps2: Annotated[float, Meta(gt=0, le=10)] = 4.0
+    crossing_deceleration_mps2: Annotated[float, Meta(gt=0, le=10)] = 5.0
     """Deceleration that would still stop the car in time, from which on it brakes for who is beside
     the path and will cross it [m/s^2], above 0 to 10."""
 
