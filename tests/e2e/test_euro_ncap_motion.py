@@ -1,9 +1,10 @@
 """Scenarios of ``euro-ncap-2026`` move as the unchanged files of others do.
 
-Every row is played beside the permutations that it stands for. The car there is a Golf: where our
-numbers are for the shipped car, they are set to what they are for that one. Compared is how far the
-target is at each time until both would have met, and where parked cars stand: of targets that cross
-seen from the ego's front at the beginning, of those in its lane from where they start.
+Every row is played beside the permutations that it stands for. The car there is a Golf: it is the
+ego, and where our numbers are for the shipped car, they are set to what they are for that one.
+Compared is how far the target is at each time until both would have met, and where parked cars
+stand: of targets that cross seen from the ego's front at the beginning, of those in its lane from
+where they start.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -27,6 +29,7 @@ from twin.scenario.storyboard.compile.compiler import RoadCache, compile_scenari
 from twin.scenario.storyboard.openscenario.scenario import expand
 from twin.scenario.storyboard.program.entities import StoryboardEntity
 from twin.scenario.storyboard.program.program import Program
+from twin.vehicle.vehicle_file import load_vehicle
 from twin.world.road_scene import road_map
 
 FOLDER = (
@@ -39,8 +42,9 @@ pytestmark = [
     pytest.mark.slow,
     pytest.mark.skipif(not FOLDER.is_dir(), reason=f"no scenario files at {FOLDER}"),
 ]
-WIDTH_M, FRONT_M = 1.815, 1.349 + 4.358 / 2
-"""The Golf: width, and way from its rear axle to its front [m]."""
+LENGTH_M, WIDTH_M, CENTRE_M = 4.358, 1.815, 1.349
+FRONT_M = CENTRE_M + LENGTH_M / 2
+"""The Golf: length, width, way from its rear axle to its middle and its front [m]."""
 BASES = {
     name: name.upper().replace("-", "_")
     for name in (
@@ -100,7 +104,7 @@ def location_of(row: str) -> int:
     return 25 if "fcw" in row else 50
 
 
-def golf_numbers(case: Case, row: str, ego_length_m: float) -> dict[str, float]:
+def golf_numbers(case: Case, row: str) -> dict[str, float]:
     """Numbers of a case for the Golf."""
     numbers = dict(case.variation.scenario.numbers)
     offset_m = WIDTH_M * (location_of(row) / 100 - 0.5)
@@ -109,7 +113,7 @@ def golf_numbers(case: Case, row: str, ego_length_m: float) -> dict[str, float]:
     if base in CROSSING:
         # The rear axle starts 6 s before the target's line; the front has to come to its side.
         half_m, left_m = CROSSING[base]
-        numbers[f"{arrive}.meet_at.s_m"] = 150 - half_m - ego_length_m / 2
+        numbers[f"{arrive}.meet_at.s_m"] = 150 - half_m - LENGTH_M / 2
         way_m = 6 * speed_mps - FRONT_M - half_m
         numbers["ego.s_m"] = numbers[f"{arrive}.meet_at.s_m"] - way_m
         # Of CPFA the share counts from the left, where it comes from.
@@ -121,8 +125,8 @@ def golf_numbers(case: Case, row: str, ego_length_m: float) -> dict[str, float]:
     elif base in RIDING:
         # The rear axle starts 6 s before the crossroads.
         front_m, at_m, way_m, steady_m, target_kmh = RIDING[base]
-        numbers["ego.s_m"] = 250 - 6 * speed_mps + FRONT_M - ego_length_m / 2
-        numbers[f"{arrive}.meet_at.s_m"] = front_m - ego_length_m / 2
+        numbers["ego.s_m"] = 250 - 6 * speed_mps + FRONT_M - LENGTH_M / 2
+        numbers[f"{arrive}.meet_at.s_m"] = front_m - LENGTH_M / 2
         numbers[f"{arrive}.at.s_m"] = at_m - offset_m
         if base != "cbnao":
             unsteady_m = way_m - steady_m + (offset_m if base == "cbna" else -offset_m)
@@ -209,6 +213,12 @@ def test_rows_move_as_the_files_of_others(tag: str) -> None:
         cases[base_of(trial.row)].append((trial.row, case))
     assert sum(map(len, cases.values())) == count
     cache: RoadCache = {}
+    golf = msgspec.structs.replace(
+        load_vehicle("opencav"),
+        length_m=LENGTH_M,
+        width_m=WIDTH_M,
+        rear_overhang_m=LENGTH_M / 2 - CENTRE_M,
+    )
     for file, members in cases.items():
         variations = FOLDER / folder / f"{file}.xosc"
         base = "CBLA" if file[:4] in ("CPLA", "CBLA") else "CPNA" if file == "CPFA" else file
@@ -225,8 +235,7 @@ def test_rows_move_as_the_files_of_others(tag: str) -> None:
         ours = []
         for row, case in members:
             name = case.variation.scenario.storyboard
-            length_m = load_storyboard(name, {}).program.entities[0].box.length_m
-            loaded = load_storyboard(name, golf_numbers(case, row, length_m))
+            loaded = load_storyboard(name, golf_numbers(case, row), golf)
             ours.append((loaded.program, road_tables_of(loaded.road)))
         mine = play([program for program, _ in ours], ours[0][1])
         for (row, case), own, other in zip(members, mine, theirs, strict=True):

@@ -74,18 +74,14 @@ class Brakes(Stack):
 
 
 class BrakesBehindALead(Brakes):
-    """Knows that the target, as fast as the ego at the start and a second ahead less `nearer_m`,
-    brakes by 4 m/s2 from 3.01 s on, down to 2 km/h."""
-
-    def __init__(self, slots: int, nearer_m: float = 0.0, **parameters: float) -> None:
-        super().__init__(slots, **parameters)
-        self.nearer_m = nearer_m
+    """Knows that the target, as fast as the ego at the start and a second ahead, brakes by 4 m/s2
+    from 3.01 s on, down to 2 km/h."""
 
     def target_speed_mps(self, slot: int, time_s: float) -> float:
         return max(0.5556, self.start_mps[slot] - 4.0 * max(0.0, time_s - 3.01))
 
     def first_gap_m(self, slot: int, closing_mps: float) -> float:
-        return self.start_mps[slot] - self.nearer_m
+        return self.start_mps[slot]
 '''
 CAMPAIGNS = Path(__file__).parents[2] / "conductor/campaigns"
 SHIPPED = CAMPAIGNS / "un-r152.yaml"
@@ -194,10 +190,6 @@ FULL_N = (
 """Brakes that stop from 60 mph in 46.5 m, with rolling resistance and half of the air's drag."""
 
 
-NEARER_M = 0.43
-"""Gaps of scenario files end at a car of 4.5 m, and the ego is longer."""
-
-
 def integrated_kmh(
     speed_mps: float, target_mps: float, gap_m: float, target_mps2: float = 0.0
 ) -> float:
@@ -251,7 +243,7 @@ def test_an_ideal_stack_behind_a_braking_lead_meets_at_the_speed_of_that_integra
     path = written(tmp_path, "lead", 1.2, shipped, control_hz=100, lidars=[])
     data = yaml.safe_load(Path(path).read_text())
     data["autonomy"]["stack"] = "late_stack:BrakesBehindALead"
-    data["autonomy"]["parameters"] |= {"pedal": PEDAL, "nearer_m": NEARER_M}
+    data["autonomy"]["parameters"]["pedal"] = PEDAL
     Path(path).write_text(yaml.safe_dump(data, sort_keys=False))
     rows = ran(marked, tmp_path, path, "lead", "--rows", "ccrb-50")
     assert len(rows) == 6

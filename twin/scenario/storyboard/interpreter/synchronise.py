@@ -45,6 +45,9 @@ _NEAR_LINE = wp.constant(wp.float64(0.1))
 """The turning point is passed when the speed is that near to the last part's [m/s]."""
 _BRAKE = wp.constant(wp.float64(-8.0))
 """Deceleration of a stop for which half the way is not enough [m/s^2]."""
+_LITTLE = wp.constant(wp.float64(0.001))
+"""Less of a way [m] or a time [s] is none: on the last part the speed follows from their
+quotient."""
 
 # Scratch: s, x, y of the actor's target, of the master's, and the distances at the last step.
 TARGET = 0
@@ -183,7 +186,7 @@ def step_synchronise(
         if steady == SteadyStateKind.TIME:
             steady_way = steady_way * final
         steady_time = steady_way / wp.max(final, CLOSE)
-        if way - steady_way < CLOSE or time - steady_time < CLOSE:
+        if way - steady_way < _LITTLE or time - steady_time < _LITTLE:
             phase = _PHASE_STEADY
             play.instance_wholes[slot, k, PHASE] = phase
         else:
@@ -229,7 +232,7 @@ def towards(
     line = TWO * way / time - final
     if phase == _PHASE_LINE:
         play.instance_wholes[slot, k, PHASE] = phase
-        if time >= FAR or way < wp.float64(0.001) or time < wp.float64(0.001):
+        if time >= FAR or way < _LITTLE or time < _LITTLE:
             return ZERO
         return wp.max(TWO * way / time - wp.max(final, ZERO), ZERO)
     turning = phase == _PHASE_CONVEX or phase == _PHASE_CONCAVE
