@@ -121,10 +121,13 @@ def words(rows):
 
 
 def test_who_never_brakes_fails_and_who_always_brakes_passes(marked, tmp_path):
-    never = ran(marked, tmp_path, written(tmp_path, "never", 0.0), "never", slots=48)
+    rows = ("--rows", "car,pedestrian,warning,bicycle")
+    path = written(tmp_path, "never", 0.0)
+    never = ran(marked, tmp_path, path, "never", *rows, slots=48)
     assert len(never) == 48
     assert set(words(never).values()) == {"fail"}, words(never)
-    always = ran(marked, tmp_path, written(tmp_path, "always", 99.0), "always", slots=48)
+    path = written(tmp_path, "always", 99.0)
+    always = ran(marked, tmp_path, path, "always", *rows, slots=48)
     # It never warns, which four cases ask for.
     warned = {name for name in always if name.startswith("car-warning")}
     assert {name for name, word in words(always).items() if word == "fail"} == warned
@@ -136,6 +139,19 @@ def test_who_never_brakes_fails_and_who_always_brakes_passes(marked, tmp_path):
         assert scalars["impact_relative_mps"] * 3.6 >= planned - 1e-3
         assert scalars["trial_begin_s"] >= 2.0
         assert "the stack did not intervene" in row["reasons"][-1]
+
+
+@pytest.mark.parametrize(
+    ("name", "from_s", "verdict"), [("never", 0.0, "pass"), ("always", 99.0, "false_reaction")]
+)
+def test_without_a_reason_to_react_it_is_the_other_way_round(
+    marked, tmp_path, name, from_s, verdict
+):
+    """UN R152, Annex 3, Appendix 2: two turns, a lead that turns off, a bend, a building site."""
+    rows = ("--quick", "--rows", "no-reaction")
+    found = ran(marked, tmp_path, written(tmp_path, name, from_s), name, *rows)
+    assert len(found) == 10
+    assert set(words(found).values()) == {verdict}, words(found)
 
 
 def test_who_never_brakes_fails_all_of_euro_ncap_and_who_always_brakes_passes(marked, tmp_path):
