@@ -13,8 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from msgspec.structs import replace
 
-from twin.road.opendrive.clothoid import clothoid
-from twin.road.opendrive.grid import angle_of, cosine, sine
+from twin.road.opendrive.grid import angle_of
 from twin.scenario.storyboard.compile.context import (
     Compilation,
     Handler,
@@ -22,7 +21,12 @@ from twin.scenario.storyboard.compile.context import (
     number_of,
     only_child,
 )
-from twin.scenario.storyboard.compile.curves import CurvePiece, LinePoints, cut
+from twin.scenario.storyboard.compile.curves import (
+    cut,
+    end_of,
+    spiral,
+    trajectory_piece,
+)
 from twin.scenario.storyboard.compile.nurbs import NurbsCurve
 from twin.scenario.storyboard.openscenario.element import ScenarioElement
 from twin.scenario.storyboard.program.places import FixedPosition, Trajectory, TrajectoryPiece
@@ -143,7 +147,7 @@ def _clothoid(element: ScenarioElement, context: Compilation) -> TrajectoryShape
     curvature, length = float(element.values["curvature"]), float(element.values["length"])
     if not 0.0 < length < 1e6:
         raise RefusalError(element, f"length is {length:g} m, it must be above 0 and below 1e6")
-    pieces = _spiral(start, (curvature, curvature + rate * length), length, 0.0)
+    pieces = spiral(start, (curvature, curvature + rate * length), length, 0.0)
     begin, end = element.values.get("startTime"), element.values.get("stopTime")
     if (begin is None) != (end is None):
         raise RefusalError(element, "give both startTime and stopTime, or neither")
@@ -174,13 +178,12 @@ def _clothoid_spline(element: ScenarioElement, context: Compilation) -> Trajecto
             )
         if length == 0.0:
             continue
-        stretch = _spiral(place, ends, length, s)
+        stretch = spiral(place, ends, length, s)
         if times:
             stretch = _spread(stretch, times[index], times[index + 1])
         pieces += stretch
         s += length
-        x, y, z, heading = _at(stretch[-1], stretch[-1].length_m)
-        place = FixedPosition(x, y, z, heading)
+        place = end_of(stretch[-1])
     return TrajectoryShape(tuple(pieces), bool(times), from_actor=first is None)
 
 
@@ -195,35 +198,6 @@ def _spline_times(element: ScenarioElement, segments: list[ScenarioElement]) -> 
     if any(not other > one for one, other in itertools.pairwise(times)):
         raise RefusalError(element, "times must rise from segment to segment")
     return times
-
-
-def _spiral(
-    start: FixedPosition, curvature: tuple[float, float], length: float, start_s_m: float
-) -> tuple[TrajectoryPiece, ...]:
-    """A clothoid from a place on, level with it."""
-    curve = clothoid(*curvature, length)
-    c, si = float(cosine(start.heading_rad)), float(sine(start.heading_rad))
-
-    def line(s_m: np.ndarray) -> LinePoints:
-        u, v = curve.at(s_m)
-        level = np.zeros(s_m.shape)
-        return LinePoints(
-            start.x_m + c * u - si * v,
-            start.y_m + si * u + c * v,
-            level + start.z_m,
-            level,
-            start.heading_rad + curve.heading(s_m),
-            curve.curvature + curve.rate * s_m,
-        )
-
-    pieces = cut(line, np.array([0.0, length]))
-    return tuple(_piece(piece, start_s_m) for piece in pieces)
-
-
-def _piece(piece: CurvePiece, start_s_m: float) -> TrajectoryPiece:
-    return TrajectoryPiece(
-        start_s_m + piece.start_m, piece.length_m, piece.x, piece.y, piece.z, piece.heading
-    )
 
 
 def _spread(
@@ -264,7 +238,7 @@ def _nurbs(element: ScenarioElement, context: Compilation) -> TrajectoryShape:
         pieces = cut(curve.line, curve.stations)
     except ValueError as error:
         raise RefusalError(element, str(error)) from None
-    out = [_piece(piece, 0.0) for piece in pieces]
+    out = [trajectory_piece(piece, 0.0) for piece in pieces]
     if timed:
         out = [_timed(piece, curve) for piece in out]
         if any(piece.duration_s < 0.0 for piece in out):
