@@ -176,6 +176,30 @@ def test_who_never_brakes_fails_all_of_euro_ncap_and_who_always_brakes_passes(ma
         assert word == ("pass" if name in warned else "avoided"), name
 
 
+MET_S = {"ccftap-10": 17.39, "cmftap-20": 15.78, "cccscp-nearside": 8.0, "cmcscp-farside": 8.0}
+"""When ego and target come to where the files have them collide, at the ego's speed."""
+
+
+def test_at_the_crossroads_who_never_brakes_collides_as_planned_and_who_brakes_does_not(
+    marked, tmp_path
+):
+    """A car that turns is met by a corner of its front up to 0.1 s later than planned."""
+    shipped = CAMPAIGNS / "euro-ncap-2026.yaml"
+    quick = ("--quick", "--rows", ",".join(MET_S))
+    path = written(tmp_path, "never", 0.0, shipped, lidars=[])
+    never = ran(marked, tmp_path, path, "never", *quick, slots=8)
+    assert len(never) == 8
+    for name, case in never.items():
+        assert case["verdict"] == "not_mitigated", name
+        # With the target: a contact with something else has no relative speed.
+        assert case["scalars"]["impact_relative_mps"] > 5.0, name
+        planned_s = next(time_s for row, time_s in MET_S.items() if name.startswith(row))
+        assert -0.03 < case["scalars"]["sim_time_s"] - planned_s < 0.1, name
+    path = written(tmp_path, "always", 99.0, shipped, lidars=[])
+    always = words(ran(marked, tmp_path, path, "always", *quick, slots=8))
+    assert always == dict.fromkeys(never, "avoided")
+
+
 def test_where_nothing_is_to_be_done_it_is_the_other_way_round(marked, tmp_path):
     """FMVSS 127: a steel plate in the lane, and two parked cars beside it; in all other tests a
     stack has to brake, also where the driver does, and to warn, which these do not."""

@@ -160,11 +160,15 @@ def spiral(
     return tuple(trajectory_piece(piece, start_s_m) for piece in pieces)
 
 
-def end_of(piece: TrajectoryPiece) -> FixedPosition:
-    """Where a piece of a trajectory ends, headed along it."""
-    ahead = piece.length_m
+def place_on(piece: TrajectoryPiece, ahead_m: float) -> FixedPosition:
+    """The place so far along a piece of a trajectory, headed along it."""
     x, y, z, heading = (
-        c[0] + ahead * (c[1] + ahead * (c[2] + ahead * c[3]))
+        c[0] + ahead_m * (c[1] + ahead_m * (c[2] + ahead_m * c[3]))
         for c in (piece.x, piece.y, piece.z, piece.heading)
     )
     return FixedPosition(x, y, z, heading)
+
+
+def end_of(piece: TrajectoryPiece) -> FixedPosition:
+    """Where a piece of a trajectory ends, headed along it."""
+    return place_on(piece, piece.length_m)

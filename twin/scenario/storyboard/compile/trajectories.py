@@ -24,6 +24,7 @@ from twin.scenario.storyboard.compile.context import (
 from twin.scenario.storyboard.compile.curves import (
     cut,
     end_of,
+    place_on,
     spiral,
     trajectory_piece,
 )
@@ -61,7 +62,8 @@ def _closed(element: ScenarioElement, shape: TrajectoryShape) -> tuple[Trajector
     """Pieces with a straight one back to the first, if the ends are apart."""
     first, last = shape.pieces[0], shape.pieces[-1]
     start = (first.x[0], first.y[0], first.z[0])
-    end = _at(last, last.length_m)[:3]
+    there = end_of(last)
+    end = (there.x_m, there.y_m, there.z_m)
     gap = math.dist(start, end)
     if gap < 1e-6:
         return shape.pieces
@@ -251,14 +253,6 @@ def _timed(piece: TrajectoryPiece, curve: NurbsCurve) -> TrajectoryPiece:
     return replace(piece, start_time_s=float(ends[0]), duration_s=float(ends[1] - ends[0]))
 
 
-def _at(piece: TrajectoryPiece, ahead_m: float) -> tuple[float, float, float, float]:
-    x, y, z, heading = (
-        c[0] + ahead_m * (c[1] + ahead_m * (c[2] + ahead_m * c[3]))
-        for c in (piece.x, piece.y, piece.z, piece.heading)
-    )
-    return x, y, z, heading
-
-
 def point_of(
     trajectory: Trajectory, s_m: float, element: ScenarioElement
 ) -> tuple[float, float, float, float]:
@@ -269,11 +263,11 @@ def point_of(
         raise RefusalError(element, f"s={s_m:g} m on a trajectory of {end:g} m")
     piece = next((p for p in reversed(trajectory.pieces) if p.start_s_m <= s_m), None)
     piece = piece or trajectory.pieces[0]
-    x, y, z, _ = _at(piece, s_m - piece.start_s_m)
     ahead = s_m - piece.start_s_m
+    place = place_on(piece, ahead)
     dx, dy = (c[1] + ahead * (2.0 * c[2] + 3.0 * ahead * c[3]) for c in (piece.x, piece.y))
     heading = _direction(dx, dy) if dx or dy else piece.heading[0]
-    return x, y, z, heading
+    return place.x_m, place.y_m, place.z_m, heading
 
 
 def _direction(dx: float, dy: float) -> float:

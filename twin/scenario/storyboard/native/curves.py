@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from twin.scenario.storyboard.compile.curves import end_of, spiral, value
+from twin.scenario.storyboard.compile.curves import end_of, place_on, spiral
 from twin.scenario.storyboard.native.ground import SpotError
 from twin.scenario.storyboard.native.ways import WAY_MAX_M, ActorWay
 from twin.scenario.storyboard.program.places import FixedPosition, Trajectory, TrajectoryPiece
@@ -40,20 +40,19 @@ def curve_trajectory(name: str, curve: list[list[float]], start: FixedPosition) 
 
 def curve_way(trajectory: Trajectory, number: int) -> ActorWay:
     """The line along a trajectory, whose index is ``number``."""
-    s: list[np.ndarray] = []
-    x: list[np.ndarray] = []
-    y: list[np.ndarray] = []
+    distances: list[float] = []
+    places: list[FixedPosition] = []
     for piece in trajectory.pieces:
         # The end of a piece is the beginning of the next.
-        ahead = np.linspace(0.0, piece.length_m, math.ceil(piece.length_m / _STEP_M) + 1)[:-1]
-        s.append(piece.start_s_m + ahead)
-        x.append(value(tuple(map(np.asarray, piece.x)), ahead))
-        y.append(value(tuple(map(np.asarray, piece.y)), ahead))
-    last = end_of(trajectory.pieces[-1])
-    s.append(np.array([curve_length(trajectory)]))
-    x.append(np.array([last.x_m]))
-    y.append(np.array([last.y_m]))
-    return ActorWay(*(np.concatenate(c) for c in (s, x, y)), trajectory=number)
+        count = math.ceil(piece.length_m / _STEP_M)
+        for index in range(count):
+            ahead_m = piece.length_m * index / count
+            distances.append(piece.start_s_m + ahead_m)
+            places.append(place_on(piece, ahead_m))
+    distances.append(curve_length(trajectory))
+    places.append(end_of(trajectory.pieces[-1]))
+    x_m, y_m = (np.array([getattr(place, name) for place in places]) for name in ("x_m", "y_m"))
+    return ActorWay(np.array(distances), x_m, y_m, trajectory=number)
 
 
 def curve_length(trajectory: Trajectory) -> float:
@@ -73,9 +72,7 @@ def place_after(trajectory: Trajectory, after_m: float) -> FixedPosition:
         words = f"given {after_m:g} m, the curve is {length_m:g} m long"
         raise SpotError("meet_after_m", words)
     piece = next(p for p in reversed(trajectory.pieces) if p.start_s_m <= after_m)
-    ahead = np.asarray(after_m - piece.start_s_m)
-    axes = (piece.x, piece.y, piece.z, piece.heading)
-    return FixedPosition(*(float(value(tuple(map(np.asarray, c)), ahead)) for c in axes))
+    return place_on(piece, after_m - piece.start_s_m)
 
 
 def _check(curve: list[list[float]]) -> None:
