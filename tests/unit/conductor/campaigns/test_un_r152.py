@@ -110,7 +110,10 @@ def test_shares_of_failures_tolerances_and_conditions(shipped: tuple[str, Plan])
     rulebook = plan.campaign.rulebook
     shares = {name: group.failures_max for name, group in rulebook.groups.items()}
     assert shares == {
-        **{"car": 0.1, "pedestrian": 0.1, "warning": 0.1, "bicycle": 0.2},
+        "car": 0.1,
+        "pedestrian": 0.1,
+        "warning": 0.1,
+        "bicycle": 0.2,
         "no-reaction": 0.0,
     }
     assert all(row.repetitions == 2 for row in rulebook.rows)
