@@ -458,6 +458,7 @@ def synchronisation(
         trajectory_s_m=along,
         master_trajectory=master_trajectory,
         master_trajectory_s_m=master_along,
+        steady_slack=records.NEARLY_STEADY,
     )
 
 
