@@ -36,6 +36,7 @@ from twin.dataset.command_options import (
 from twin.fabric.connection_options import InsecureOption, KeyOption, NamespaceOption
 from twin.fabric.endpoint import LATER, LOOPBACK, NAMESPACE
 from twin.play.command import play
+from twin.scenario.free_driving.command import driving
 from twin.validate.command import app as validate_app
 from twin.worker.command_options import (
     ConnectOption,
@@ -64,6 +65,7 @@ app = make_app("twin", "The simulator. `twin worker` runs the cases that a condu
 app.add_typer(validate_app, name="validate")
 app.add_typer(bench_app, name="bench")
 app.command()(play)
+app.command()(driving)
 
 Device = Annotated[str, typer.Option(help="Where to simulate: cpu or cuda:N.")]
 
