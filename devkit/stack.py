@@ -163,7 +163,8 @@ class Stack(ABC):
 
     def costs(self) -> list[PerceptionCost | None]:
         """Wall time that perception took in the last :meth:`step`, for the report: one entry per
-        command that it returned, None where no frame was looked at. Optional."""
+        command that it returned, None where no frame was looked at. Times of other stages, and
+        what limits its sensors, go with the next of them. Optional."""
         return []
 
     def close(self) -> None:  # noqa: B027 - optional: most stacks hold nothing to release

@@ -286,6 +286,12 @@ class SensorErrors(Struct, frozen=True):
     imu_bias: float = 1.0
 
 
+COST_NAMES_MAX = 16
+"""Most names in each map of a :class:`PerceptionCost`; what a stack names beyond is left out."""
+COST_NAME_CHARS_MAX = 80
+"""Longest of these names."""
+
+
 class PerceptionCost(Struct, frozen=True):
     """What perception took: wall-clock time, so it never reaches a KPI."""
 
@@ -294,6 +300,11 @@ class PerceptionCost(Struct, frozen=True):
     frames: Ticks
     wall_s: float
     """Share of these frames in the time of the calls that they were part of [s]."""
+    stages: dict[str, float] = {}
+    """Wall time of what the stack does beside perception, by its own names for it [s]. Since
+    1.4."""
+    limited: dict[str, float] = {}
+    """Sim time during which something limited its sensors, in its words [s]. Since 1.4."""
 
 
 class Command(Struct, frozen=True):

@@ -200,6 +200,13 @@ def judge(
     raise typer.Exit(judge_folder(folder, attempt or [], as_json=output is Output.json))
 
 
+DrawnOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        help="Draw what a sensor sees as points, repeatable: radar, or with keys of its section "
+        "as radar:profile=corner."
+    ),
+]
 ScenarioOption = Annotated[
     str,
     typer.Option(
@@ -245,6 +252,7 @@ def snapshot(
         float | None, typer.Option(help="Stand so far along the lane instead [m].")
     ] = None,
     width: Annotated[int, typer.Option(help="Width of one picture [px].")] = 320,
+    sensor: DrawnOption = None,
     device: Device = "cpu",
 ) -> None:
     """Render a street, road or scenario in several weathers and hours as one contact sheet.
@@ -268,6 +276,7 @@ def snapshot(
         at_m=at_m,
         width_px=width,
         device=device,
+        sensors=tuple(sensor or ()),
     )
     try:
         write_sheet(out, request)

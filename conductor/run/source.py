@@ -10,6 +10,7 @@ from typing import Any
 import msgspec
 from msgspec import UNSET
 
+from conductor.run.extending import read_extended
 from conductor.run.stack_check import stack_mistakes
 from conductor.run.twin_check import twin_mistakes
 from schemas.campaign import UNREPEATABLE, Campaign
@@ -81,11 +82,8 @@ def load(
         UsageError: one line per mistake.
     """
     path = find(name)
-    try:
-        data = load_yaml(path)
-    except YamlError as error:
-        raise UsageError(str(error)) from None
     shown = name if path.parent != _SHIPPED else path.name
+    data = read_extended(path, shown, find)
     if render is not None and isinstance(data, dict):
         data = {**data, "render": render}  # before rates are looked at: a blind camera has any
     if weather and isinstance(data, dict):

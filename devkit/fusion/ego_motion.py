@@ -22,6 +22,8 @@ _STEERING = VEHICLE_COLUMNS.index("steering_rad")
 ACCEL_SIGMA_MPS2 = 0.8
 """Deviation of the accelerometer as a measure of the change of speed: the pitch of a braking car
 leaks gravity into it [m/s^2]."""
+START_VARIANCE = 1.0
+"""Of the by-wire feedback's speed, which the filter begins with [m^2/s^2]."""
 STILL_S = 0.3
 """A car whose wheels have not turned for so long stands [s]."""
 STEERING_BELOW_MPS = 3.0
@@ -53,6 +55,7 @@ class EgoMotion:
         self._counted_m = np.zeros(slots)
         self._still_s = np.zeros(slots)
         self._accel_mps2 = np.zeros(slots)
+        self._fresh = np.ones(slots, bool)
 
     def reset(self, slot: int, ticks_per_rev: float, wheel_radius_m: float) -> None:
         """A new car stands or drives in ``slot``; ``ticks_per_rev`` 0: it has no encoders."""
@@ -62,9 +65,10 @@ class EgoMotion:
         ):
             values[slot] = 0.0
         self.still[slot] = self.from_encoders[slot] = False
+        self._fresh[slot] = True
         way_m = 2.0 * math.pi * wheel_radius_m
         self.tick_m[slot] = way_m / ticks_per_rev if ticks_per_rev > 0.0 else math.inf
-        self._variance[:, slot] = (0.01, 0.0, 900.0)
+        self._variance[:, slot] = (0.01, 0.0, START_VARIANCE)
 
     def update(
         self,
@@ -87,6 +91,9 @@ class EgoMotion:
         else:
             self.yaw_rate_radps = vehicle[:, _YAW_RATE].copy()
         if encoders is not None:
+            # One count says nothing of a car that is on its way already.
+            self.speed_mps = np.where(self._fresh, vehicle[:, _SPEED], self.speed_mps)
+            self._fresh[:] = False
             self._measure(encoders, period_s, inertial=imu is not None)
         else:
             self.speed_mps = vehicle[:, _SPEED].copy()

@@ -44,6 +44,7 @@ class SensorHealth:
         self._foggy, self._dark, self._covered = (np.zeros(slots, bool) for _ in range(3))
         self._lidar_blind = np.zeros(slots, bool)
         self._words: list[tuple[str, ...]] = [()] * slots
+        self._limited_s: list[dict[str, float]] = [{} for _ in range(slots)]
 
     def reset(self, slot: int) -> None:
         """A new case begins in ``slot``."""
@@ -55,6 +56,7 @@ class SensorHealth:
             values[slot] = 0
         self._returned[slot] = 1.0
         self._words[slot] = ()
+        self._limited_s[slot] = {}
 
     def swept(self, slot: int, reach_m: float, free_to_m: float, returned: float) -> None:
         """A LiDAR sweep of ``slot``: how far it saw obstacles and road, the share that returned."""
@@ -107,8 +109,11 @@ class SensorHealth:
         sees = (has_lidar & ~self._lidar_blind) | (has_radar & ~radar_blind)
         self.range_blind = has_range & ~sees
 
-    def words(self, slot: int, *, has_lidar: bool, has_radar: bool) -> tuple[str, ...] | None:
-        """What limits the sensors of ``slot`` now, in words; None: the same as at the last call."""
+    def words(
+        self, slot: int, period_s: float, *, has_lidar: bool, has_radar: bool
+    ) -> tuple[str, ...] | None:
+        """What limits the sensors of ``slot`` now, in words; None: the same as at the last call,
+        ``period_s`` before."""
         words = []
         if self._camera_s[slot] > SILENT_S:
             words.append("camera silent")
@@ -127,7 +132,15 @@ class SensorHealth:
                 words.append("lidar blind, no obstacle within its reach")
         if has_radar and self._radar_s[slot] > SILENT_S:
             words.append("radar silent")
+        limited_s = self._limited_s[slot]
+        for limit in words:
+            limited_s[limit] = limited_s.get(limit, 0.0) + period_s
         if tuple(words) == self._words[slot]:
             return None
         self._words[slot] = tuple(words)
         return self._words[slot]
+
+    def limited(self, slot: int) -> dict[str, float]:
+        """How long what limited the sensors of a slot, since this was asked last [s]."""
+        limited_s, self._limited_s[slot] = self._limited_s[slot], {}
+        return limited_s

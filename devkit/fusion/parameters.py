@@ -28,7 +28,7 @@ class FusionSensors(Struct, frozen=True, forbid_unknown_fields=True):
     lidar_deskewed: bool = True
     """Whether LiDAR points are those of the tick (``deskew: true``); else they are moved here, as
     if all they meet stands."""
-    lidar_range_m: Annotated[float, Meta(ge=10, le=150)] = 60.0
+    lidar_range_m: Annotated[float, Meta(ge=10, le=150)] = 80.0
     """LiDAR points further ahead are left out [m], 10 to 150."""
     cluster_points_min: Annotated[int, Meta(ge=1, le=100)] = 4
     """Fewest LiDAR points of an obstacle, 1 to 100: lone ones are drops and flakes."""
@@ -102,7 +102,10 @@ class StagingParameters(Struct, frozen=True, forbid_unknown_fields=True):
     restart_s: Annotated[float, Meta(ge=0, le=60)] = 2.5
     """A car that has stopped drives on when its path was free for so long [s], 0 to 60."""
     crossing_s: Annotated[float, Meta(ge=0, le=10)] = 3.0
-    """How far ahead the way of pedestrians and cyclists is foreseen [s], 0 to 10."""
+    """How far ahead the way of those who cross is foreseen [s], 0 to 10."""
+    crossing_deceleration_mps2: Annotated[float, Meta(gt=0, le=10)] = 5.0
+    """Deceleration that would still stop the car in time, from which on it brakes for who is beside
+    the path and will cross it [m/s^2], above 0 to 10."""
 
     def __post_init__(self) -> None:
         """Refuse stages in a wrong order."""

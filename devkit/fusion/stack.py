@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from devkit.fusion.ego_motion import EgoMotion
@@ -94,7 +95,7 @@ class FusionStack(Stack):
         self._period_s = np.zeros(slots)
         self._eyes = Eyes(slots)
         self._drove: list[int] = []
-        self._latency = StageLatency()
+        self._latency = StageLatency(slots)
 
     def expect(self, expected: Sequence[Expected]) -> None:
         """See :meth:`devkit.stack.Stack.expect`."""
@@ -125,8 +126,8 @@ class FusionStack(Stack):
         self._drove = slots = observation.active_slots()
         sensors = observation.sensors
         cars = [self._car(slot, observation) for slot in slots]
-        with self._latency.of("boxes"):
-            detections = self._eyes.look(slots, observation)
+        self._latency.begin(slots)
+        detections = self._eyes.look(slots, observation)
         with self._latency.of("ego"):
             self.ego.update(
                 *(sensors["vehicle"], sensors.get("encoders"), sensors.get("imu")), self._period_s
@@ -151,12 +152,14 @@ class FusionStack(Stack):
 
     def costs(self) -> list[PerceptionCost | None]:
         """See :meth:`devkit.stack.Stack.costs`."""
-        return self._eyes.costs(self._drove)
-
-    def close(self) -> None:
-        """Say what each stage of the stack took."""
-        for line in self._latency.lines():
-            print(line, flush=True)
+        return [
+            None
+            if cost is None
+            else msgspec.structs.replace(
+                cost, stages=self._latency.taken(slot), limited=self.health.limited(slot)
+            )
+            for slot, cost in zip(self._drove, self._eyes.costs(self._drove), strict=True)
+        ]
 
     def _car(self, slot: int, observation: Observation) -> _FusedCar:
         car = self._cars[slot]
@@ -209,6 +212,7 @@ class FusionStack(Stack):
         """Print what limits the sensors of a slot, when it changes; it ends in the case's log."""
         words = self.health.words(
             slot,
+            float(self._period_s[slot]),
             has_lidar=bool(self.sensing.has_lidar[slot]),
             has_radar=bool(self.sensing.has_radar[slot]),
         )
@@ -236,11 +240,17 @@ class FusionStack(Stack):
 
 
 class StageLatency:
-    """Wall time that each stage of the stack takes; told at the end, decides nothing."""
+    """Wall time that each stage of the stack takes; told in the report, decides nothing."""
 
-    def __init__(self) -> None:
-        self._total_s: dict[str, float] = {}
-        self._count = 0
+    def __init__(self, slots: int) -> None:
+        """Begin with nothing taken."""
+        self._slots = slots
+        self._together: list[int] = []
+        self._taken_s: dict[str, np.ndarray] = {}
+
+    def begin(self, together: list[int]) -> None:
+        """A tick of the slots ``together``, which share its time evenly."""
+        self._together = together
 
     @contextmanager
     def of(self, stage: str) -> Iterator[None]:
@@ -248,12 +258,13 @@ class StageLatency:
         started_s = time.perf_counter()
         yield
         took_s = time.perf_counter() - started_s
-        self._count += stage not in self._total_s or stage == next(iter(self._total_s))
-        self._total_s[stage] = self._total_s.get(stage, 0.0) + took_s
+        taken = self._taken_s.setdefault(stage, np.zeros(self._slots))
+        if self._together:
+            taken[self._together] += took_s / len(self._together)
 
-    def lines(self) -> list[str]:
-        """A line for people: mean time per tick of each stage."""
-        if not self._count:
-            return []
-        means = (f"{name} {1e3 * s / self._count:.2f}" for name, s in self._total_s.items())
-        return [f"fusion: {self._count} ticks, ms per tick of all slots: {', '.join(means)}"]
+    def taken(self, slot: int) -> dict[str, float]:
+        """What each stage took for a slot since this was asked last [s]."""
+        taken = {stage: float(values[slot]) for stage, values in self._taken_s.items()}
+        for values in self._taken_s.values():
+            values[slot] = 0.0
+        return taken

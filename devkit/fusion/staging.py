@@ -71,7 +71,7 @@ class Stages:
         counted = threats.agreed | threats.single
         time = np.where(counted, threats.ttc_s, np.inf)
         cause = np.where(counted.any(axis=1), time.argmin(axis=1), -1)
-        warned = (counted & (threats.ttc_s < p.warning_ttc_s)).any(axis=1)
+        warned = (threats.foreseen & (threats.ttc_s < p.warning_ttc_s)).any(axis=1)
         brake = np.where(stage >= FULL, 1.0, np.where(stage == PARTIAL, p.partial_brake, 0.0))
         aeb = stage != FREE
         return StagePlan(brake, aeb, warned | aeb, aeb & (before == FREE), cause)

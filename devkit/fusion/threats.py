@@ -26,12 +26,24 @@ SLACK_MPS = 0.5
 """Difference of two speeds that counts as none [m/s]."""
 SIGHTINGS_MIN = 3
 """Fewest sightings by one sensor of what counts: two give no speed."""
+RIPE_S = 0.3
+"""A younger track whose speed is not known might be as fast as the car [s]."""
+KNOWN_VARIANCE = 2.0
+"""Variance of a speed that is known [m^2/s^2]."""
 RECENT_S = 0.5
 """Sensors agree on a track that each of them has seen so lately [s]."""
 FREE_MARGIN_M = 2.0
 """LiDAR that sees the road so much further than a box says that nothing stands there [m]."""
 REACH_RATIO = 1.2
 """LiDAR that sees obstacles so many times further away would see a vehicle."""
+CROSSES_MPS = 2.0
+"""A vehicle that is not so fast across the path stays in its lane [m/s]."""
+EARLY_LATE_S = 0.25
+"""Who would be in the path so shortly before or after the car is there crosses it [s]."""
+IMMINENT_S = 0.5
+"""Who will be in the path so soon is as good as in it [s]."""
+LENGTH_M = 5.2
+"""Length of the car, which passes a place for so long [m]."""
 TIME_MAX_S = 99.0
 """Time to collision of what does not come nearer [s]."""
 
@@ -47,6 +59,8 @@ class Threats:
     """bool: two sensors say that it is in the path, or one where the other is blind."""
     single: np.ndarray
     """bool: one sensor does, sure enough."""
+    foreseen: np.ndarray
+    """bool: it is, or will be in the path; the driver is warned."""
     blocking: np.ndarray
     """bool: it keeps a car that brakes from driving on, were it near."""
     gap_m: np.ndarray
@@ -77,28 +91,33 @@ def find_threats(
     nearing = closing > 0.1
     ttc = np.where(nearing, gap / np.where(nearing, closing, 1.0), TIME_MAX_S)
     ttc = np.minimum(ttc, TIME_MAX_S)
-    crossing = _crosses(tracks, ego, vy, ttc, staging)
+    crossing, comes, soon = _crosses(tracks, ego, vx, vy, ttc, closing, staging)
     ahead = tracks.live & (tracks.x_m > staging.front_m - 1.0)
     in_way = ahead & (inside | crossing)
     camera = tracks.camera.age_s < RECENT_S
     places = np.minimum(tracks.lidar.age_s, tracks.radar.age_s) < RECENT_S
     sightings = np.maximum(tracks.lidar.hits, np.maximum(tracks.radar.hits, tracks.camera.hits))
     in_way &= sightings >= SIGHTINGS_MIN
+    # Pedestrians are slow: to take them for standing is no great mistake.
+    in_way &= (
+        (tracks.age_s > RIPE_S) | (tracks.p_vv < KNOWN_VARIANCE) | _is_any(tracks.label, _PERSONS)
+    )
     sure = tracks.probability > staging.single_probability
     # What radar alone sees standing are manhole covers, bridges and mirrors as often as cars.
-    by_one = camera | (tracks.lidar.age_s < RECENT_S) | (places & (vx != 0.0))
+    trusted = camera | (tracks.lidar.age_s < RECENT_S) | (places & (vx != 0.0))
     denied = _contradicted(tracks, health)
-    alone = sure & by_one & ~denied
+    alone = sure & trusted & ~denied
     blind = health.camera_blind[:, None] | health.range_blind[:, None]
     agreed = camera & places & (tracks.probability > staging.agree_probability) & ~denied
     room = np.maximum(gap - staging.stop_gap_m, 0.3)
     fast = np.maximum(closing, 0.0)
     away = (vx > AWAY_MPS) & (vx > speed - SLACK_MPS)
-    blocking = ahead & (stays | crossing) & (tracks.probability > 0.5) & ~away
-    return Threats(
-        in_way & (agreed | (alone & blind)), in_way & alone, blocking, gap, ttc,
-        0.5 * fast * fast / room,
-    )  # fmt: skip
+    blocking = ahead & (stays | comes) & (tracks.probability > 0.5) & ~away
+    needed = 0.5 * fast * fast / room
+    by_two, by_one = in_way & (agreed | (alone & blind)), in_way & alone
+    # Who walks towards the path may still stop: time for a warning, and for the brake's last word.
+    now = inside | soon | (needed > staging.crossing_deceleration_mps2)
+    return Threats(by_two & now, by_one & now, by_two | by_one, blocking, gap, ttc, needed)
 
 
 def _is_speed(speed: np.ndarray, variance: np.ndarray) -> np.ndarray:
@@ -121,23 +140,39 @@ def _in_path(tracks: TrackStore) -> tuple[np.ndarray, np.ndarray]:
 def _crosses(
     tracks: TrackStore,
     ego: EgoMotion,
+    vx_mps: np.ndarray,
     vy_mps: np.ndarray,
     ttc_s: np.ndarray,
+    closing_mps: np.ndarray,
     staging: StagingParameters,
-) -> np.ndarray:
-    """Pedestrians and cyclists that will be in the path when the car is there.
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Who will be in the path when the car is there, who will be before the car is, and who of
+    these so soon that he is as good as in it.
 
-    The path's middle at the track is k x^2 / 2; the ends of the object at the time of collision
-    are those of now and their way until then.
+    The path's middle at a track is k x^2 / 2 and its direction k x, so a track crosses it by
+    vy - k x vx, and on the average until the collision by half of what its turn adds. The times at
+    which its ends enter and leave the path follow from that; the car is at its place from the time
+    to collision on, for as long as its own length takes.
     """
-    middle = 0.5 * ego.curvature_per_m[:, None] * tracks.x_m * tracks.x_m
-    shift = tracks.y_m + vy_mps * ttc_s - middle
-    reaches = (shift + tracks.left_m > -staging.corridor_half_m) & (
-        shift + tracks.right_m < staging.corridor_half_m
-    )
-    walks = (vy_mps != 0.0) & _is_any(tracks.label, _PERSONS)
-    crosses: np.ndarray = walks & reaches & (ttc_s < staging.crossing_s)
-    return crosses
+    bend = ego.curvature_per_m[:, None]
+    half = staging.corridor_half_m
+    across = vy_mps - bend * tracks.x_m * vx_mps
+    across = across + 0.5 * tracks.turn_radps * vx_mps * np.minimum(ttc_s, staging.crossing_s)
+    place = tracks.y_m - 0.5 * bend * tracks.x_m * tracks.x_m
+    right, left = place + tracks.right_m, place + tracks.left_m
+    speed = np.abs(across)
+    moves = speed > 0.0
+    safe = np.where(moves, speed, 1.0)
+    leftwards = across > 0.0
+    enters = np.where(leftwards, -half - left, right - half) / safe
+    leaves = np.where(leftwards, half - right, left + half) / safe
+    person = _is_any(tracks.label, _PERSONS) & (vy_mps != 0.0)
+    moves &= person | (speed > CROSSES_MPS)
+    moves &= (ttc_s < staging.crossing_s) & (leaves > 0.0)
+    passes = LENGTH_M / np.maximum(closing_mps, 1.0)
+    meets = moves & (enters < ttc_s + passes + EARLY_LATE_S) & (leaves > ttc_s - EARLY_LATE_S)
+    comes = moves & (enters < ttc_s + passes + EARLY_LATE_S)
+    return meets, comes, meets & (enters < IMMINENT_S)
 
 
 def _contradicted(tracks: TrackStore, health: SensorHealth) -> np.ndarray:

@@ -1,9 +1,10 @@
 """Tracks of what stands and moves around S cars: Kalman filters in arrays [S, T].
 
 The state of a track is the middle of its near end in the car's axes, and its velocity over ground
-along them. Per axis a constant-velocity filter (Bar-Shalom, Li and Kirubarajan 2001, 6.2.2); the
-car's own motion moves the axes. Products are written out and nothing is summed across arrays, so a
-slot's numbers do not depend on how many there are.
+along them, with a turn rate beside it. Per axis a constant-velocity filter (Bar-Shalom, Li and
+Kirubarajan 2001, 6.2.2), whose velocity turns; the car's own motion moves the axes. Products are
+written out and nothing is summed across arrays, so a slot's numbers do not depend on how many there
+are.
 """
 
 from __future__ import annotations
@@ -26,6 +27,17 @@ INSIDE_SHARE = 0.4
 HELD_S = 1.0
 """A sensor that measures places and has seen a track so lately tells where it is, though a few
 sweeps may have missed it: the camera's guess does not take its place at once [s]."""
+VOUCHED_S = 0.25
+"""A sensor that misses what another one has seen so lately says nothing against it: a pedestrian's
+echo comes and goes [s]."""
+TURN_PER_S = 0.5
+"""Share by which a corrected heading changes the turn rate [1/s]."""
+TURN_FADES_S = 2.0
+"""Time in which a turn rate fades that nothing confirms [s]."""
+TURN_MAX_RADPS = 0.8
+"""Largest turn rate of a track [rad/s]."""
+TURNS_FROM_MPS = 2.0
+"""Slower objects have no heading, and so no turn rate [m/s]."""
 OVERLAP_MIN = 0.3
 """Share of a camera box that must lie on a track for it to be of it [-]."""
 BEHIND_M = -2.0
@@ -85,6 +97,8 @@ class TrackStore:
         """Variances along y."""
         self.right_m, self.left_m, self.path_m = _arrays(slots, 3)
         """Ends relative to ``y_m``, and the nearest part in the path relative to ``x_m``."""
+        self.turn_radps = np.zeros((slots, TRACKS_MAX))
+        """Turn rate over ground, left positive."""
         self.probability, self.age_s = _arrays(slots, 2)
         self.label = np.zeros((slots, TRACKS_MAX), np.int64)
         self.place = np.full((slots, TRACKS_MAX), -1)
@@ -100,16 +114,19 @@ class TrackStore:
     def predict(
         self, period_s: np.ndarray, speed_mps: np.ndarray, yaw_rate_radps: np.ndarray
     ) -> None:
-        """Move on by a period: objects by their velocity, the axes by the car's motion, all [S]."""
+        """Move on by a period: objects by velocity and turn rate (CTRV, to first order in the small
+        turn of a period), the axes by the car's motion, all [S]."""
         dt, v = period_s[:, None], speed_mps[:, None]
         turn = yaw_rate_radps[:, None] * dt
         # A turn of one period is small: the series is exact to 1e-9 below 0.15 rad.
         square = turn * turn
         c = 1.0 - square * (0.5 - square / 24.0)
         s = turn * (1.0 - square * (1.0 / 6.0 - square / 120.0))
-        x = self.x_m + (self.vx_mps - v) * dt
-        y = self.y_m + self.vy_mps * dt
-        vx, vy = self.vx_mps, self.vy_mps
+        bend = self.turn_radps * dt
+        vx, vy = self.vx_mps - bend * self.vy_mps, self.vy_mps + bend * self.vx_mps
+        self.turn_radps = self.turn_radps * (1.0 - dt / TURN_FADES_S)
+        x = self.x_m + (0.5 * (self.vx_mps + vx) - v) * dt
+        y = self.y_m + 0.5 * (self.vy_mps + vy) * dt
         self.x_m, self.y_m = c * x + s * y, c * y - s * x
         self.vx_mps, self.vy_mps = c * vx + s * vy, c * vy - s * vx
         noise = self._p.acceleration_mps2 * self._p.acceleration_mps2
@@ -243,7 +260,9 @@ class TrackStore:
         right, left, x = of(seen.right_m), of(seen.left_m), of(seen.x_m)
         sigma = of(seen.sigma_m)
         middle = 0.5 * (left + right)
+        vx, vy = self.vx_mps, self.vy_mps
         self._filter(moved, x, middle, sigma * sigma, self._sideways(sigma, camera=by_camera))
+        self._turn(moved, vx, vy)
         radial = of(seen.radial_mps)
         self._measure_speed(paired & np.isfinite(radial), radial)
         first = moved & (memory.hits == 0.0)
@@ -302,6 +321,19 @@ class TrackStore:
             for name, old, new in zip(axis, (place, speed, xx, xv, vv), values, strict=True):
                 setattr(self, name, np.where(which, new, old))
 
+    def _turn(self, which: np.ndarray, vx_mps: np.ndarray, vy_mps: np.ndarray) -> None:
+        """Correct turn rates by what a correction turned the velocity, which was given before.
+
+        While a track turns faster than is known, every correction turns its velocity on, and
+        their sum is what is missing: an integral beside the filter of the velocity.
+        """
+        cross = vx_mps * self.vy_mps - vy_mps * self.vx_mps
+        square = self.vx_mps * self.vx_mps + self.vy_mps * self.vy_mps
+        fast = which & (square > TURNS_FROM_MPS * TURNS_FROM_MPS)
+        turned = cross / np.where(fast, square, 1.0)
+        turn = np.clip(self.turn_radps + TURN_PER_S * turned, -TURN_MAX_RADPS, TURN_MAX_RADPS)
+        self.turn_radps = np.where(fast, turn, np.where(which, 0.0, self.turn_radps))
+
     def _measure_speed(self, which: np.ndarray, radial_mps: np.ndarray) -> None:
         """Correct tracks by a radial speed over ground: ahead of the car it is the one along x."""
         total = self.p_vv + RADIAL_SIGMA_MPS * RADIAL_SIGMA_MPS
@@ -321,9 +353,11 @@ class TrackStore:
         return np.minimum(probability, PROBABILITY_MAX)
 
     def _missed(self, memory: SensorMemory, pair: np.ndarray, looked: np.ndarray) -> None:
-        """Bayes' rule after a sweep without a sighting, for tracks that this sensor has seen; what
-        is improbable, old or behind is forgotten."""
+        """Bayes' rule after a sweep without a sighting, for tracks that this sensor has seen and no
+        other one sees; what is improbable, old or behind is forgotten."""
+        others = [m.age_s for m in (self.camera, self.lidar, self.radar) if m is not memory]
         missed = self.live & looked[:, None] & (pair < 0) & (memory.hits > 0.0)
+        missed &= np.minimum(*others) > VOUCHED_S
         there = self.probability * (1.0 - self._p.detection)
         probability = there / (there + (1.0 - self.probability) * (1.0 - self._p.clutter))
         self.probability = np.where(missed, probability, self.probability)
@@ -374,6 +408,7 @@ class TrackStore:
             "path_m": seen.path_x_m[slot, fresh] - seen.x_m[slot, fresh],
             "probability": self._p.born,
             "age_s": 0.0,
+            "turn_radps": 0.0,
             "live": True,
             "label": seen.label[slot, fresh],
             "place": seen.place[slot, fresh] if camera else -1,

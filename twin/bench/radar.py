@@ -19,6 +19,8 @@ from twin.world.street.build import build_world
 SLOTS = {"cpu": 1, "cuda": 256}
 TARGET = {"cpu": 10.0, "cuda": 2_000.0}
 """Measurements per second: of one CPU core, and of an H200 with 256 slots."""
+TICKS = 5
+"""Ticks whose detections are digested."""
 _ROUNDS, _ROUND_S = 3, 1.0
 _SPEED_MPS, _RAIN_MM_PER_H = 14.0, 4.0
 
@@ -34,7 +36,7 @@ class RadarFigures:
     detections: float
     """Mean of a measurement."""
     digest: str
-    """SHA-256 of the detections of five ticks, which is the same on every device."""
+    """SHA-256 of the detections of :data:`TICKS` ticks, which is the same on every device."""
 
     @property
     def target(self) -> float:
@@ -48,6 +50,20 @@ def measure(device: str, slots: int, profile: str, scene: str = "downtown") -> R
     Raises:
         ValueError: no such profile or scene; one line.
     """
+    sensor, states = _rig(device, slots, profile, scene)
+    digest, count = _measured(sensor, states)
+    rate = _rate(sensor, states, slots, wp.get_device(device))
+    name = sensor.profile.radar
+    return RadarFigures(str(device), name, slots, rate, count / TICKS / slots, digest)
+
+
+def digest_of(device: str, slots: int, profile: str, scene: str = "downtown") -> str:
+    """SHA-256 of the detections of :data:`TICKS` ticks, as of :func:`measure`."""
+    return _measured(*_rig(device, slots, profile, scene))[0]
+
+
+def _rig(device: str, slots: int, profile: str, scene: str) -> tuple[RadarSensor, wp.array]:
+    """Radars along the road of ``scene``, and the states of their vehicles."""
     there = wp.get_device(device)
     kind, place = load_radar_profile(profile), load_scene(scene)
     world = build_world(place)
@@ -65,18 +81,19 @@ def measure(device: str, slots: int, profile: str, scene: str = "downtown") -> R
         sensor.reset(slot, slot + 1)
         sensor.mount(slot, (4.1, 0.0, kind.height_m), kind.yaw_deg)
         sensor.weather(slot, rain_mm_per_h=_RAIN_MM_PER_H, wetness=0.7)
-    states = wp.array(rows, dtype=wp.float64, device=there)
+    return sensor, wp.array(rows, dtype=wp.float64, device=there)
+
+
+def _measured(sensor: RadarSensor, states: wp.array) -> tuple[str, int]:
+    """Digest and number of the detections of some ticks."""
     digest, count = hashlib.sha256(), 0
-    for tick in range(5):
+    for tick in range(TICKS):
         sensor.state.host["tick"] = tick
         sensor.measure(states)
         detections, counts = sensor.pull()
         digest.update(detections.tobytes())
         count += int(counts.sum())
-    rate = _rate(sensor, states, slots, there)
-    return RadarFigures(
-        str(device), kind.radar, slots, rate, count / 5.0 / slots, digest.hexdigest()
-    )
+    return digest.hexdigest(), count
 
 
 def _rate(sensor: RadarSensor, states: wp.array, slots: int, device: wp.Device) -> float:
@@ -92,3 +109,29 @@ def _rate(sensor: RadarSensor, states: wp.array, slots: int, device: wp.Device) 
             frames += slots
         best = max(best, frames / spent)
     return best
+
+
+def kernel_times(device: str, slots: int, profile: str) -> list[tuple[str, float]]:
+    """Kernels of a measurement and how long each takes [ms], the longest first.
+
+    Raises:
+        ValueError: no such profile; one line.
+    """
+    sensor, states = _rig(device, slots, profile, "downtown")
+    there = wp.get_device(device)
+    spent: dict[str, float] = {}
+    clock = time.process_time if there.is_cpu else time.perf_counter
+
+    def timed(kernel: wp.Kernel, *launch: object) -> None:
+        wp.synchronize_device(there)
+        started = clock()
+        RadarSensor._launch(sensor, kernel, *launch)
+        wp.synchronize_device(there)
+        name = kernel.key.rpartition("__")[2]
+        spent[name] = spent.get(name, 0.0) + clock() - started
+
+    sensor.measure(states)
+    sensor._launch = timed  # type: ignore[method-assign]
+    for _ in range(TICKS):
+        sensor.measure(states)
+    return sorted(((n, 1e3 * s / TICKS) for n, s in spent.items()), key=lambda item: -item[1])

@@ -10,7 +10,14 @@ from msgspec import structs
 
 from schemas.files.judging import JudgeRecord
 from schemas.identity import stack_name
-from schemas.messages import Command, Episode, PerceptionCost, Tick
+from schemas.messages import (
+    COST_NAME_CHARS_MAX,
+    COST_NAMES_MAX,
+    Command,
+    Episode,
+    PerceptionCost,
+    Tick,
+)
 from schemas.verdict import is_pass
 from schemas.wire.control import Lease
 from schemas.wire.interventions import RecordedAction
@@ -77,10 +84,24 @@ class Slot:
         if cost is None or not (0 <= cost.frames < 1e6 and 0.0 <= cost.wall_s < 1e6):
             return
         total = self.perception
+        stages, limited = {}, {}
+        frames, wall_s = cost.frames, cost.wall_s
         if total is not None:
-            frames, wall_s = total.frames + cost.frames, total.wall_s + cost.wall_s
-            cost = structs.replace(total, frames=frames, wall_s=wall_s)
-        self.perception = cost
+            frames, wall_s = total.frames + frames, total.wall_s + wall_s
+            stages, limited = dict(total.stages), dict(total.limited)
+        _add_times(stages, cost.stages)
+        _add_times(limited, cost.limited)
+        self.perception = structs.replace(
+            total or cost, frames=frames, wall_s=wall_s, stages=stages, limited=limited
+        )
+
+
+def _add_times(total: dict[str, float], times: dict[str, float]) -> None:
+    """Add what a stack tells by names; names and numbers that can be none are left out."""
+    for name, time_s in times.items():
+        fits = name in total or len(total) < COST_NAMES_MAX
+        if fits and len(name) <= COST_NAME_CHARS_MAX and 0.0 <= time_s < 1e6:
+            total[name] = total.get(name, 0.0) + time_s
 
 
 @dataclass(slots=True)

@@ -26,6 +26,10 @@ class CostRow:
     """Mean time per frame; frames that went together share theirs [ms]."""
     rig_share: float | None
     """Share of the wall time of all rigs of the campaign, 0 to 1: the lines add up."""
+    stages_ms: dict[str, float]
+    """Mean time per frame of what the stack does beside perception, by its names [ms]."""
+    limited_s: dict[str, float]
+    """Mean sim time per case during which something limited its sensors, by its words [s]."""
 
 
 def perception_costs(dossier: Dossier) -> list[CostRow]:
@@ -53,4 +57,15 @@ def _row(
         frames=frames,
         frame_ms=1e3 * wall_s / frames if frames else None,
         rig_share=wall_s / rigs_s if rigs_s > 0 else None,
+        stages_ms=_means([cost.stages for _, cost in measured], 1e3, frames),
+        limited_s=_means([cost.limited for _, cost in measured], 1.0, len(measured)),
     )
+
+
+def _means(maps: list[dict[str, float]], scale: float, count: int) -> dict[str, float]:
+    """Sum of each name over ``count``, in the order in which names come first."""
+    sums: dict[str, float] = {}
+    for one in maps:
+        for name, value in one.items():
+            sums[name] = sums.get(name, 0.0) + value
+    return {name: scale * value / count for name, value in sums.items()} if count else {}

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import yaml
+from msgspec import UNSET
 
 import devkit.fusion
 from conductor.run.source import load, shipped
@@ -25,7 +26,8 @@ def test_seeds_and_streets_of_tuning_are_in_no_shipped_campaign():
     for name in SPLIT["campaigns"]:
         tuning = yaml.safe_load((FOLDER / name).read_text())
         assert tuning["seed"] in SPLIT["seeds"]
-        assert Path(tuning["scenario"]["scene"]).name in SPLIT["scenes"]
+        scene = tuning["scenario"].get("scene")
+        assert scene is None or Path(scene).name in SPLIT["scenes"]
     for plan in campaigns.values():
         assert plan.campaign.seed not in SPLIT["seeds"]
         for case in plan.cases:
@@ -40,3 +42,16 @@ def test_tuning_streets_are_others_than_the_shipped_ones():
         for other in shipped_scenes:
             for key in ("scene", "seed", "objects", "obstacle"):
                 assert street[key] != other.get(key)
+
+
+def test_situations_of_tuning_are_on_other_roads_than_the_rulebooks():
+    tuning = load(str(FOLDER / "situations.yaml")).cases
+    files = {Path(case.variation.scenario.storyboard) for case in tuning}
+    assert files == {Path("devkit/fusion/tuning", SPLIT["scenarios"], f.name) for f in files}
+    assert {f.name for f in (FOLDER / SPLIT["scenarios"]).iterdir()} == {f.name for f in files}
+    roads = {yaml.safe_load(file.read_text())["road"] for file in files}
+    books = [plan for name in shipped() if (plan := load(name)).campaign.rulebook is not UNSET]
+    assert len(books) >= 8
+    for plan in books:
+        assert {case.rig.scene for case in plan.cases}.isdisjoint(roads)
+        assert not {Path(case.variation.scenario.storyboard) for case in plan.cases} & files

@@ -34,3 +34,12 @@ def test_what_can_be_no_cost_is_left_out(frames, wall_s):
     wrong = PerceptionCost("x", frames, wall_s)
     assert summed(None, wrong) is None
     assert summed(COST, wrong) == COST
+
+
+def test_times_by_name_are_added_and_what_can_be_none_is_left_out():
+    one = PerceptionCost("x", 1, 0.1, {"tracks": 0.5, "bad": float("nan")}, {"lidar blocked": 2.0})
+    two = PerceptionCost("x", 1, 0.1, {"tracks": 0.25, "less": -1.0}, {"a" * 81: 1.0})
+    total = summed(summed(None, one), two)
+    assert (total.stages, total.limited) == ({"tracks": 0.75}, {"lidar blocked": 2.0})
+    many = PerceptionCost("x", 1, 0.1, {f"stage {n}": 1.0 for n in range(40)})
+    assert list(summed(None, many).stages) == [f"stage {n}" for n in range(16)]

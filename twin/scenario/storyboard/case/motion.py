@@ -86,7 +86,7 @@ class StoryboardMotion:
         period_ns = 1_000_000_000 // case.rig.control_hz
         if period_ns % STEP_NS:
             raise ValueError(f"control_hz {case.rig.control_hz}: no whole steps of 10 ms")
-        loaded = _load(case)
+        loaded = _load(case, vehicle)
         self._scene = scene_file(case)
         roads = road_map(self._scene) if self._scene else None
         tables = road_tables(roads.network) if roads else None
@@ -120,7 +120,7 @@ class StoryboardMotion:
     def begin(self, slot: int, case: Case) -> StartPose:
         """A case begins: bodies and ego are where they are at time 0 of its storyboard."""
         check_scenario_files(case)
-        loaded = _load(case)
+        loaded = _load(case, self._vehicle)
         config = KIND.config_of(case.variation.scenario)
         name = config.storyboard
         wrong = [*program_mistakes(name, loaded)]
@@ -518,9 +518,9 @@ def scene_file(case: Case) -> str:
     return scene
 
 
-def _load(case: Case) -> LoadedStoryboard:
+def _load(case: Case, vehicle: Vehicle) -> LoadedStoryboard:
     config = KIND.config_of(case.variation.scenario)
-    return load_storyboard(config.storyboard, config.numbers)
+    return load_storyboard(config.storyboard, config.numbers, vehicle)
 
 
 def _with_vehicle(loaded: LoadedStoryboard, vehicle: Vehicle) -> Program:

@@ -47,6 +47,21 @@ def test_costs_are_summed_by_model_and_runtime(tmp_path):
     assert "16.0 %" in table
 
 
+def test_stages_and_what_limited_the_sensors_are_shown(tmp_path):
+    def told(case, end):
+        limited = {"camera blind by fog": 3.0} if case.variation.weather == "clear" else {}
+        cost = PerceptionCost("opencv cpu", 100, 0.2, {"<tracks>": 0.05}, limited)
+        return msgspec.structs.replace(end, perception=cost, rig_wall_s=1.0)
+
+    make_campaign(tmp_path, change=told)
+    line = lines(tmp_path)[0]
+    assert line["stages_ms"] == {"<tracks>": pytest.approx(0.5)}
+    assert line["limited_s"] == {"camera blind by fog": pytest.approx(1.5)}
+    page = page_of(tmp_path)
+    assert "&lt;tracks&gt; 0.50" in page
+    assert "camera blind by fog 1.50" in page
+
+
 def test_a_stack_that_does_not_measure_has_no_table(tmp_path):
     make_campaign(tmp_path)
     assert lines(tmp_path) == []
