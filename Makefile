@@ -3,12 +3,13 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN = $(VENV)/bin
 
-.PHONY: help install install-test install-test-all install-train install-bench demo test test-all faults redteam fuzz soak offline planted mutation check lock models clean
+.PHONY: help install install-test install-test-all install-train install-bench demo driving test test-all faults redteam fuzz soak offline planted mutation check lock models clean
 
 help:
 	@echo "make demo     install, then run the eight-case demo campaign (again: resume)"
 	@echo "make test     install what the quick tests need, then run them: some minutes"
 	@echo "make test-all everything: processes, faults, clusters, browsers, torch (half an hour)"
+	@echo "make driving  100 km of free driving on a GPU: PART=1 to 10, COMMIT= the one that froze the stack"
 	@echo "make install  create $(VENV) with the pinned dependencies"
 	@echo "make faults   the table of docs/reliability.md: a thousand faults on real processes (root)"
 	@echo "make redteam  the table of attacks of docs/security.md, on real processes with two users (root)"
@@ -49,6 +50,16 @@ $(VENV)/.installed-train: $(VENV)/.installed
 # Exit code 1 says that a case did not pass; that is what the demo is meant to find.
 demo: install
 	@$(BIN)/conductor run aeb-demo; code=$$?; [ $$code -le 1 ] || exit $$code
+
+# Goes on where it was stopped; every part that was made counts (docs/driving.md).
+PART ?= 1
+COMMIT ?= $(shell git log -1 --format=%H -- devkit/fusion devkit/reference devkit/lane devkit/models)
+driving: install-test
+	$(BIN)/twin driving --part $(PART) --commit $(COMMIT) --out runs/driving
+	@cd runs/driving/part-$$(printf %02d $(PART)) && \
+	  $(abspath $(BIN))/conductor run campaign.yaml --out run $(or $(ARGS),--workers 8xcuda); \
+	  code=$$?; [ $$code -le 1 ] || exit $$code
+	$(BIN)/conductor driving runs/driving --markdown runs/driving/results.md
 
 # No torch, browser or scheduler; one real run of every command.
 # Many tests wait for processes and sockets: half of the cores more than there are keep them busy.

@@ -36,6 +36,7 @@ from twin.dataset.command_options import (
 from twin.fabric.connection_options import InsecureOption, KeyOption, NamespaceOption
 from twin.fabric.endpoint import LATER, LOOPBACK, NAMESPACE
 from twin.play.command import play
+from twin.scenario.free_driving.command import driving
 from twin.validate.command import app as validate_app
 from twin.worker.command_options import (
     ConnectOption,
@@ -64,6 +65,7 @@ app = make_app("twin", "The simulator. `twin worker` runs the cases that a condu
 app.add_typer(validate_app, name="validate")
 app.add_typer(bench_app, name="bench")
 app.command()(play)
+app.command()(driving)
 
 Device = Annotated[str, typer.Option(help="Where to simulate: cpu or cuda:N.")]
 
@@ -198,6 +200,13 @@ def judge(
     raise typer.Exit(judge_folder(folder, attempt or [], as_json=output is Output.json))
 
 
+DrawnOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        help="Draw what a sensor sees as points, repeatable: radar, or with keys of its section "
+        "as radar:profile=corner."
+    ),
+]
 ScenarioOption = Annotated[
     str,
     typer.Option(
@@ -243,6 +252,7 @@ def snapshot(
         float | None, typer.Option(help="Stand so far along the lane instead [m].")
     ] = None,
     width: Annotated[int, typer.Option(help="Width of one picture [px].")] = 320,
+    sensor: DrawnOption = None,
     device: Device = "cpu",
 ) -> None:
     """Render a street, road or scenario in several weathers and hours as one contact sheet.
@@ -266,6 +276,7 @@ def snapshot(
         at_m=at_m,
         width_px=width,
         device=device,
+        sensors=tuple(sensor or ()),
     )
     try:
         write_sheet(out, request)

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import cv2
@@ -15,6 +16,7 @@ import warp as wp
 
 from schemas.campaign import Camera
 from schemas.case import Case
+from schemas.files.yaml_file import parse_yaml
 from schemas.identity import stream_key
 from schemas.kinds.registry import implementation
 from schemas.kinds.scenario import scenario_kinds
@@ -31,6 +33,7 @@ from twin.road.opendrive.road_frame import RoadPose
 from twin.scenario import families
 from twin.scenario.storyboard.native.document import shipped_scenarios
 from twin.scenario.surroundings import place_before
+from twin.sensors.drawn import DrawnSensors, check_drawn
 from twin.vehicle.columns import COLUMN, TELEMETRY, columns
 from twin.vehicle.vehicle_file import load_vehicle
 from twin.world.kernel_cache import prepare_kernels
@@ -81,6 +84,7 @@ def contact_sheet(
     vehicle: str = "opencav",
     device: str = "cpu",
     lights: Lights | None = None,
+    sensors: Mapping[str, Mapping[str, Any]] = MappingProxyType({}),
 ) -> None:
     """Render a sheet of ``weathers`` (columns) x ``times`` (rows) and write it to ``path``.
 
@@ -97,6 +101,7 @@ def contact_sheet(
             others are where it has them.
         at_s: at this time [s].
         lights: lamps of the ego; those of :func:`usual_lights` by default.
+        sensors: a section ``sensors``; what they see is drawn as points.
 
     Raises:
         ValueError: unknown weather, scene, vehicle or device; one line.
@@ -107,12 +112,13 @@ def contact_sheet(
     camera = camera or Camera(width=320, height=180)
     street: _Street
     if scenario:
-        street = _Moment(scenario, at_s, vehicle, camera, device)
+        street = _Moment(scenario, at_s, vehicle, camera, device, sensors)
     else:
         target = load_scene(road or scene)
         street = (_OpenDrive if target.opendrive else _Street)(
             target, build_world(target), vehicle, camera, device
         )
+        street.carry({"scene": road or scene, "vehicle": vehicle}, sensors)
     street.stand(distance_m, at_m)
     rows = []
     for time in times:
@@ -208,6 +214,8 @@ class SheetRequest:
     at_m: float | None = None
     width_px: int = 320
     device: str = "cpu"
+    sensors: tuple[str, ...] = ()
+    """Sensors whose rows are drawn as points, ``NAME`` or ``NAME:KEY=VALUE,...`` each."""
 
 
 def write_sheet(path: str | Path, request: SheetRequest) -> None:
@@ -247,7 +255,21 @@ def write_sheet(path: str | Path, request: SheetRequest) -> None:
         at_s=request.at_s or 0.0,
         vehicle=request.vehicle,
         device=request.device,
+        sensors=dict(_sensor(text) for text in request.sensors),
     )
+
+
+def _sensor(text: str) -> tuple[str, dict[str, Any]]:
+    """``radar:profile=corner,noise=false`` -> its name, and its section."""
+    name, _, rest = text.partition(":")
+    check_drawn([name])
+    section: dict[str, Any] = {}
+    for part in filter(None, rest.split(",")):
+        key, equals, value = part.partition("=")
+        if not equals:
+            raise ValueError(f"snapshot: sensor '{text}': given '{part}', allowed: KEY=VALUE")
+        section[key.strip()] = parse_yaml(value, f"sensor '{text}'")
+    return name, section
 
 
 def _custom(text: str) -> tuple[str, dict[str, Any]]:
@@ -303,6 +325,17 @@ class _Street:
             tuple(car.headlamps_m),
         )
         self._pose = wp.zeros((1, 3), dtype=wp.float64, device=warp_device)
+        self._camera, self._car = camera, car
+        self._drawn: DrawnSensors | None = None
+        self._speed_mps = 0.0
+
+    def carry(self, scenario: Mapping[str, Any], sensors: Mapping[str, Mapping[str, Any]]) -> None:
+        """Draw what ``sensors`` see, if there are any, in the section ``scenario``."""
+        if sensors:
+            self._carry(_case(scenario, sensors))
+
+    def _carry(self, case: Case) -> None:
+        self._drawn = DrawnSensors(case, self._car, self._scene, self._world, self._geometry)
 
     def stand(self, distance_m: float, at_m: float | None) -> None:
         """Put the ego ``distance_m`` before the obstacle (without one, where the lane begins), or
@@ -349,7 +382,28 @@ class _Street:
         switch_lamps(row, lamps)
         row["active"], row["hazard"], row["noise"], row["key"] = 1, 1.0, self._noise, key
         begin_sky(row, key)
-        return self._eye.render(self._pose)[0]
+        picture = self._eye.render(self._pose)[0]
+        if self._drawn is None:
+            return picture
+        site = self._car.camera(self._camera.name)
+        return self._drawn.draw(picture, self._camera, site, self._state(), seen)
+
+    def _state(self) -> wp.array:
+        """The vehicle's state on the device [1, T]."""
+        pose = self._pose.numpy()
+        if pose.shape[1] == len(TELEMETRY):
+            state = pose.copy()
+        else:
+            state = np.zeros((1, len(TELEMETRY)))
+            state[0, [COLUMN["x_m"], COLUMN["y_m"]]] = pose[0, :2]
+            state[0, columns("orientation")] = _quaternion(float(pose[0, 2]), 0.0, 0.0)
+        z, w = state[0, columns("orientation")][2:]
+        heading = 2.0 * math.atan2(z, w)
+        ahead = (math.cos(heading), math.sin(heading))
+        for i, axis in enumerate("xy"):
+            state[0, COLUMN[f"com_{axis}_m"]] = state[0, COLUMN[f"{axis}_m"]]
+            state[0, COLUMN[f"velocity_{axis}_mps"]] = self._speed_mps * ahead[i]
+        return wp.array(state, dtype=wp.float64, device=self._pose.device)
 
 
 class _OpenDrive(_Street):
@@ -376,17 +430,30 @@ class _Moment(_Street):
     """One camera in the ego of a scenario, at a moment."""
 
     def __init__(
-        self, scenario: str, at_s: float, vehicle: str, camera: Camera, device: str
+        self,
+        scenario: str,
+        at_s: float,
+        vehicle: str,
+        camera: Camera,
+        device: str,
+        sensors: Mapping[str, Mapping[str, Any]] = MappingProxyType({}),
     ) -> None:
         prepare_kernels()
         self._at_s = at_s
-        self._case = _case(scenario, vehicle)
+        kind = next(kind for kind in scenario_kinds().declared if kind.scene_name)
+        section = {"type": kind.name, kind.brings_scene: scenario, "vehicle": vehicle}
+        self._case = _case(section, sensors)
+        lines: list[str] = implementation(kind.checks)([self._case])
+        if lines:
+            raise ValueError("\n".join(lines))
         target = families.scene_of(self._case)
         world = build_world(target, self._case.rig.bodies)
         self._motion = families.motion_of(
             self._case, load_vehicle(vehicle), world, 1, wp.get_device(device)
         )
         super().__init__(target, world, vehicle, camera, device)
+        if sensors:
+            self._carry(self._case)
 
     def stand(self, distance_m: float, at_m: float | None) -> None:  # noqa: ARG002 - it says where
         """Put the ego and all others where the scenario has them."""
@@ -395,26 +462,21 @@ class _Moment(_Street):
         ego = self._motion.alone(0, self._at_s)
         self.said = self._motion.environment(0)
         self._geometry.place(self._motion.at(np.array([self._at_s])))
-        x, y, z, heading, _ = ego
+        x, y, z, heading, self._speed_mps = ego
         zero = np.zeros(())
         self._stand_at(RoadPose(*(np.array(v) for v in (x, y, z, heading)), zero, zero))
 
 
-def _case(scenario: str, vehicle: str) -> Case:
-    """A case of a scenario file.
+def _case(scenario: Mapping[str, Any], sensors: Mapping[str, Mapping[str, Any]]) -> Case:
+    """A case of the sections ``scenario`` and ``sensors``.
 
     Raises:
-        ValueError: it cannot be used; a line for each mistake.
+        ValueError: they cannot be used; a line for each mistake.
     """
-    kind = next(kind for kind in scenario_kinds().declared if kind.scene_name)
-    section = {"type": kind.name, kind.brings_scene: scenario, "vehicle": vehicle}
-    data = {"campaign": "snapshot", "scenario": section, "matrix": {"weather": ["clear"]}}
-    plan, mistakes = parse_plan(data)
+    data = {"campaign": "snapshot", "scenario": dict(scenario), "matrix": {"weather": ["clear"]}}
+    plan, mistakes = parse_plan(data | ({"sensors": dict(sensors)} if sensors else {}))
     if plan is None:
         raise ValueError(mistakes[0].line("snapshot"))
-    lines: list[str] = implementation(kind.checks)(plan.cases)
-    if lines:
-        raise ValueError("\n".join(lines))
     return plan.cases[0]
 
 

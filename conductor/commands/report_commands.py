@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from conductor.commands.driving_command import driving_command
 from conductor.commands.fingerprint_command import fingerprint
 from conductor.commands.verify_command import verify
 from schemas.words import counted, unended
@@ -37,6 +38,7 @@ def add_report_commands(app: typer.Typer) -> None:
     app.command("verify")(verify)
     app.command("export")(export_command)
     app.command("compare")(compare_command)
+    app.command("driving")(driving_command)
 
 
 def report_folder(folder: Path | None, logs: Path | None, out: Path | None) -> Path:

@@ -45,6 +45,21 @@ class MadeUpDrive:
     """Speed, constant and straight on."""
 
 
+class PointsLook(Struct, frozen=True):
+    """How viewers draw a sensor's rows as points in its axes: names of columns."""
+
+    range_m: str
+    """Distance from the sensor."""
+    azimuth_rad: str
+    """To the left of forward."""
+    elevation_rad: str
+    """Upwards; empty: all lie level."""
+    color: str
+    """Colours the points: blue at the end of :attr:`span`, grey at 0, red at its beginning."""
+    span: tuple[float, float]
+    """Values of the full colours, below and above 0."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SensorKind:
     """Declaration of a sensor that gives rows of numbers."""
@@ -68,6 +83,15 @@ class SensorKind:
     :class:`twin.sensors.ray_sensor.RaySensor`."""
     no_axes: tuple[str, ...] = ()
     """Keys that no matrix may vary."""
+    points: PointsLook | None = None
+    """With ``rows_max``: how viewers draw its rows; None: not at all."""
+    site: str = ""
+    """With :attr:`points`: ``module:attribute`` of a function of a case and its vehicle that says
+    where the sensor sits: x forward of the vehicle's reference point, y left, z up [m]; and its
+    roll, pitch and yaw, as of :class:`schemas.sections.lidar.LidarMount` [deg]."""
+    memory: str = ""
+    """With ``rows_max``: ``module:attribute`` of a function of a case and its world that says what
+    a slot takes of a GPU besides the rows [bytes]; empty: nothing."""
     made_up: Callable[[MadeUpDrive], list[float] | list[list[float]]]
     """A row of the made-up drive; with ``rows_max``, rows."""
 
@@ -81,6 +105,12 @@ class SensorKind:
 def sensor_kinds() -> Kinds[SensorKind]:
     """All sensors of this table, the shipped ones first."""
     return read_kinds(GROUP, SensorKind, OURS)
+
+
+def drawn_kinds(names: Iterable[str]) -> list[SensorKind]:
+    """Those of the sensors ``names`` whose rows viewers draw as points."""
+    kinds = (sensor_kinds().find(name) for name in names)
+    return [kind for kind in kinds if kind.points is not None]
 
 
 def shown_columns(names: Iterable[str]) -> dict[str, list[str]]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from msgspec import Struct
 
+from schemas.kinds.sensor import PointsLook
 from schemas.messages import CameraSite, Detection, LidarSite, Lights
 from schemas.sections.view_mode import Keep
 from schemas.sections.view_mode import ViewMode as ViewMode
@@ -77,6 +78,17 @@ class Stage(Struct, frozen=True):
     """Height of each place of the lane; empty: all are at 0."""
 
 
+class RowsSite(Struct, frozen=True):
+    """A sensor whose rows are drawn as points: their columns, and where it sits on the ego."""
+
+    columns: list[str]
+    look: PointsLook
+    position_m: list[float]
+    """x forward of the vehicle's reference point, y left, z up [m]."""
+    rotation_deg: list[float]
+    """Roll, pitch and yaw; see :class:`schemas.sections.lidar.LidarMount`."""
+
+
 class CaseStart(Struct, frozen=True):
     """An attempt begins."""
 
@@ -109,6 +121,8 @@ class CaseStart(Struct, frozen=True):
     """SHA-256 of the :class:`SceneMesh` that the rig's feed hands out; live only."""
     sensors: dict[str, list[str]] = {}
     """Sensors with a row of numbers -> names of their columns."""
+    rows: dict[str, RowsSite] = {}
+    """Sensors whose rows are drawn as points."""
     keep: Keep = "all"
     """Whether a recorder keeps its file, which is decided at the end."""
 
@@ -150,6 +164,8 @@ class StateSample(Struct, frozen=True):
     """Intervention in the case: ``by hand``, ``paused``, ``steered``; empty: nothing."""
     sensors: dict[str, list[float]] = {}
     """Readings of the sensors that were due, columns as :attr:`CaseStart.sensors` says."""
+    rows: dict[str, list[list[float]]] = {}
+    """Rows of the sensors that were due, columns as :attr:`CaseStart.rows` says."""
 
 
 class CameraSample(Struct, frozen=True):

@@ -74,18 +74,14 @@ class Brakes(Stack):
 
 
 class BrakesBehindALead(Brakes):
-    """Knows that the target, as fast as the ego at the start and a second ahead less `nearer_m`,
-    brakes by 4 m/s2 from 3.01 s on, down to 2 km/h."""
-
-    def __init__(self, slots: int, nearer_m: float = 0.0, **parameters: float) -> None:
-        super().__init__(slots, **parameters)
-        self.nearer_m = nearer_m
+    """Knows that the target, as fast as the ego at the start and a second ahead, brakes by 4 m/s2
+    from 3.01 s on, down to 2 km/h."""
 
     def target_speed_mps(self, slot: int, time_s: float) -> float:
         return max(0.5556, self.start_mps[slot] - 4.0 * max(0.0, time_s - 3.01))
 
     def first_gap_m(self, slot: int, closing_mps: float) -> float:
-        return self.start_mps[slot] - self.nearer_m
+        return self.start_mps[slot]
 '''
 CAMPAIGNS = Path(__file__).parents[2] / "conductor/campaigns"
 SHIPPED = CAMPAIGNS / "un-r152.yaml"
@@ -125,10 +121,13 @@ def words(rows):
 
 
 def test_who_never_brakes_fails_and_who_always_brakes_passes(marked, tmp_path):
-    never = ran(marked, tmp_path, written(tmp_path, "never", 0.0), "never", slots=48)
+    rows = ("--rows", "car,pedestrian,warning,bicycle")
+    path = written(tmp_path, "never", 0.0)
+    never = ran(marked, tmp_path, path, "never", *rows, slots=48)
     assert len(never) == 48
     assert set(words(never).values()) == {"fail"}, words(never)
-    always = ran(marked, tmp_path, written(tmp_path, "always", 99.0), "always", slots=48)
+    path = written(tmp_path, "always", 99.0)
+    always = ran(marked, tmp_path, path, "always", *rows, slots=48)
     # It never warns, which four cases ask for.
     warned = {name for name in always if name.startswith("car-warning")}
     assert {name for name, word in words(always).items() if word == "fail"} == warned
@@ -140,6 +139,19 @@ def test_who_never_brakes_fails_and_who_always_brakes_passes(marked, tmp_path):
         assert scalars["impact_relative_mps"] * 3.6 >= planned - 1e-3
         assert scalars["trial_begin_s"] >= 2.0
         assert "the stack did not intervene" in row["reasons"][-1]
+
+
+@pytest.mark.parametrize(
+    ("name", "from_s", "verdict"), [("never", 0.0, "pass"), ("always", 99.0, "false_reaction")]
+)
+def test_without_a_reason_to_react_it_is_the_other_way_round(
+    marked, tmp_path, name, from_s, verdict
+):
+    """UN R152, Annex 3, Appendix 2: two turns, a lead that turns off, a bend, a building site."""
+    rows = ("--quick", "--rows", "no-reaction")
+    found = ran(marked, tmp_path, written(tmp_path, name, from_s), name, *rows)
+    assert len(found) == 10
+    assert set(words(found).values()) == {verdict}, words(found)
 
 
 def test_who_never_brakes_fails_all_of_euro_ncap_and_who_always_brakes_passes(marked, tmp_path):
@@ -164,10 +176,35 @@ def test_who_never_brakes_fails_all_of_euro_ncap_and_who_always_brakes_passes(ma
         assert word == ("pass" if name in warned else "avoided"), name
 
 
+MET_S = {"ccftap-10": 17.39, "cmftap-20": 15.78, "cccscp-nearside": 8.0, "cmcscp-farside": 8.0}
+"""When ego and target come to where the files have them collide, at the ego's speed."""
+
+
+def test_at_the_crossroads_who_never_brakes_collides_as_planned_and_who_brakes_does_not(
+    marked, tmp_path
+):
+    """A car that turns is met by a corner of its front up to 0.1 s later than planned."""
+    shipped = CAMPAIGNS / "euro-ncap-2026.yaml"
+    quick = ("--quick", "--rows", ",".join(MET_S))
+    path = written(tmp_path, "never", 0.0, shipped, lidars=[])
+    never = ran(marked, tmp_path, path, "never", *quick, slots=8)
+    assert len(never) == 8
+    for name, case in never.items():
+        assert case["verdict"] == "not_mitigated", name
+        # With the target: a contact with something else has no relative speed.
+        assert case["scalars"]["impact_relative_mps"] > 5.0, name
+        planned_s = next(time_s for row, time_s in MET_S.items() if name.startswith(row))
+        assert -0.03 < case["scalars"]["sim_time_s"] - planned_s < 0.1, name
+    path = written(tmp_path, "always", 99.0, shipped, lidars=[])
+    always = words(ran(marked, tmp_path, path, "always", *quick, slots=8))
+    assert always == dict.fromkeys(never, "avoided")
+
+
 def test_where_nothing_is_to_be_done_it_is_the_other_way_round(marked, tmp_path):
-    """FMVSS 127: a steel plate in the lane, and two parked cars beside it."""
+    """FMVSS 127: a steel plate in the lane, and two parked cars beside it; in all other tests a
+    stack has to brake, also where the driver does, and to warn, which these do not."""
     shipped = CAMPAIGNS / "fmvss-127.yaml"
-    quick = ("--quick", "--rows", "lead,pedestrian-day,false-activation")
+    quick = ("--quick", "--rows", "lead,lead-manual,warning,pedestrian-day,false-activation")
     for name, from_s, positive, negative in (
         ("never", 0.0, "fail", "pass"),
         ("always", 99.0, "pass", "false_reaction"),
@@ -176,9 +213,12 @@ def test_where_nothing_is_to_be_done_it_is_the_other_way_round(marked, tmp_path)
         found = words(ran(marked, tmp_path, path, name, *quick))
         negatives = {"steel-plate", "parked-gate"}
         assert negatives < found.keys()
-        assert len(found) == 18
+        assert len(found) == 32
         assert {found[row] for row in negatives} == {negative}
-        assert {word for row, word in found.items() if row not in negatives} == {positive}
+        warned = {row for row in found if row.startswith("warning")}
+        assert {found[row] for row in warned} == {"fail"}
+        rest = found.keys() - negatives - warned
+        assert {found[row] for row in rest} == {positive}, found
 
 
 PEDAL, LAG_S = 7.0 / 8.2, 0.10
@@ -192,10 +232,6 @@ FULL_N = (
     - DRAG_NS2_PER_M2 * MPH_60_MPS**2 / 2
 )
 """Brakes that stop from 60 mph in 46.5 m, with rolling resistance and half of the air's drag."""
-
-
-NEARER_M = 0.43
-"""Gaps of scenario files end at a car of 4.5 m, and the ego is longer."""
 
 
 def integrated_kmh(
@@ -251,7 +287,7 @@ def test_an_ideal_stack_behind_a_braking_lead_meets_at_the_speed_of_that_integra
     path = written(tmp_path, "lead", 1.2, shipped, control_hz=100, lidars=[])
     data = yaml.safe_load(Path(path).read_text())
     data["autonomy"]["stack"] = "late_stack:BrakesBehindALead"
-    data["autonomy"]["parameters"] |= {"pedal": PEDAL, "nearer_m": NEARER_M}
+    data["autonomy"]["parameters"]["pedal"] = PEDAL
     Path(path).write_text(yaml.safe_dump(data, sort_keys=False))
     rows = ran(marked, tmp_path, path, "lead", "--rows", "ccrb-50")
     assert len(rows) == 6

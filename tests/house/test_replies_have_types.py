@@ -25,6 +25,7 @@ FREE = {
     "schemas/sections/perception.py:what_is_loaded": "a variant's keys are its author's",
     "twin/fabric/zenoh_bus.py:_tls": "the configuration of Zenoh",
     "twin/fabric/keys/rights.py:access_control": "the configuration of Zenoh",
+    "conductor/run/source.py:_in_weathers": "a campaign's file before it is checked",
     "hpc/doctor.py:as_json": "printed for scripts, with the facts of a machine",
 }
 """Functions that return what has no type of ours, and why."""

@@ -232,3 +232,24 @@ def test_traffic_makes_way_for_a_slow_ego():
     play = played("free-traffic", ego__speed_mps=18.0)
     assert play.middle("car_five")[-1, 1] - play.middle("ego")[-1, 1] > 3.5
     assert play.middle("car_five")[0, 1] == play.middle("ego")[0, 1]
+
+
+@pytest.mark.parametrize(
+    ("name", "speed_mps"),
+    [
+        ("ncap-pedestrian-nearside", 1.3889),
+        ("ncap-pedestrian-nearside", 2.0),
+        ("ncap-pedestrian-farside", 2.2222),
+        ("ncap-bicycle-farside", 20 / 3.6),
+        ("ncap-bicycle-obstructed", 10 / 3.6),
+    ],
+)
+def test_who_arrives_steadily_never_stands_still_on_the_way(name, speed_mps):
+    """Also where the steady part takes a whole number of steps, up to rounding."""
+    play = played(name, events__cross__do__target__arrive__speed_mps=speed_mps)
+    x, y = play.middle("target").T
+    speeds = np.hypot(np.diff(x), np.diff(y)) / np.diff(play.time_s)
+    fast = np.flatnonzero(speeds > 0.9 * speed_mps)
+    met = play.at(6.0)
+    assert fast[0] < met
+    assert speeds[fast[0] : met].min() > 0.9 * speed_mps

@@ -73,7 +73,9 @@ def forge(state: str, keys: str, campaign: str) -> list[Any]:
     joined = {"host": "h", "pid": 1, "device_class": "cpu:x", "slots": 8}
     ask(bus, worker_key, 2.0, verb="hello", software=software_digest(), **joined, **own)
     reply = ask(bus, worker_key, 2.0, verb="next", seq=1, k=8, **own) or {}
-    results = [_result(campaign, x["case"]["id"], x["token"]) for x in reply.get("leases", [])]
+    results = [
+        _result(campaign, x["case"]["variation"]["id"], x["token"]) for x in reply.get("leases", [])
+    ]
     ask(bus, worker_key, 2.0, verb="next", seq=2, k=0, results=results, **own)
     return [*sorted(set(said)), f"{len(results)} leased"]
 

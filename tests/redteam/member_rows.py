@@ -202,7 +202,7 @@ def files_for_another(theatre: Theatre) -> Found:
     """The honest worker's attempt folder stays empty."""
     honest, thief = honest_and_thief(theatre)
     (got,) = lease(honest, hello(honest, "honest"))
-    case, attempt = got["case"]["id"], got["attempt"]
+    case, attempt = got["case"]["variation"]["id"], got["attempt"]
     kpi, log = b"PAR1 forged", b"forged"
     answer = ask(
         *(thief, topics.FILES.key, PATIENCE_S),
@@ -235,7 +235,7 @@ def commit_for_another(theatre: Theatre) -> Found:
     for got, speaks in zip(leases, names, strict=True):
         result = {
             "campaign": "mine",
-            "case": got["case"]["id"],
+            "case": got["case"]["variation"]["id"],
             "token": got["token"],
             "outcome": "verdict",
             "verdict": "pass",

@@ -35,12 +35,16 @@ class DeclaredRays:
         self,
         case: Case,
         vehicle: Vehicle,  # noqa: ARG002 - the declaration says all
-        world: World,  # noqa: ARG002 - rows are as many in any world
+        world: World,
     ) -> list[MemoryRow]:
-        """Rows of each; an implementation may take more."""
-        return [
-            MemoryRow(f"{kind.name}: rows", 0, _channel(kind, 1).size) for kind, _ in _asked(case)
-        ]
+        """Rows of each, and what an implementation takes besides."""
+        rows = []
+        for kind, _ in _asked(case):
+            rows.append(MemoryRow(f"{kind.name}: rows", 0, _channel(kind, 1).size))
+            if kind.memory:
+                more = implementation(kind.memory)(case, world)
+                rows.append(MemoryRow(f"{kind.name}: its work", 0, more))
+        return rows
 
     def build(self, mount: RayMount) -> list[RaySensor]:
         """Make what the declarations name.

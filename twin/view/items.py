@@ -48,11 +48,14 @@ class SlotSeen:
     """float64 [M, 9]: world x, y, z, yaw, half length, half width, height, pitch, roll."""
     readings: dict[str, np.ndarray] = field(default_factory=dict)
     """Readings of the sensors with a row of numbers that were due, by message name [K]."""
+    rows: dict[str, np.ndarray] = field(default_factory=dict)
+    """Valid rows of the sensors that are drawn as points and were due, by message name [N, K]."""
 
     @property
     def nbytes(self) -> int:
         """Bytes of the large arrays."""
         arrays = [*self.pictures.values(), *(cloud.points for cloud in self.clouds.values())]
+        arrays += self.rows.values()
         return sum(a.nbytes for a in (self.image, *arrays) if a is not None)
 
 

@@ -277,6 +277,7 @@ class ViewPublisher(View):
             nearest=engine.closest(slot),
             movers=_movers(engine, slot) if recorded or "state" in due else None,
             readings=_readings(sensed, slot) if recorded or "state" in due else {},
+            rows=_rows(sensed, slot) if recorded or "state" in due else {},
         )
 
     # --- the view's own thread ------------------------------------------------------------------
@@ -341,6 +342,16 @@ def _readings(sensed: dict[str, SensorData], slot: int) -> dict[str, np.ndarray]
     """Rows of numbers that were due, by message [K]."""
     names = (kind.name for kind in sensor_kinds().declared if not kind.rows_max)
     return {name: sensed[name].values[slot].copy() for name in names if name in sensed}
+
+
+def _rows(sensed: dict[str, SensorData], slot: int) -> dict[str, np.ndarray]:
+    """Valid rows of sensors that are drawn as points and were due, by message [N, K]."""
+    rows = {}
+    for kind in sensor_kinds().declared:
+        data = sensed.get(kind.name) if kind.points is not None else None
+        if data is not None and data.count is not None:
+            rows[kind.name] = data.values[slot, : data.count[slot]].copy()
+    return rows
 
 
 def _thinned(sensed: SensorData, slot: int) -> Cloud:

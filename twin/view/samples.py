@@ -6,7 +6,9 @@ import cv2
 import numpy as np
 
 from schemas import SCHEMA_VERSION
-from schemas.kinds.sensor import shown_columns
+from schemas.case import Case
+from schemas.kinds.registry import implementation
+from schemas.kinds.sensor import drawn_kinds, shown_columns
 from schemas.messages import BOX_COLUMNS, OBJECT_CLASSES, Command, command_mistake
 from schemas.sections.lidar import POINT_COLUMNS
 from schemas.wire.control import Lease
@@ -15,6 +17,7 @@ from schemas.wire.view import (
     CaseStart,
     Controls,
     ImageBox,
+    RowsSite,
     Stage,
     StateSample,
 )
@@ -107,8 +110,20 @@ def start_of(lease: Lease, stage: Stage, seq: int) -> CaseStart:
         hfov_deg=case.rig.camera.hfov_deg,
         stage=stage,
         sensors=shown_columns(case.rig.sensor_hz),
+        rows=_rows_sites(case),
         keep=case.rig.keep,
     )
+
+
+def _rows_sites(case: Case) -> dict[str, RowsSite]:
+    """Sensors of a case whose rows are drawn as points."""
+    sites = {}
+    for kind in drawn_kinds(case.rig.sensor_hz):
+        assert kind.points is not None
+        place = implementation(kind.site)(case, load_vehicle(case.rig.vehicle))
+        position_m, rotation_deg = (list(values) for values in place)
+        sites[kind.name] = RowsSite(list(kind.columns), kind.points, position_m, rotation_deg)
+    return sites
 
 
 def state_of(snapshot: SlotSeen, token: int, seq: int) -> StateSample:
@@ -148,6 +163,7 @@ def state_of(snapshot: SlotSeen, token: int, seq: int) -> StateSample:
         roll_rad=value("roll_rad"),
         hand=snapshot.label,
         sensors={name: row.tolist() for name, row in snapshot.readings.items()},
+        rows={name: rows.tolist() for name, rows in snapshot.rows.items()},
     )
 
 

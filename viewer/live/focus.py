@@ -190,7 +190,12 @@ def open_stream(hub_url: str, start: CaseStart) -> rr.RecordingStream:
     stream.set_sinks(
         rr.GrpcSink(hub_url),
         default_blueprint=case_blueprint(
-            start.stage, start.cameras, start.lidars, start.sensors, live=True
+            start.stage,
+            start.cameras,
+            start.lidars,
+            start.sensors,
+            rows=tuple(start.rows),
+            live=True,
         ),
     )
     stream.send_recording_name(f"{start.case} ({start.campaign})")

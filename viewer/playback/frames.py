@@ -7,6 +7,7 @@ recording does not hold is None, never 0.
 from __future__ import annotations
 
 import bisect
+import math
 import os
 import subprocess
 import tempfile
@@ -59,7 +60,11 @@ class PlayedTick:
     """The camera's picture."""
     x_m: float | None = None
     y_m: float | None = None
+    z_m: float | None = None
     yaw_rad: float | None = None
+    pitch_rad: float | None = None
+    """Down at the front; missing in recordings without heights, as the roll."""
+    roll_rad: float | None = None
     speed_mps: float | None = None
     accel_mps2: float | None = None
     dtc_m: float | None = None
@@ -299,10 +304,15 @@ def _marks(batch: pa.RecordBatch) -> list[list[Mark] | None]:
 def _poses(batch: pa.RecordBatch) -> Iterator[dict[str, Any]]:
     places = _firsts(batch, "Transform3D:translation")
     turns = _firsts(batch, "Transform3D:rotation_axis_angle")
-    for place, turn in zip(places, turns, strict=True):
+    leans = _firsts(batch, "Transform3D:quaternion")
+    for place, turn, lean in zip(places, turns, leans, strict=True):
         values: dict[str, Any] = {}
         if place is not None:
-            values["x_m"], values["y_m"] = place[0], place[1]
+            values["x_m"], values["y_m"], values["z_m"] = place
         if turn is not None:
             values["yaw_rad"] = turn["angle"] * turn["axis"][2]
+        if lean is not None:
+            # Of a turn by the pitch and then the roll, both far from a right angle.
+            x, y, _, w = lean
+            values["pitch_rad"], values["roll_rad"] = 2 * math.atan2(y, w), 2 * math.atan2(x, w)
         yield values

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import io
 import json
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +17,7 @@ from typing import Any
 
 from viewer.playback.frames import LogEvent, Mark, PlayedTick, RecordedCase
 from viewer.playback.outputs import needed, write_whole
-from viewer.recording.scenery import CYAN, ORANGE, RED, YELLOW, Color
+from viewer.recording.scenery import CYAN, ORANGE, RED, YELLOW, Color, quaternion
 
 _OPTION = "--mcap"
 _TYPES = "foxglove_schemas_protobuf"
@@ -130,9 +129,11 @@ class _Converter:
 
     def _pose(self, frame: PlayedTick) -> Any:
         pose = self._transform(parent_frame_id="world", child_frame_id="ego")
-        pose.translation.x, pose.translation.y, pose.translation.z = frame.x_m, frame.y_m, 0.0
-        half_rad = (frame.yaw_rad or 0.0) / 2
-        pose.rotation.z, pose.rotation.w = math.sin(half_rad), math.cos(half_rad)
+        at, turn = pose.translation, pose.rotation
+        at.x, at.y, at.z = frame.x_m, frame.y_m, frame.z_m or 0.0
+        turn.x, turn.y, turn.z, turn.w = quaternion(
+            frame.yaw_rad or 0.0, frame.pitch_rad or 0.0, frame.roll_rad or 0.0
+        )
         return _stamped(pose, frame.sim_time_ns)
 
     def _boxes(

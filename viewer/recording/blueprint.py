@@ -18,6 +18,9 @@ _BOXES = (naming.DETECTIONS, naming.DETECTIONS_FAR, naming.TRIGGER, naming.TRUTH
 BACKGROUND = (18, 20, 25)
 SKY = (118, 138, 160)
 
+ABOVE_AHEAD_M, ABOVE_M = 40.0, 65.0
+"""Where the eye of the view from above is: before the ego, and over the road [m]."""
+
 WALL_SECONDS = 300
 """Length of the past that the overview's plots show [s]."""
 
@@ -34,6 +37,7 @@ def case_blueprint(
     lidars: Sequence[LidarSite] = (),
     sensors: Mapping[str, Sequence[str]] = MappingProxyType({}),
     *,
+    rows: Sequence[str] = (),
     live: bool = False,
 ) -> rrb.Blueprint:
     """Cameras, street and events on the left, verdict and plots on the right.
@@ -43,6 +47,7 @@ def case_blueprint(
         cameras: all of the ego's that see; empty, unless ``live``: the main one.
         lidars: of the ego; their points are shown in the street.
         sensors: with a row of numbers -> names of the columns; a plot for each.
+        rows: sensors whose rows are drawn as points; a view from above for them.
         live: the newest is followed, and the eye drives behind the ego.
     """
     names = [site.message for site in cameras] if cameras or live else ["camera"]
@@ -67,7 +72,9 @@ def case_blueprint(
     events = rrb.TextLogView(origin=naming.EVENTS, name="Events", columns=_event_columns())
     street = _chase(lidars) if live else _street(stage)
     pictures = [rrb.Grid(*views)] if len(views) > 1 else views
-    left = rrb.Vertical(*pictures, street, events, row_shares=[3, 2.1, 1])
+    below = [street, _from_above(rows)] if rows else [street]
+    beside = [rrb.Horizontal(*below, column_shares=[1.5, 1])] if rows else below
+    left = rrb.Vertical(*pictures, *beside, events, row_shares=[3, 2.1, 1])
     play_state: Literal["following", "paused"] = "following" if live else "paused"
     return rrb.Blueprint(
         _named(rrb.Horizontal(left, right, column_shares=[1.4, 1])),
@@ -170,6 +177,29 @@ def _chase(lidars: Sequence[LidarSite]) -> rrb.Spatial3DView:
         line_grid=False,
         background=SKY,
         overrides={f"/{naming.TRAIL}": _trail()},
+    )
+
+
+def _from_above(rows: Sequence[str]) -> rrb.Spatial3DView:
+    """What sensors see by rows, from above, the way ahead of the ego to the right."""
+    return rrb.Spatial3DView(
+        origin=naming.EGO,
+        name=f"{', '.join(rows)} from above".capitalize(),
+        contents=[
+            *(f"/{naming.sensor(name)}" for name in rows),
+            f"/{naming.EGO_BODY}",
+            f"/{naming.MOVERS}",
+            f"/{naming.STREET}",
+            f"/{naming.OBSTACLE}",
+            f"/{naming.PARKED}",
+        ],
+        eye_controls=rrb.EyeControls3D(
+            position=[ABOVE_AHEAD_M, 0.0, ABOVE_M],
+            look_target=[ABOVE_AHEAD_M, 0.0, 0.0],
+            eye_up=[0.0, 1.0, 0.0],
+        ),
+        line_grid=False,
+        background=BACKGROUND,
     )
 
 

@@ -37,6 +37,7 @@ from viewer.recording.scenery import (
     quaternion,
     verdict_color,
 )
+from viewer.recording.sensor_points import mounted, points_of
 from viewer.recording.summary import ended_text, running_text
 
 LABEL_SHARE = 0.05
@@ -94,6 +95,7 @@ class CaseConverter:
         rows.append(_plotted(naming.TTC, [s for s, _ in closing], [t for _, t in closing]))
         rows += _commanded(asked)
         rows += self._readings(samples)
+        rows += points_of(self._start.rows, samples)
         # Between frames nothing is looked at; the boxes of the last one stay.
         looked = [(s, c) for s, c in asked if s.boxes is not None or c.detections]
         rows += self._detections(looked)
@@ -289,6 +291,7 @@ def _standing(bare: bytes) -> list[Logged]:
         (naming.WORLD, contexts()),
         *([] if start.scene_sha256 else outline(stage)),
         *eyes(start),
+        *mounted(start.rows),
         (
             naming.EGO_BODY,
             rr.Boxes3D(

@@ -52,6 +52,8 @@ FLUSH_BYTES = 2 << 20
 """Messages are written in batches of this size, if that is reached earlier [bytes]."""
 STATE_BYTES = 1024
 """Size that a state counts for in a batch [bytes]."""
+ROW_BYTES = 256
+"""Size that a row of a sensor adds to a state [bytes]."""
 MOVER_BYTES = 64
 """Size that an object that moves adds to a state [bytes]."""
 
@@ -89,7 +91,7 @@ class RecordingFile:
         _set_file(
             self._stream,
             self._folder / naming.RECORDING_FILE,
-            _layout(encode(start.stage), _columns(start)),
+            _layout(encode(start.stage), _columns(start), tuple(start.rows)),
         )
         self._stream.send_recording_name(f"{start.case} ({start.campaign})")
         self._stream.send_property(
@@ -113,7 +115,9 @@ class RecordingFile:
         """A KPI row that came at ``now_s``, on a clock that does not jump [s]."""
         if self._sequence.take(sample.seq):
             self._states.append(sample)
-            self._came(STATE_BYTES + MOVER_BYTES * len(sample.movers), now_s)
+            rows = sum(len(its) for its in sample.rows.values())
+            size = STATE_BYTES + MOVER_BYTES * len(sample.movers) + ROW_BYTES * rows
+            self._came(size, now_s)
 
     def camera(self, sample: CameraSample, jpeg: bytes, now_s: float = 0.0) -> None:
         """A picture, like :meth:`state`."""
@@ -226,9 +230,11 @@ def _set_file(stream: rr.RecordingStream, path: Path, blueprint: rrb.Blueprint) 
 
 
 @lru_cache(maxsize=16)
-def _layout(stage: bytes, sensors: tuple[tuple[str, tuple[str, ...]], ...]) -> rrb.Blueprint:
+def _layout(
+    stage: bytes, sensors: tuple[tuple[str, tuple[str, ...]], ...], rows: tuple[str, ...]
+) -> rrb.Blueprint:
     """Cases of a campaign share one."""
-    return case_blueprint(decode(stage, Stage), sensors=dict(sensors))
+    return case_blueprint(decode(stage, Stage), sensors=dict(sensors), rows=rows)
 
 
 def _columns(start: CaseStart) -> tuple[tuple[str, tuple[str, ...]], ...]:

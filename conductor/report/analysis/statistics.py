@@ -259,3 +259,32 @@ def _sign_rank(total: int) -> int:
         if tail > (1 - LEVEL) / 2:
             return rank
         rank += 1
+
+
+def poisson_interval(count: int) -> tuple[float, float]:
+    """Bounds of the mean of a Poisson count at 95 %, exact (Garwood 1936).
+
+    The upper bound is the mean with which so few come with a probability of 2.5 %, the lower one
+    that with which so many do. P(X <= n) of mean m is the tail of chi-square at 2 m with 2 n + 2
+    degrees of freedom.
+
+    Raises:
+        ValueError: a negative count.
+    """
+    if count < 0:
+        raise ValueError(f"{count}: expected a count of 0 or more")
+    side = (1 - LEVEL) / 2
+    low = _poisson_mean(count - 1, 1 - side) if count else 0.0
+    return low, _poisson_mean(count, side)
+
+
+def _poisson_mean(count: int, probability: float) -> float:
+    """The mean with which at most ``count`` come with a probability, by bisection."""
+    low, high = 0.0, 10.0 * (count + 2)
+    for _ in range(100):
+        middle = 0.5 * (low + high)
+        if chi_square_tail(2 * middle, 2 * (count + 1)) > probability:
+            low = middle
+        else:
+            high = middle
+    return 0.5 * (low + high)

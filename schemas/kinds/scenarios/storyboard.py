@@ -8,6 +8,7 @@ from msgspec import Meta, Struct
 
 from schemas.kinds.scenario import ExtremeTable, LeadMeasure, ScenarioKind, ScenarioReport
 from schemas.kinds.verdict import TRIAL_VERDICTS
+from schemas.sections.free_driving import FreeDriving
 from schemas.sections.trial import Trial
 
 
@@ -38,6 +39,17 @@ class StoryboardConfig(Struct, frozen=True, forbid_unknown_fields=True):
     trial: Trial | None = None
     """What a run must fulfil; not given: reach the storyboard's end without a collision. Rows of a
     rulebook give their own; storyboard only."""
+    free_driving: FreeDriving | None = None
+    """The stack is watched for full brakings without a cause while a robot drives; a full braking
+    is one of at least `robot_brake`; storyboard only."""
+
+    def __post_init__(self) -> None:
+        if self.free_driving is None:
+            return
+        if self.driver != "robot":
+            raise ValueError("free_driving needs driver: robot, which keeps to the road's speeds")
+        if self.trial is not None:
+            raise ValueError("trial and free_driving judge a case each; give one of them")
 
 
 _CURVES = ("events_started", "dtc_m", "aeb", "collisions", "throttle", "brake", "speed_mps")
@@ -54,6 +66,7 @@ _REPORT = ScenarioReport(
         *("intervention_time_s", "intervention_kind", "intervention_speed_mps"),
         *("intervention_dtc_m", "intervention_ttc_s", "warning_time_s", "warning_ttc_s"),
         *("trial_speed_mps", "impact_relative_mps", "speed_reduction_mps"),
+        *("driven_m", "partial_brakings", "full_braking_s", "full_braking_ttc_s"),
         *("event_last_s", "decel_peak_mps2", "speed_max_mps", "sim_time_s"),
     ),
     beside=(("AEB at [s]", "aeb_time_s"), ("last event [s]", "event_last_s")),
@@ -93,7 +106,8 @@ KIND = ScenarioKind(
         *("light_lx", "road_friction", "target_x_m", "target_y_m", "target_yaw_rad"),
         *("target_vx_mps", "target_vy_mps", "trial_begin_s", "trial_speed_mps"),
         *("trial_closing_mps", "trial_lateral_m", "trial_acted_s", "impact_relative_mps"),
-        "speed_reduction_mps",
+        *("speed_reduction_mps", "way_ttc_s", "driven_m", "driven_fast_m", "partial_brakings"),
+        *("full_braking_s", "full_braking_ttc_s", "false_brakings"),
     ),
     files=("storyboard",),
     brings_scene="storyboard",

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from msgspec import Meta
 
-from schemas.kinds.sensor import MadeUpDrive, Point, SensorConfig, SensorKind
+from schemas.kinds.sensor import MadeUpDrive, Point, PointsLook, SensorConfig, SensorKind
 
 COLUMNS = (
     "range_m",
@@ -68,5 +68,14 @@ KIND = SensorKind(
     rows_max=DETECTIONS_MAX,
     implementation="twin.sensors.radar.unit:RadarUnit",
     no_axes=("position_m",),
+    points=PointsLook(
+        range_m="range_m",
+        azimuth_rad="azimuth_rad",
+        elevation_rad="elevation_rad",
+        color="radial_speed_mps",
+        span=(-15.0, 15.0),
+    ),
+    memory="twin.sensors.radar.unit:bytes_of",
+    site="twin.sensors.radar.unit:site_of",
     made_up=_made_up,
 )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import heapq
 import itertools
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from twin.road.opendrive.records import (
@@ -115,43 +115,27 @@ class LaneGraph:
         Raises:
             ValueError: a position lies on no lane.
         """
-        first, last = self._key(start), self._key(goal)
-        done: set[DrivenLane] = set()
-        heap: list[tuple[float, int, tuple[DrivenLane, ...], bool]] = []
-        for sign in self.signs(first):
-            driven = DrivenLane(first, sign)
-            if first == last and sign * (goal.s_m - start.s_m) >= 0.0:
-                step = RouteStep(driven, start.s_m, goal.s_m)
-                return LaneRoute((step,), abs(goal.s_m - start.s_m))
-            heapq.heappush(heap, (abs(self._end(driven) - start.s_m), 1, (driven,), False))
-        while heap:
-            length, count, way, at_goal = heapq.heappop(heap)
-            if at_goal:
-                return self._as_route(way, start, goal, length)
-            for after in self.successors(way[-1]):
-                if after in done or self._lane(after.key).type not in types:
-                    continue
-                begin = self._end(DrivenLane(after.key, -after.sign))
-                if after.key == last:
-                    to_goal = length + abs(goal.s_m - begin)
-                    heapq.heappush(heap, (to_goal, count + 1, (*way, after), True))
-                to_end = length + abs(self._end(after) - begin)
-                heapq.heappush(heap, (to_end, count + 1, (*way, after), False))
-            done.update(self.successors(way[-1]))
-        return None
+        return self.ways_to(goal, types).route_from(start)
 
-    def _as_route(
-        self, way: tuple[DrivenLane, ...], start: LanePosition, goal: LanePosition, length_m: float
-    ) -> LaneRoute:
-        steps = []
-        for index, driven in enumerate(way):
-            begin = self._end(DrivenLane(driven.key, -driven.sign))
-            from_s = start.s_m if index == 0 else begin
-            to_s = goal.s_m if index == len(way) - 1 else self._end(driven)
-            steps.append(RouteStep(driven, from_s, to_s))
-        return LaneRoute(tuple(steps), length_m)
+    def ways_to(self, goal: LanePosition, types: frozenset[str] = DRIVEN_TYPES) -> WaysToPlace:
+        """The shortest ways to a place: one search for all starts, backwards.
 
-    def _key(self, position: LanePosition) -> LaneKey:
+        Args:
+            goal: where they end.
+            types: lanes they may use.
+
+        Raises:
+            ValueError: the position lies on no lane.
+        """
+        last = self.key(goal)
+        heap: list[_Way] = []
+        for sign in self.signs(last):
+            driven = DrivenLane(last, sign)
+            heapq.heappush(heap, (abs(goal.s_m - self.begin(driven)), 1, (driven, ())))
+        return WaysToPlace(self, goal, last, types, heap)
+
+    def key(self, position: LanePosition) -> LaneKey:
+        """The lane of a position; ValueError: there is none."""
         road = self.network.roads.get(position.road)
         if road is None:
             raise ValueError(f"road {position.road[:40]} does not exist")
@@ -167,15 +151,98 @@ class LaneGraph:
             )
         return LaneKey(road.id, index, position.lane)
 
-    def _lane(self, key: LaneKey) -> Lane:
+    def lane(self, key: LaneKey) -> Lane:
+        """The record of a lane."""
         lane = self.network.roads[key.road].sections[key.section].lane(key.lane)
         assert lane is not None
         return lane
 
-    def _end(self, driven: DrivenLane) -> float:
+    def begin(self, driven: DrivenLane) -> float:
+        """Station at which a driven lane begins."""
+        return self.end(DrivenLane(driven.key, -driven.sign))
+
+    def end(self, driven: DrivenLane) -> float:
         """Station at which a driven lane ends."""
         section: LaneSection = self.network.roads[driven.key.road].sections[driven.key.section]
         return section.end_m if driven.sign > 0 else section.start_m
+
+
+_Lanes = tuple[DrivenLane, "_Lanes"] | tuple[()]
+"""A lane and those after it, shared by all ways that end alike."""
+_Way = tuple[float, int, _Lanes]
+"""Length [m], number of lanes and lanes: the order in which ways are preferred."""
+
+
+@dataclass(slots=True)
+class WaysToPlace:
+    """The shortest ways to one place, searched as far as they are asked for; make it with
+    :meth:`LaneGraph.ways_to`."""
+
+    graph: LaneGraph
+    goal: LanePosition
+    last: LaneKey
+    """The lane that the place lies on."""
+    types: frozenset[str]
+    heap: list[_Way]
+    """Ways that were met and may not be the shortest of their first lanes."""
+    ways: dict[DrivenLane, _Way] = field(default_factory=dict)
+    """The shortest from the beginning of a lane."""
+
+    def route_from(self, start: LanePosition) -> LaneRoute | None:
+        """The shortest way from a place; its own lane may be of any type. None: there is none.
+
+        Raises:
+            ValueError: the position lies on no lane.
+        """
+        first = self.graph.key(start)
+        nexts: list[tuple[float, DrivenLane, DrivenLane]] = []
+        for sign in self.graph.signs(first):
+            driven = DrivenLane(first, sign)
+            if first == self.last and sign * (self.goal.s_m - start.s_m) >= 0.0:
+                step = RouteStep(driven, start.s_m, self.goal.s_m)
+                return LaneRoute((step,), abs(self.goal.s_m - start.s_m))
+            to_end = abs(self.graph.end(driven) - start.s_m)
+            nexts += [(to_end, driven, after) for after in self.graph.successors(driven)]
+        nearest = min((to_end for to_end, *_ in nexts), default=0.0)
+        best: _Way | None = None
+        while nexts:
+            for to_end, driven, after in nexts:
+                if after in self.ways:
+                    length, count, lanes = self.ways[after]
+                    way: _Way = (to_end + length, count + 1, (driven, lanes))
+                    best = way if best is None else min(best, way)
+            nexts = [each for each in nexts if each[2] not in self.ways]
+            if not self.heap or (best is not None and nearest + self.heap[0][0] > best[0]):
+                break
+            self._settle({after for *_, after in nexts})
+        return None if best is None else self._as_route(best, start)
+
+    def _settle(self, wanted: set[DrivenLane]) -> None:
+        """Search on until the shortest way of one more of these lanes is known, or none is left."""
+        graph, types = self.graph, self.types
+        while self.heap:
+            length, count, lanes = heapq.heappop(self.heap)
+            assert lanes
+            driven = lanes[0]
+            if driven in self.ways or graph.lane(driven.key).type not in types:
+                continue
+            self.ways[driven] = (length, count, lanes)
+            for before in graph.predecessors(driven):
+                if before not in self.ways:
+                    whole = abs(graph.end(before) - graph.begin(before))
+                    heapq.heappush(self.heap, (whole + length, count + 1, (before, lanes)))
+            if driven in wanted:
+                return
+
+    def _as_route(self, way: _Way, start: LanePosition) -> LaneRoute:
+        length_m, _, lanes = way
+        steps: list[RouteStep] = []
+        while lanes:
+            driven, lanes = lanes
+            from_s = self.graph.begin(driven) if steps else start.s_m
+            to_s = self.graph.end(driven) if lanes else self.goal.s_m
+            steps.append(RouteStep(driven, from_s, to_s))
+        return LaneRoute(tuple(steps), length_m)
 
 
 _Joint = tuple[tuple[LaneKey, ContactPoint], tuple[LaneKey, ContactPoint]]

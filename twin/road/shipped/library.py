@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from schemas.files.assets import file_digest
 from schemas.validation import suggest
 from twin.road.opendrive.apart import network_apart
 from twin.road.opendrive.reading.load import load_network
@@ -33,14 +34,32 @@ def road_path(name_or_path: str, folder: Path) -> Path:
     return path if path.is_absolute() else folder / path
 
 
+NETWORKS_MAX = 8
+"""Most road files of others that a process keeps: a hundred scenarios may take place on one."""
+_networks: dict[tuple[str, str], RoadNetwork] = {}
+"""By path and content."""
+
+
 def roads_of(path: Path) -> RoadNetwork:
-    """The roads of a file: ours are read here, those of others by a process apart.
+    """The roads of a file: ours are read here, those of others by a process apart, once per
+    content.
 
     Raises:
         ValueError: it cannot be read; one line.
         InfrastructureError: the process did not start.
     """
-    return load_network(path) if path.parent == FOLDER else network_apart(path)
+    if path.parent == FOLDER:
+        return load_network(path)
+    try:
+        key = str(path), file_digest(path)
+    except OSError:
+        return network_apart(path)  # which says why
+    if key not in _networks:
+        network = network_apart(path)
+        while len(_networks) >= NETWORKS_MAX:
+            del _networks[next(iter(_networks))]
+        _networks[key] = network
+    return _networks[key]
 
 
 def write_roads(folder: Path) -> None:

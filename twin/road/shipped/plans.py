@@ -23,6 +23,7 @@ from twin.road.shipped.xml_parts import (
     cubics,
     document,
     element,
+    guard_rail,
     road,
     section,
     signal,
@@ -279,6 +280,39 @@ def track() -> bytes:
     return document("track", text)
 
 
+_BEND_LINE = (
+    (150.0, 0.0, 0.0),
+    (50.0, 0.0, 1 / 120),
+    (120.0, 1 / 120, 1 / 120),
+    (50.0, 1 / 120, 0.0),
+    (130.0, 0.0, 0.0),
+)
+"""Pieces as those of the rural road."""
+_RAIL_M = 7.25
+"""From the middle of the road to its guard rails: 0.75 m beside the shoulders."""
+
+
+def bend() -> bytes:
+    """A lane each way and paved shoulders between guard rails, a bend of 120 m; level, 500 m."""
+    plan = PlanView()
+    for length, start, end in _BEND_LINE:
+        plan.add(length, start, end)
+    lanes = []
+    for side in (1, -1):
+        lanes += [LanePlan(side, "driving", 3.5, _EDGE), LanePlan(2 * side, "shoulder", 3.0)]
+    rails = "".join(guard_rail(i, 100.0, 320.0, t) for i, t in enumerate((-_RAIL_M, _RAIL_M)))
+    text = road(
+        plan,
+        section(0.0, lanes, MarkPlan("broken", 0.12, 4.0, 8.0, "both")),
+        road_id=0,
+        name="bend",
+        kind="rural",
+        speed_mps=70.0 * _KMH,
+        beside=element("objects", rails),
+    )
+    return document("bend", text)
+
+
 _CROSSROADS_LANE_M = 3.5
 _CORNER_RADIUS_M = 8.0
 _CROSSROADS_HALF_M = _CORNER_RADIUS_M + _CROSSROADS_LANE_M
@@ -359,6 +393,7 @@ def _crossroads_way(road_id: int, first: int, second: int) -> str:
 
 
 PLANS = {
+    "bend": bend,
     "crossroads": crossroads,
     "junction": junction,
     "motorway": motorway,

@@ -225,6 +225,40 @@ def crosswalk(road_id: int, s_m: float, length_m: float, half_width_m: float) ->
     )
 
 
+def guard_rail(rail_id: int, s_m: float, length_m: float, t_m: float) -> str:
+    """A guard rail along a road, 0.75 m high."""
+    row = element(
+        "repeat",
+        s=s_m,
+        length=length_m,
+        distance=0.0,
+        tStart=t_m,
+        tEnd=t_m,
+        widthStart=0.3,
+        widthEnd=0.3,
+        heightStart=0.75,
+        heightEnd=0.75,
+        zOffsetStart=0.0,
+        zOffsetEnd=0.0,
+    )
+    return element(
+        "object",
+        row,
+        id=rail_id,
+        name="guard rail",
+        type="barrier",
+        subtype="guardRail",
+        s=s_m,
+        t=t_m,
+        zOffset=0.0,
+        hdg=0.0,
+        orientation="none",
+        length=length_m,
+        width=0.3,
+        height=0.75,
+    )
+
+
 def signal(
     signal_id: int,
     name: str,

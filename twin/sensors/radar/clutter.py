@@ -146,7 +146,7 @@ def clutter_kernel_of(features: Features) -> wp.Kernel:
         echo = RadarEcho()
         if state.clutter != 0:
             # Counters beyond those of the map's noise.
-            cells = (model.columns + model.upper) * model.speeds * model.ranges
+            cells = (model.columns + model.upper + 1) * model.speeds * model.ranges
             bits = draw(state.key, state.tick, cells + 2 * ray)
             more = draw(state.key, state.tick, cells + 2 * ray + 1)
             column = ray / grid.upright

@@ -22,7 +22,7 @@ from twin.sensors.radar.echo import (
 )
 from twin.sensors.radar.peaks import level_of
 from twin.sensors.radar.profile import COLUMNS_MAX
-from twin.sensors.radar.spectrum import noise_bits, noise_of, variance_of, window_at
+from twin.sensors.radar.spectrum import cell_of, noise_bits, noise_of, variance_of, window_at
 from twin.sensors.radar.window import PLACES
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
@@ -196,6 +196,41 @@ def _detection(
     return found
 
 
+@wp.func
+def _antennas(
+    model: RadarModel,
+    state: RadarSlot,
+    near: wp.array2d(dtype=wp.float64),
+    by_speed: wp.array2d(dtype=wp.float64),
+    touched: wp.array(dtype=wp.uint8),
+    signals: wp.array2d(dtype=wp.vec2),
+    slot: wp.int32,
+    speed: wp.int32,
+    row: wp.int32,
+    power: wp.float32,
+) -> Signals:
+    """Signals of the antennas in a cell of mean ``power``; of noise alone they are scaled to it."""
+    x = Signals()
+    cell = cell_of(model, slot, speed, row)
+    there = touched[cell] != wp.uint8(0)
+    variance = variance_of(state, near, by_speed, slot, speed, row)
+    total = wp.float32(0.0)
+    for a in range(model.columns + model.upper):
+        value = wp.vec2(0.0, 0.0)
+        if there:
+            value = signals[cell, a]
+        if state.noise != 0:
+            value = value + noise_of(noise_bits(model, state, a, speed, row), variance)
+        total += wp.dot(value, value)
+        x[2 * a] = value[0]
+        x[2 * a + 1] = value[1]
+    if not there and total > 0.0:
+        scale = wp.sqrt(power * wp.float32(model.columns + model.upper) / total)
+        for k in range(2 * (model.columns + model.upper)):
+            x[k] = x[k] * scale
+    return x
+
+
 @wp.kernel
 def detect_kernel(
     # model
@@ -204,8 +239,8 @@ def detect_kernel(
     slots: wp.array(dtype=RadarSlot),
     near: wp.array2d(dtype=wp.float64),
     by_speed: wp.array2d(dtype=wp.float64),
-    touched: wp.array3d(dtype=wp.uint8),
-    signals: wp.array4d(dtype=wp.vec2),
+    touched: wp.array(dtype=wp.uint8),
+    signals: wp.array2d(dtype=wp.vec2),
     power: wp.array3d(dtype=wp.float32),
     peaks: wp.array2d(dtype=wp.int32),
     total: wp.array(dtype=wp.int32),
@@ -219,17 +254,8 @@ def detect_kernel(
     state = slots[slot]
     row = peaks[slot, number] / model.speeds
     speed = peaks[slot, number] - row * model.speeds
-    x = Signals()
-    for a in range(model.columns + model.upper):
-        value = wp.vec2(0.0, 0.0)
-        if touched[slot, speed, row] != wp.uint8(0):
-            value = signals[slot, a, speed, row]
-        if state.noise != 0:
-            variance = variance_of(state, near, by_speed, slot, speed, row)
-            value = value + noise_of(noise_bits(model, state, a, speed, row), variance)
-        x[2 * a] = value[0]
-        x[2 * a + 1] = value[1]
     here = power[slot, speed, row]
+    x = _antennas(model, state, near, by_speed, touched, signals, slot, speed, row, here)
     below = (speed + model.speeds - 1) % model.speeds
     above = (speed + 1) % model.speeds
     level = level_of(power, slot, speed, row)

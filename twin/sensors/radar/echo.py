@@ -20,7 +20,7 @@ from twin.base.portable_math import (
     portable_sin,
 )
 from twin.sensors.radar.profile import RadarProfile
-from twin.sensors.radar.threshold import factor, level_mean
+from twin.sensors.radar.threshold import factor, level_mean, power_table
 from twin.sensors.radar.window import PLACES, chebyshev, loss, places, table
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
@@ -69,6 +69,8 @@ class RadarModel:
     """Azimuth [rad]."""
     factor: wp.float32
     level_mean: wp.float32
+    noise_power: wp.array(dtype=wp.float32)
+    """See :func:`twin.sensors.radar.threshold.power_table`."""
     range_window: wp.array(dtype=wp.float32)
     speed_window: wp.array(dtype=wp.float32)
     range_places: wp.array(dtype=wp.float32)
@@ -218,6 +220,7 @@ def make_model(profile: RadarProfile, device: wp.Device) -> RadarModel:
     def upload(values: object) -> wp.array:
         return wp.array(values, dtype=wp.float32, device=device)
 
+    model.noise_power = upload(power_table(profile.antennas))
     model.range_window, model.speed_window = (upload(table(window)) for window in windows)
     (range_places, limit), (speed_places, _) = (places(window) for window in windows)
     model.range_places, model.speed_places = upload(range_places), upload(speed_places)

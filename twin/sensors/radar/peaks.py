@@ -9,6 +9,7 @@ from __future__ import annotations
 import warp as wp
 
 from twin.sensors.radar.echo import RadarModel, RadarSlot
+from twin.sensors.radar.spectrum import SPEEDS
 from twin.sensors.radar.threshold import GUARD, RANK, REFERENCES
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
@@ -18,7 +19,10 @@ PEAKS_MAX = 512
 
 _PEAKS_MAX = wp.constant(PEAKS_MAX)
 _GUARD, _RANK, _QUARTER = (wp.constant(n) for n in (GUARD, RANK, REFERENCES // 4))
+_SPEEDS = wp.constant(SPEEDS)
 _SIXTEEN = wp.constant(REFERENCES // 2)
+
+References = wp.types.vector(length=REFERENCES, dtype=wp.float32)
 
 
 @wp.func
@@ -60,11 +64,13 @@ def exceeds(
 ) -> wp.bool:
     """Whether a cell is above ``factor`` times the level of its references."""
     limit = power[slot, speed, row] / factor
-    below = wp.int32(0)
+    above = wp.int32(0)
     for number in range(2 * _SIXTEEN):
-        if reference(power, slot, speed, row, number) < limit:
-            below += 1
-    return below >= _RANK
+        if reference(power, slot, speed, row, number) >= limit:
+            above += 1
+            if above > 2 * _SIXTEEN - _RANK:
+                return False
+    return True
 
 
 @wp.func
@@ -72,12 +78,15 @@ def level_of(
     power: wp.array3d(dtype=wp.float32), slot: wp.int32, speed: wp.int32, row: wp.int32
 ) -> wp.float32:
     """The k-th smallest reference of a cell."""
+    values = References()
+    for number in range(2 * _SIXTEEN):
+        values[number] = reference(power, slot, speed, row, number)
     level = wp.float32(0.0)
     for number in range(2 * _SIXTEEN):
-        value = reference(power, slot, speed, row, number)
+        value = values[number]
         smaller = wp.int32(0)
         for other in range(2 * _SIXTEEN):
-            against = reference(power, slot, speed, row, other)
+            against = values[other]
             if against < value or (against == value and other < number):
                 smaller += 1
         if smaller == _RANK - 1:
@@ -113,17 +122,18 @@ def alarm_kernel(
     alarm_out: wp.array3d(dtype=wp.uint8),
 ):
     """1 where a cell is above its threshold [S, speeds, ranges]; ``peaks_only``: and no neighbour
-    is higher."""
-    slot, speed, row = wp.tid()
+    is higher. Threads over (slot, block of speeds, range)."""
+    slot, block, row = wp.tid()
     if slots[slot].active == 0:
         return
-    alarm = wp.uint8(0)
-    looked_at = row >= model.first_row and row <= model.last_row
-    if looked_at and peaks_only != 0:
-        looked_at = _highest(power, slot, speed, row)
-    if looked_at and exceeds(power, slot, speed, row, model.factor):
-        alarm = wp.uint8(1)
-    alarm_out[slot, speed, row] = alarm
+    for speed in range(block * _SPEEDS, wp.min((block + 1) * _SPEEDS, model.speeds)):
+        alarm = wp.uint8(0)
+        looked_at = row >= model.first_row and row <= model.last_row
+        if looked_at and peaks_only != 0:
+            looked_at = _highest(power, slot, speed, row)
+        if looked_at and exceeds(power, slot, speed, row, model.factor):
+            alarm = wp.uint8(1)
+        alarm_out[slot, speed, row] = alarm
 
 
 @wp.kernel

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -10,7 +12,7 @@ import warp as wp
 from schemas.kinds.sensors.radar import COLUMNS, DETECTIONS_MAX
 from schemas.steady import steady
 from twin.render.trace.geometry import Geometry
-from twin.sensors.radar import detect, peaks, spectrum
+from twin.sensors.radar import detect, ghosts, peaks, spectrum
 from twin.sensors.radar import scatter as radar_scatter
 from twin.sensors.radar.bodies import TEMPLATE_ROWS, Reflector, Scatterer, standing, templates
 from twin.sensors.radar.clutter import clutter_kernel_of, make_grid, surfaces
@@ -18,6 +20,7 @@ from twin.sensors.radar.echo import RadarEcho, RadarPose, RadarSlot, make_model
 from twin.sensors.radar.profile import RadarProfile
 from twin.sensors.radar.rain import attenuation_per_m, echo_per_m
 from twin.world.mirror import Mirror
+from twin.world.street.build import World
 
 DROP_SPREAD_MPS = 1.5
 """Standard deviation of the radial speeds of drops: wind and turbulence (inferred) [m/s]."""
@@ -56,7 +59,12 @@ class RadarSensor:
         self._templates = wp.array(templates(), dtype=Scatterer, device=device)
         still = standing(world, reflectors)
         self._standing = wp.array(still, dtype=Scatterer, device=device)
-        self._bodies = len(still) + geometry.scene.objects.shape[1] * TEMPLATE_ROWS
+        objects = geometry.scene.objects.shape[1]
+        self._bodies = len(still) + objects * TEMPLATE_ROWS
+        self._reflectors = len(reflectors)
+        self._mirrored = self._reflectors + objects * TEMPLATE_ROWS
+        self._ghosts = self._mirrored * ghosts.SIDES * ghosts.ECHOES
+        self._parked = world.cars
         self._grid = make_grid(profile, world.cars)
         self._rays = profile.rays[0] * profile.rays[1]
         self._surface = wp.array(surfaces(), dtype=wp.vec4d, device=device)
@@ -66,10 +74,20 @@ class RadarSensor:
         def empty(shape: tuple[int, ...], dtype: type) -> wp.array:
             return wp.zeros(shape, dtype=dtype, device=device)
 
+        self.launch: Callable[..., None] = self._launch
+        """Launches a kernel with its threads, inputs and outputs; a bench puts a clock around."""
         self._poses = empty((slots,), RadarPose)
-        self.echoes = empty((slots, self._bodies + self._rays), RadarEcho)
-        self.touched = empty(cells, wp.uint8)
-        self.signals = empty((slots, profile.antennas, *cells[1:]), wp.vec2)
+        self._walls = empty((slots, ghosts.SIDES), ghosts.RadarWall)
+        self.echoes = empty((slots, self._bodies + self._ghosts + self._rays), RadarEcho)
+        flat = math.prod(cells)
+        self.touched = empty((flat,), wp.uint8)
+        """1 where echoes were added [S x speeds x ranges]."""
+        self.signals = empty((flat, profile.antennas), wp.vec2)
+        """Signals of the antennas, there [S x speeds x ranges, antennas]."""
+        groups = -(-profile.samples // spectrum.GROUP)
+        self._group_count = empty((slots, groups), wp.int32)
+        self._group_first = empty((slots, groups), wp.int32)
+        self._members = empty((slots, 2 * self.echoes.shape[1]), wp.int32)
         self.power = empty(cells, wp.float32)
         """Range-Doppler map: mean power of the antennas over thermal noise."""
         self.alarm = empty(cells, wp.uint8)
@@ -84,10 +102,16 @@ class RadarSensor:
         self.count = empty((slots,), wp.int32)
         self.scatter = radar_scatter.scatter_kernel_of(geometry.features)
         self.clutter = clutter_kernel_of(geometry.features)
-        for module in (radar_scatter, spectrum, peaks, detect):
-            wp.load_module(module, device=device)
-        for kernel in (self.scatter, self.clutter):
-            kernel.module.load(device)
+        self._wall = ghosts.wall_kernel_of(geometry.features)
+        self._ghost = ghosts.ghost_kernel_of(geometry.features)
+        self.unique = (self.scatter, self.clutter, self._wall, self._ghost)
+        """Kernels with modules of their own."""
+        self._compile()
+
+    def _compile(self) -> None:
+        """Compile on first use, the modules side by side."""
+        modules = [wp.get_module(m.__name__) for m in (radar_scatter, spectrum, peaks, detect)]
+        wp.force_load(self._device, [*modules, *(kernel.module for kernel in self.unique)])
 
     def reset(self, slot: int, key: int, *, noise: bool = True) -> None:
         """A case begins in ``slot``, its random stream is ``key``; :meth:`mount` follows."""
@@ -131,13 +155,13 @@ class RadarSensor:
         self.look()
         self._tell()
 
-    def _launch(self, kernel: wp.Kernel, dim: object, inputs: list, outputs: list) -> None:
+    def _launch(self, kernel: wp.Kernel, dim: Any, inputs: list, outputs: list) -> None:
         wp.launch(kernel, dim, inputs=inputs, outputs=outputs, device=self._device)
 
     def listen(self, vehicles: wp.array) -> None:
         """Echoes of all scatterers, into :attr:`echoes`."""
         slots, scene, state = self.geometry.slots, self.geometry.scene, self.state.device
-        launch = self._launch
+        launch = self.launch
         launch(radar_scatter.pose_kernel, slots, [state, vehicles], [self._poses])
         fixed = [self.model, scene]
         if self._bodies:
@@ -148,45 +172,70 @@ class RadarSensor:
                 [*fixed, *bodies, state, self._poses],
                 [self.echoes],
             )
+        if self._mirrored:
+            looking = [scene, self._parked, self._surface, state, self._poses]
+            launch(self._wall, slots, looking, [self._walls])
+            mirrored = [self._templates, self._standing, self.geometry.classes]
+            launch(
+                self._ghost,
+                (slots, self._mirrored, ghosts.SIDES),
+                [
+                    *fixed,
+                    *mirrored,
+                    state,
+                    self._poses,
+                    self._walls,
+                    self._reflectors,
+                    self._bodies,
+                ],
+                [self.echoes],
+            )
         launch(
             self.clutter,
             (slots, self._rays),
-            [*fixed, self._grid, self._surface, state, self._poses, self._bodies],
+            [*fixed, self._grid, self._surface, state, self._poses, self._bodies + self._ghosts],
             [self.echoes],
         )
 
     def look(self, *, peaks_only: bool = True) -> None:
         """The range-Doppler map and its alarms, of :attr:`echoes`."""
         slots, profile, state = self.geometry.slots, self.profile, self.state.device
-        model, launch = self.model, self._launch
-        cells = (slots, profile.chirps, profile.samples)
+        model, launch = self.model, self.launch
+        blocks = (slots, -(-profile.chirps // spectrum.SPEEDS), profile.samples)
         self.touched.zero_()
+        listed = [state, self.echoes]
+        groups = self._group_count.shape
+        launch(spectrum.group_kernel, groups, listed, [self._group_count])
+        members = [self._group_first, self._members]
+        launch(spectrum.member_kernel, groups, [*listed, self._group_count], members)
         launch(
             spectrum.map_kernel,
             (slots, profile.samples),
-            [model, state, self.echoes, self.touched],
+            [model, *listed, self._group_count, *members, self.touched],
             [self.signals],
         )
         rain = [model, self._solid_angle, DROP_SPREAD_MPS, state, self._poses]
         launch(
             spectrum.rain_kernel,
-            (slots, max(cells[1:])),
+            (slots, max(profile.chirps, profile.samples)),
             rain,
             [self._near, self._by_speed],
         )
         air = [self._near, self._by_speed]
         launch(
             spectrum.power_kernel,
-            cells,
+            blocks,
             [model, state, *air, self.touched, self.signals],
             [self.power],
         )
-        launch(peaks.alarm_kernel, cells, [model, int(peaks_only), state, self.power], [self.alarm])
+        launch(
+            peaks.alarm_kernel, blocks, [model, int(peaks_only), state, self.power], [self.alarm]
+        )
 
     def _tell(self) -> None:
         """Peaks, their directions, and the strongest of them as rows."""
         slots, profile, state = self.geometry.slots, self.profile, self.state.device
-        model, launch = self.model, self._launch
+        model, launch = self.model, self.launch
         by_row = (slots, profile.samples)
         launch(peaks.count_kernel, by_row, [model, state, self.alarm], [self._count_by_row])
         launch(peaks.offset_kernel, slots, [model, state, self._count_by_row], [self.peaks_total])
@@ -218,6 +267,27 @@ class RadarSensor:
     def pull(self) -> tuple[np.ndarray, np.ndarray]:
         """Host arrays: detections float32 [S, N, 6] and count int32 [S]."""
         return self.rows.pull(), self.count.numpy()
+
+
+def bodies_in(world: World, objects: int) -> int:
+    """Bright points and ghosts that may be in a world with so many movable objects."""
+    moving = objects * TEMPLATE_ROWS
+    return len(standing(world)) + moving * (1 + ghosts.SIDES * ghosts.ECHOES)
+
+
+def bytes_per_slot(profile: RadarProfile, bodies: int) -> int:
+    """Memory of a slot on the device besides its detections and state [bytes]."""
+    cells = profile.chirps * profile.samples
+    echoes = bodies + profile.rays[0] * profile.rays[1]
+    echo = np.dtype(RadarEcho.numpy_dtype()).itemsize
+    found = np.dtype(detect.RadarDetection.numpy_dtype()).itemsize
+    groups = -(-profile.samples // spectrum.GROUP)
+    by_cell = 1 + 8 * profile.antennas + 4 + 1
+    by_peak = 4 + detect.PER_PEAK * (found + 4)
+    by_line = 12 * profile.samples + 8 * profile.chirps + 8 * groups
+    by_slot = np.dtype(RadarPose.numpy_dtype()).itemsize
+    by_slot += ghosts.SIDES * np.dtype(ghosts.RadarWall.numpy_dtype()).itemsize + 8
+    return cells * by_cell + echoes * (echo + 8) + peaks.PEAKS_MAX * by_peak + by_line + by_slot
 
 
 def two_way_solid_angle(profile: RadarProfile) -> float:

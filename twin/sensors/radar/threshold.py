@@ -13,6 +13,8 @@ from functools import cache
 
 import numpy as np
 
+from schemas.steady import steady
+
 REFERENCES = 32
 """Reference cells N: a quarter on each side, in range and in speed."""
 RANK = 24
@@ -54,6 +56,29 @@ def level_mean(antennas: int, references: int = REFERENCES, rank: int = RANK) ->
     """Mean of the k-th smallest reference over the mean of all noise [-]."""
     z, density = _level_density(antennas, references, rank)
     return float(f"{np.trapezoid(density * z, z) / antennas:.10g}")
+
+
+POWER_ROWS = 1024
+"""Rows of each half of :func:`power_table`, less one."""
+POWER_END = 33.0 * math.log(2.0)
+"""-ln of the least tail that a uniform number of 32 bits reaches."""
+
+
+@cache
+def power_table(antennas: int) -> np.ndarray:
+    """Sum of ``antennas`` exponential variables by its tail's probability t, float32 [2 x rows].
+
+    First below the median, then above; each at -ln t from ln 2 to :data:`POWER_END` in even steps.
+    Rounded, so the same everywhere.
+    """
+    z = np.linspace(0.0, antennas + 12.0 * math.sqrt(antennas) + 30.0, 10 * _GRID)[1:]
+    log_above = _log_above(z, antennas)
+    log_below = np.log(np.maximum(-np.expm1(log_above), 1e-300))
+    tails = np.linspace(math.log(2.0), POWER_END, POWER_ROWS + 1)
+    below = np.interp(tails, -log_below[::-1], z[::-1])
+    above = np.interp(tails, -log_above, z)
+    values = np.concatenate([below, above])
+    return np.array([steady(float(value), 24) for value in values], np.float32)
 
 
 @cache

@@ -9,10 +9,31 @@ from schemas.identity import stream_key
 from schemas.kinds.sensors.radar import COLUMNS, DETECTIONS_MAX, PROFILES
 from twin.sensors.data import SensorData
 from twin.sensors.radar.profile import load_radar_profile
-from twin.sensors.radar.sensor import RadarSensor
+from twin.sensors.radar.sensor import RadarSensor, bodies_in, bytes_per_slot
 from twin.sensors.ray_sensor import Moment, RayMount, Sight
+from twin.vehicle.vehicle_file import Vehicle
 from twin.world.sky.sun import Daylight
 from twin.world.sky.weather import WeatherParameters
+from twin.world.street.build import World
+
+
+def site_of(
+    case: Case, vehicle: Vehicle
+) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+    """Where a case's radar sits: position in vehicle axes [m]; roll, pitch and yaw [deg]."""
+    config = case.variation.sensors.radar
+    profile = load_radar_profile(config.profile)
+    yaw_deg = profile.yaw_deg if config.yaw_deg is None else config.yaw_deg
+    front_m = vehicle.length_m - vehicle.rear_overhang_m
+    left_m = 0.0 if profile.yaw_deg == 0.0 else 0.4 * vehicle.width_m
+    x_m, y_m, z_m = config.position_m or (front_m, left_m, profile.height_m)
+    return (x_m, y_m, z_m), (0.0, 0.0, yaw_deg)
+
+
+def bytes_of(case: Case, world: World) -> int:
+    """What a slot's radar takes of a GPU besides its detections [bytes]."""
+    profile = load_radar_profile(case.variation.sensors.radar.profile)
+    return bytes_per_slot(profile, bodies_in(world, world.motion.count))
 
 
 class RadarUnit:
@@ -37,7 +58,6 @@ class RadarUnit:
         """Begin a case."""
         config = case.variation.sensors.radar
         sensor = self._sensor(config.profile)
-        profile, vehicle = sensor.profile, self._mount.vehicle
         self._profile[slot] = config.profile
         self._active[slot] = True
         self._weather[slot] = config.weather
@@ -45,11 +65,8 @@ class RadarUnit:
         sensor.reset(slot, key, noise=config.noise)
         row = sensor.state.host[slot]
         row["multipath"], row["clutter"] = int(config.multipath), int(config.clutter)
-        front_m = vehicle.length_m - vehicle.rear_overhang_m
-        yaw_deg = profile.yaw_deg if config.yaw_deg is None else config.yaw_deg
-        left_m = 0.0 if profile.yaw_deg == 0.0 else 0.4 * vehicle.width_m
-        position = config.position_m or (front_m, left_m, profile.height_m)
-        sensor.mount(slot, tuple(position), yaw_deg)
+        position_m, (_, _, yaw_deg) = site_of(case, self._mount.vehicle)
+        sensor.mount(slot, position_m, yaw_deg)
 
     def _sensor(self, profile: str) -> RadarSensor:
         if profile not in self._sensors:

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 import conductor.campaigns
+from schemas.case import Case
 from schemas.files.yaml_file import load_yaml
 from schemas.kinds.scenario import trial_of
 from schemas.plan import Plan, parse_plan
@@ -39,6 +40,11 @@ def plan_of_shipped(name: str) -> Plan:
     plan, mistakes = parse_plan(load_yaml(FOLDER / f"{name}.yaml"))
     assert plan is not None, mistakes
     return plan
+
+
+def dangers(plan: Plan) -> list[Case]:
+    """Cases in which the stack has to act."""
+    return [c for c in plan.cases if trial_of(c.variation.scenario).rule != "no_reaction"]
 
 
 @pytest.fixture(scope="module", params=["un-r152", "un-r152-n1"])
@@ -103,9 +109,15 @@ def test_shares_of_failures_tolerances_and_conditions(shipped: tuple[str, Plan])
     _, plan = shipped
     rulebook = plan.campaign.rulebook
     shares = {name: group.failures_max for name, group in rulebook.groups.items()}
-    assert shares == {"car": 0.1, "pedestrian": 0.1, "warning": 0.1, "bicycle": 0.2}
+    assert shares == {
+        "car": 0.1,
+        "pedestrian": 0.1,
+        "warning": 0.1,
+        "bicycle": 0.2,
+        "no-reaction": 0.0,
+    }
     assert all(row.repetitions == 2 for row in rulebook.rows)
-    for case in plan.cases:
+    for case in dangers(plan):
         scenario = case.variation.scenario
         trial = trial_of(scenario)
         low, high = trial.speed_tolerance_kmh
@@ -127,11 +139,31 @@ def test_two_runs_of_a_point_are_no_copies(shipped: tuple[str, Plan]) -> None:
     for first, second in zip(plan.cases[::2], plan.cases[1::2], strict=True):
         assert first.id.removesuffix("-r0") == second.id.removesuffix("-r1")
         one, other = first.variation.scenario, second.variation.scenario
+        assert one.load_kg != other.load_kg
+    for first, second in zip(dangers(plan)[::2], dangers(plan)[1::2], strict=True):
+        one, other = first.variation.scenario, second.variation.scenario
         for name in ("ego.speed_kmh", "ego.offset_m"):
             assert one.numbers[name] != other.numbers[name]
-        assert one.load_kg != other.load_kg
 
 
-def test_all_rows_share_a_rig(shipped: tuple[str, Plan]) -> None:
+def test_rows_with_a_danger_share_a_rig_and_the_others_have_three(
+    shipped: tuple[str, Plan],
+) -> None:
     _, plan = shipped
-    assert len({case.rig.scene for case in plan.cases}) == 1
+    assert {case.rig.scene for case in dangers(plan)} == {"track"}
+    scenes = {case.rig.scene for case in plan.cases}
+    assert scenes == {"track", "crossroads", "bend", "motorway"}
+
+
+def test_there_are_four_situations_without_a_reason_to_react(shipped: tuple[str, Plan]) -> None:
+    """Of which turning left and turning right are one."""
+    _, plan = shipped
+    rows = [row for row in plan.campaign.rulebook.rows if row.trial.rule == "no_reaction"]
+    assert [row.row.removeprefix("no-reaction-") for row in rows] == [
+        *("turn-left", "turn-right", "lead-turns-off", "bend", "construction-site")
+    ]
+    for row in rows:
+        assert (row.group, row.rank, row.clause) == ("no-reaction", "C", "Annex 3, Appendix 2")
+        assert "ours" in row.note
+        assert row.trial.friction_min == 0.9
+        assert row.trial.light_lux_min == 1000

@@ -78,6 +78,7 @@ class Sim:
         self.placement = Still().at(np.zeros(2))
         self.camera_sites, self.lidar_sites = [], []
         self.recorder = KpiRecorder(2)
+        self.more = {}
 
     def sensed(self):
         """Camera and boxes; the lidar's second ray found nothing, its third is too far away."""
@@ -89,6 +90,7 @@ class Sim:
             "camera": SimpleNamespace(values=IMAGE, count=None),
             "boxes": SimpleNamespace(values=boxes, count=np.array([1, 0])),
             "lidar.roof": SimpleNamespace(values=points, count=np.array([2, 0])),
+            **self.more,
         }
 
     def command(self, token=5):
@@ -415,6 +417,33 @@ def test_a_case_in_full_for_those_who_look_at_it_alone(hub, clock):
     assert got[-1].verdict == "pass"
     points = np.frombuffer(listener.payloads["lidar.roof"], "<i2").reshape(-1, 4)
     assert points.tolist() == [[123, 0, 0, 77]]
+
+
+def test_detections_travel_in_the_state_and_the_start_says_where_the_radar_sits(hub):
+    sections = {"radar": {"position_m": [3.5, 0.5, 0.6], "yaw_deg": 10.0}, "imu": {}}
+    campaign, mistakes = parse_campaign(
+        {"schema": 1, "campaign": "c", "matrix": {"weather": ["clear"]}, "sensors": sections}
+    )
+    assert campaign is not None, mistakes
+    listener = Listener(hub, recorder=True)
+    view = ViewPublisher(hub.open(), RIG, ViewMode.record)
+    sim = Sim()
+    rows = np.zeros((2, 128, 6), np.float32)
+    rows[0, :2, 0] = 20.0, 30.5
+    sim.more["radar"] = SimpleNamespace(values=rows, count=np.array([2, 0]))
+    sim.begin(view, msgspec.structs.replace(lease(), case=expand(campaign)[0]))
+    sim.step(view)
+    sim.more.clear()
+    sim.step(view)
+    sim.end(view)
+    view.close(10)
+    start, *rest = listener.wait()
+    site = start.rows["radar"]
+    assert site.columns[:2] == ["range_m", "azimuth_rad"]
+    assert (site.position_m, site.rotation_deg) == ([3.5, 0.5, 0.6], [0.0, 0.0, 10.0])
+    states = [m for m in rest if isinstance(m, StateSample)]
+    assert [row[0] for row in states[0].rows["radar"]] == [20.0, 30.5]
+    assert states[1].rows == {}, "none was due"
 
 
 def test_the_start_is_repeated_for_those_who_come_later(hub, clock):

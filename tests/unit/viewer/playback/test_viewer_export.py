@@ -7,6 +7,7 @@ import subprocess
 from fractions import Fraction
 
 import av
+import numpy as np
 import pytest
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
@@ -20,6 +21,7 @@ from viewer.playback.outputs import needed
 from viewer.playback.video import write_film
 from viewer.recording import naming
 from viewer.recording.recording import RecordingFile
+from viewer.recording.scenery import rotation
 
 
 def with_a_gap(folder):
@@ -128,6 +130,30 @@ def test_without_pictures_there_is_no_film(tmp_path):
     assert write_mcap(case, tmp_path / "a.mcap").messages == 3
     with pytest.raises(UsageError, match="No such file or directory"):
         write_mcap(case, tmp_path / "no" / "a.mcap")
+
+
+def test_the_pose_in_an_mcap_file_has_height_pitch_and_roll(tmp_path):
+    recording = RecordingFile(start(tmp_path))
+    recording.state(state(1, 0, yaw_rad=-0.4))
+    recording.state(state(2, 1, yaw_rad=2.0, z_m=4.25, pitch_rad=0.1, roll_rad=-0.2))
+    recording.close(end(3, tick=1))
+    case = read_case(tmp_path / naming.RECORDING_FILE)
+    level, tilted = case.frames
+    assert (level.z_m, level.pitch_rad, level.roll_rad) == (0.0, 0.0, 0.0)
+    assert (tilted.pitch_rad, tilted.roll_rad) == pytest.approx((0.1, -0.2), abs=1e-6)
+    write_mcap(case, tmp_path / "a.mcap")
+    with (tmp_path / "a.mcap").open("rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        poses = [message for *_, message in reader.iter_decoded_messages(topics=["/tf"])]
+    assert [pose.translation.z for pose in poses] == [0.0, 4.25]
+    for pose, degrees in zip(poses, ([0.0, 0.0, -0.4], [-0.2, 0.1, 2.0]), strict=True):
+        turn = pose.rotation
+        expected = rotation(np.degrees(degrees))
+        x, y, z, w = turn.x, turn.y, turn.z, turn.w
+        forward = [1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)]
+        upward = [2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)]
+        np.testing.assert_allclose(forward, expected[:, 0], atol=1e-6)
+        np.testing.assert_allclose(upward, expected[:, 2], atol=1e-6)
 
 
 def test_a_library_that_is_not_installed_is_named(monkeypatch):

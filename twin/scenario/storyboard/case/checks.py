@@ -12,6 +12,7 @@ from schemas.kinds.scenarios.storyboard import KIND
 from schemas.sections.trial import Trial
 from schemas.validation import suggest
 from twin.scenario.storyboard.case.files import LoadedStoryboard, load_storyboard
+from twin.vehicle.vehicle_file import Vehicle, load_vehicle
 from twin.world.roadside.roadside import road_mistake
 from twin.world.scene import load_scene
 from twin.world.things import NAME_MAX
@@ -22,10 +23,21 @@ STEP_NS = 10_000_000
 
 def case_mistakes(cases: Sequence[Case]) -> list[str]:
     """One line for each thing that is wrong, each once."""
-    return list(dict.fromkeys(line for case in cases for line in _mistakes(case)))
+    names = dict.fromkeys(case.rig.vehicle for case in cases)
+    vehicles = {name: _vehicle(name) for name in names}
+    lines = (line for case in cases for line in _mistakes(case, vehicles[case.rig.vehicle]))
+    return list(dict.fromkeys(lines))
 
 
-def _mistakes(case: Case) -> Iterator[str]:
+def _vehicle(name: str) -> Vehicle | None:
+    """A vehicle; None: its file has mistakes, which are said where vehicles are looked at."""
+    try:
+        return load_vehicle(name)
+    except (ValueError, YamlError):
+        return None
+
+
+def _mistakes(case: Case, vehicle: Vehicle | None) -> Iterator[str]:
     scenario = case.variation.scenario
     config = KIND.config_of(scenario)
     name = config.storyboard
@@ -39,7 +51,7 @@ def _mistakes(case: Case) -> Iterator[str]:
             "whole steps of 10 ms, so at most 100 Hz"
         )
     try:
-        loaded = load_storyboard(name, config.numbers)
+        loaded = load_storyboard(name, config.numbers, vehicle)
     except (ValueError, YamlError) as error:
         yield from (line if name in line else f"{name}: {line}" for line in str(error).splitlines())
         return

@@ -9,6 +9,7 @@ import numpy as np
 from schemas.kinds.scenarios.storyboard import StoryboardConfig
 from twin.scenario.driver import BRAKED
 from twin.scenario.protocol import FirstContact, Rows, Scalars, Verdict
+from twin.scenario.storyboard.case.free_run import FREE_SCALARS, FreeRun
 from twin.scenario.storyboard.case.trial import TRIAL_SCALARS, TrialRun
 from twin.scenario.surroundings import Surroundings
 
@@ -21,6 +22,7 @@ class StoryboardFamily:
     ) -> None:
         self._events = ground.events
         self._trial = TrialRun(config, ground) if config.trial is not None else None
+        self._free = FreeRun(config.free_driving) if config.free_driving is not None else None
 
     @classmethod
     def start(cls, _config: StoryboardConfig, ground: Surroundings) -> tuple[float, float, float]:
@@ -51,6 +53,7 @@ class StoryboardFamily:
             "event_last_s": float(rows.column("event_last_s")[-1]) if begun else None,
             **_intervention(rows),
             **_warning(rows),
+            **(self._free.scalars(rows) if self._free else dict.fromkeys(FREE_SCALARS)),
         }
 
     def judge(self, rows: Rows, moved: bool) -> Verdict:
@@ -69,7 +72,9 @@ class StoryboardFamily:
         return none if self._trial is None else self._trial.scalars(rows, contact)
 
     def trial_verdict(self, rows: Rows, contact: FirstContact | None) -> Verdict | None:
-        """The verdict of the trial; None: the case is none."""
+        """The verdict of the trial, or of free driving; None: the case is neither."""
+        if self._free is not None:
+            return self._free.verdict(rows, contact)
         if self._trial is None:
             return None
         verdict = self._trial.verdict(rows, contact)

@@ -1,8 +1,8 @@
-"""Scenario files of cases: from a name and numbers to a program."""
+"""Scenario files of cases: from a name, numbers and a vehicle to a program."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +13,7 @@ from twin.scenario.storyboard.program.program import Program
 
 if TYPE_CHECKING:
     from twin.scenario.storyboard.native.document import NativeDocument
+    from twin.vehicle.vehicle_file import Vehicle
 
 CACHED_MAX = 256
 """Most programs, and most files, that a process keeps."""
@@ -40,21 +41,25 @@ _documents: dict[tuple[str, str], NativeDocument] = {}
 """
 
 
-def load_storyboard(name: str, numbers: dict[str, float]) -> LoadedStoryboard:
+def load_storyboard(
+    name: str, numbers: dict[str, float], vehicle: Vehicle | None = None
+) -> LoadedStoryboard:
     """The program of a shipped scenario or a scenario file; the same object each time.
 
     Args:
         name: shipped name, or path of a YAML or OpenSCENARIO XML file.
         numbers: numbers of the file that are others than it says.
+        vehicle: the ego, from whose middle and ends places and gaps of a YAML file count; None: a
+            car of the size of its kind. An OpenSCENARIO file says where the ego's origin is.
 
     Raises:
         ValueError: it cannot be used; a line for each mistake.
     """
     path = file_of(name)
     content = asset_digest(path) if is_path(name) else ""  # what ships does not change
-    key = (name, content, tuple(sorted(numbers.items())))
+    key = (name, content, tuple(sorted(numbers.items())), _size_m(vehicle))
     if key not in _loaded:
-        program = _program(path, content, numbers)
+        program = _program(path, content, numbers, vehicle)
         while len(_loaded) >= CACHED_MAX:
             del _loaded[next(iter(_loaded))]
         _loaded[key] = LoadedStoryboard(program, _ego(path, program), _road(path, program))
@@ -67,7 +72,15 @@ def scene_name(config: StoryboardConfig) -> str:
     Raises:
         ValueError: it has none, or cannot be used.
     """
-    road = load_storyboard(config.storyboard, config.numbers).road
+    path = file_of(config.storyboard)
+    if path.suffix == SCENARIO_SUFFIX:
+        road = load_storyboard(config.storyboard, config.numbers).road
+    else:  # it always has one, whoever the ego is
+        from twin.road.shipped.library import road_path
+
+        content = asset_digest(path) if is_path(config.storyboard) else ""
+        scenario = _document(path, content).scenario
+        road = _own_road(path, road_path(scenario.road, path.parent))
     if not road:
         raise ValueError(f"{config.storyboard}: it has no road; name a scene in scenario.scene")
     return road
@@ -85,14 +98,43 @@ def file_of(name: str) -> Path:
     return path
 
 
-def _program(path: Path, content: str, numbers: dict[str, float]) -> Program:
+def _size_m(vehicle: Vehicle | None) -> tuple[float, ...]:
+    """All that a program takes from a vehicle."""
+    if vehicle is None:
+        return ()
+    hull = vehicle.length_m, vehicle.width_m, vehicle.height_m
+    return *hull, vehicle.wheelbase_m, vehicle.rear_overhang_m
+
+
+def _program(
+    path: Path, content: str, numbers: dict[str, float], vehicle: Vehicle | None
+) -> Program:
     # Both take libraries or tables that are slow to load, and a campaign needs one of them.
     if path.suffix == SCENARIO_SUFFIX:
         from twin.scenario.storyboard.apart import program_apart
 
         return program_apart(path, numbers)
+    from twin.scenario.storyboard.native.bodies import BODIES
     from twin.scenario.storyboard.native.compiler import compile_native
-    from twin.scenario.storyboard.native.document import load_native, with_values
+    from twin.scenario.storyboard.native.document import with_values
+
+    ego = BODIES["car"]
+    if vehicle is not None:
+        length_m, width_m, height_m, wheelbase_m, rear_m = _size_m(vehicle)
+        ego = replace(
+            ego,
+            length_m=length_m,
+            width_m=width_m,
+            height_m=height_m,
+            wheelbase_m=wheelbase_m,
+            rear_m=rear_m,
+        )
+    return compile_native(with_values(_document(path, content), numbers), ego)
+
+
+def _document(path: Path, content: str) -> NativeDocument:
+    """A YAML file that is read once."""
+    from twin.scenario.storyboard.native.document import load_native
 
     key = (str(path), content)
     if key not in _documents:
@@ -100,7 +142,7 @@ def _program(path: Path, content: str, numbers: dict[str, float]) -> Program:
         while len(_documents) >= CACHED_MAX:
             del _documents[next(iter(_documents))]
         _documents[key] = document
-    return compile_native(with_values(_documents[key], numbers))
+    return _documents[key]
 
 
 def _ego(path: Path, program: Program) -> int:
@@ -114,7 +156,15 @@ def _ego(path: Path, program: Program) -> int:
 def _road(path: Path, program: Program) -> str:
     if program.network is None:
         return ""
-    road = Path(program.network.file)
+    return _own_road(path, Path(program.network.file))
+
+
+def _own_road(path: Path, road: Path) -> str:
+    """The road file of a scenario.
+
+    Raises:
+        ValueError: it is not among the scenario's files.
+    """
     # A file that the case's identity does not know could change unnoticed.
     if is_path(str(path)) and "shipped" not in road.parts:
         known = {file.resolve() for file in asset_files(path)}

@@ -11,6 +11,7 @@ import numpy as np
 
 from schemas.case import Case
 from schemas.kinds.scenarios.storyboard import KIND
+from schemas.sections.free_driving import FreeDriving
 from twin.actors.motion import ObjectKind, Placement
 from twin.actors.palette import nobody
 from twin.road.opendrive.grid import cosine, settled, sine
@@ -36,6 +37,7 @@ from twin.scenario.storyboard.case.moved_bodies import BodyAction, MovedBodies
 from twin.scenario.storyboard.case.rig_player import RigPlayer
 from twin.scenario.storyboard.case.signals import ProgramSignals
 from twin.scenario.storyboard.case.trial import TARGET_COLUMNS
+from twin.scenario.storyboard.case.way_ahead import nearest_collision_s
 from twin.scenario.storyboard.player.columns import Real, Whole
 from twin.scenario.storyboard.program.entities import BodyBox
 from twin.scenario.storyboard.program.program import ElementKind, Program
@@ -84,7 +86,7 @@ class StoryboardMotion:
         period_ns = 1_000_000_000 // case.rig.control_hz
         if period_ns % STEP_NS:
             raise ValueError(f"control_hz {case.rig.control_hz}: no whole steps of 10 ms")
-        loaded = _load(case)
+        loaded = _load(case, vehicle)
         self._scene = scene_file(case)
         roads = road_map(self._scene) if self._scene else None
         tables = road_tables(roads.network) if roads else None
@@ -118,7 +120,7 @@ class StoryboardMotion:
     def begin(self, slot: int, case: Case) -> StartPose:
         """A case begins: bodies and ego are where they are at time 0 of its storyboard."""
         check_scenario_files(case)
-        loaded = _load(case)
+        loaded = _load(case, self._vehicle)
         config = KIND.config_of(case.variation.scenario)
         name = config.storyboard
         wrong = [*program_mistakes(name, loaded)]
@@ -137,6 +139,7 @@ class StoryboardMotion:
             run.target = target_row(name, loaded, config.trial)
         if config.driver == "robot":
             run.limits = RobotLimits(config.robot_brake, math.radians(config.robot_steering_deg))
+            run.free = config.free_driving
             run.led_pose = self._led(slot, run, self._player.bodies.reals.numpy())
         return self._ego(slot)
 
@@ -208,6 +211,7 @@ class StoryboardMotion:
         """The robot of a slot is gone: from the next step on the ego is where the vehicle is."""
         run = self._run(slot)
         run.limits, run.intervention = None, kind
+        run.intervention_step = int(self._steps[slot])
 
     def _go_on(self, active: np.ndarray) -> None:
         entity = self._bodies.entity
@@ -268,10 +272,33 @@ class StoryboardMotion:
             place, velocity = now.position_m[at], now.velocity_mps[at]
             moved = (place[0], place[1], now.yaw_rad[at], velocity[0], velocity[1])
             values |= {name: float(v) for name, v in zip(TARGET_COLUMNS, moved, strict=True)}
+        if run.free is not None:
+            ttc_s = self._way_ttc_s(slot, run, run.free)
+            values |= {"way_ttc_s": ttc_s} if math.isfinite(ttc_s) else {}
         return values
 
+    def _way_ttc_s(self, slot: int, run: _SlotCase, free: FreeDriving) -> float:
+        """Truth of what is in the way of a slot's ego."""
+        bodies, ego, car = self._bodies, run.loaded.ego, self._vehicle
+        there = bodies.there[slot]
+        rows = np.concatenate([[ego], bodies.entity[slot, there]])
+        half_m = [[[car.length_m / 2, car.width_m / 2]], bodies.half_m[slot, there]]
+        centre_m = [[[car.centre_offset_m, 0.0]], bodies.centre_m[slot, there]]
+        return nearest_collision_s(
+            self._player.bodies.reals.numpy()[slot, rows],
+            self._player.bodies.wholes.numpy()[slot, rows],
+            np.concatenate(half_m),
+            np.concatenate(centre_m),
+            free.margin_m,
+        )
+
     def ended(self, slot: int) -> bool:
-        """Whether the storyboard of a slot has ended."""
+        """Whether the storyboard of a slot has ended, or what free driving looks at after a full
+        braking."""
+        run = self._run(slot)
+        if run.free is not None and run.intervention:
+            since_s = (int(self._steps[slot]) - run.intervention_step) * self._step_s
+            return not self._running[slot] or since_s >= run.free.after_s
         return not self._running[slot]
 
     def fault(self, slot: int) -> str:
@@ -445,7 +472,7 @@ class _SlotCase:
         *("loaded", "things", "names", "numbers", "seen"),
         *("events_started", "event_last", "event_last_s"),
         *("limits", "led_pose", "intervention", "appearance"),
-        *("changes", "environment", "signals", "target"),
+        *("changes", "environment", "signals", "target", "free", "intervention_step"),
     )
 
     def __init__(self, loaded: LoadedStoryboard, things: tuple[Thing, ...]) -> None:
@@ -469,6 +496,10 @@ class _SlotCase:
         """Body that the trial is about; None: the case is no trial."""
         self.intervention = 0
         """How the stack intervened; 0: it has not."""
+        self.intervention_step = 0
+        """The step of the storyboard then."""
+        self.free: FreeDriving | None = None
+        """Which full brakings are false; None: the case is no free driving."""
         self.appearance: Appearance
         """What its actions do to lamps and weather."""
         self.changes: set[int]
@@ -487,9 +518,9 @@ def scene_file(case: Case) -> str:
     return scene
 
 
-def _load(case: Case) -> LoadedStoryboard:
+def _load(case: Case, vehicle: Vehicle) -> LoadedStoryboard:
     config = KIND.config_of(case.variation.scenario)
-    return load_storyboard(config.storyboard, config.numbers)
+    return load_storyboard(config.storyboard, config.numbers, vehicle)
 
 
 def _with_vehicle(loaded: LoadedStoryboard, vehicle: Vehicle) -> Program:

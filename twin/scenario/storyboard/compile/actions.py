@@ -153,11 +153,8 @@ def _follow_trajectory(element: ScenarioElement, context: Compilation) -> Follow
     )
 
 
-def _activate(element: ScenarioElement, context: Compilation) -> ControllerAction:
+def _activate(element: ScenarioElement, _context: Compilation) -> ControllerAction:
     values = element.values
-    for key in ("animation", "lighting"):
-        if key in values:
-            context.note(element, f"{key} is not controlled by controllers")
     return ControllerAction(_flag(values.get("lateral")), _flag(values.get("longitudinal")))
 
 

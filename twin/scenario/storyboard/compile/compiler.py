@@ -118,9 +118,9 @@ def _refuse(element: ScenarioElement, context: Compilation) -> None:
     if reason is not None:
         context.note(element, f"no effect: {reason}")
         return
-    for key in element.values:
+    for key, value in element.values.items():
         reason = NO_EFFECT_ATTRIBUTES.get((element.type_name, key))
-        if reason is not None:
+        if reason is not None and value:
             context.note(element, f"{key} has no effect: {reason}")
     for child in (*element.children, *([element.target] if element.target else [])):
         _refuse(child, context)

@@ -12,7 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from twin.road.opendrive.clothoid import clothoid
 from twin.road.opendrive.grid import cosine, settled, sine
+from twin.scenario.storyboard.program.places import FixedPosition, TrajectoryPiece
 
 PLACE_TOLERANCE_M = 2e-6
 ANGLE_TOLERANCE_RAD = 2e-7
@@ -125,3 +127,48 @@ def value(c: tuple[np.ndarray, ...], ahead: np.ndarray) -> np.ndarray:
     """Polynomials at distances from the beginning of their pieces."""
     total: np.ndarray = c[0] + ahead * (c[1] + ahead * (c[2] + ahead * c[3]))
     return total
+
+
+def trajectory_piece(piece: CurvePiece, start_s_m: float) -> TrajectoryPiece:
+    """A piece of a line as one of a trajectory, along which the line begins at ``start_s_m``."""
+    return TrajectoryPiece(
+        start_s_m + piece.start_m, piece.length_m, piece.x, piece.y, piece.z, piece.heading
+    )
+
+
+def spiral(
+    start: FixedPosition, curvature_per_m: tuple[float, float], length_m: float, start_s_m: float
+) -> tuple[TrajectoryPiece, ...]:
+    """A clothoid from a place on, level with it, between two curvatures; along a trajectory it
+    begins at ``start_s_m``."""
+    curve = clothoid(*curvature_per_m, length_m)
+    c, si = float(cosine(start.heading_rad)), float(sine(start.heading_rad))
+
+    def line(s_m: np.ndarray) -> LinePoints:
+        u, v = curve.at(s_m)
+        level = np.zeros(s_m.shape)
+        return LinePoints(
+            start.x_m + c * u - si * v,
+            start.y_m + si * u + c * v,
+            level + start.z_m,
+            level,
+            start.heading_rad + curve.heading(s_m),
+            curve.curvature + curve.rate * s_m,
+        )
+
+    pieces = cut(line, np.array([0.0, length_m]))
+    return tuple(trajectory_piece(piece, start_s_m) for piece in pieces)
+
+
+def place_on(piece: TrajectoryPiece, ahead_m: float) -> FixedPosition:
+    """The place so far along a piece of a trajectory, headed along it."""
+    x, y, z, heading = (
+        c[0] + ahead_m * (c[1] + ahead_m * (c[2] + ahead_m * c[3]))
+        for c in (piece.x, piece.y, piece.z, piece.heading)
+    )
+    return FixedPosition(x, y, z, heading)
+
+
+def end_of(piece: TrajectoryPiece) -> FixedPosition:
+    """Where a piece of a trajectory ends, headed along it."""
+    return place_on(piece, piece.length_m)

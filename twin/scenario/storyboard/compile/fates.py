@@ -58,6 +58,17 @@ NO_EFFECT_NAMES: Mapping[str, str] = {
 """Elements without effect whose type others share, by name."""
 
 NO_EFFECT_ATTRIBUTES: Mapping[tuple[str, str], str] = {
+    ("ActivateControllerAction", "controllerRef"): "the default controller drives",
+    ("ActivateControllerAction", "objectControllerRef"): "the default controller drives",
+    ("ActivateControllerAction", "animation"): "it is not controlled by controllers",
+    ("ActivateControllerAction", "lighting"): "it is not controlled by controllers",
+    ("AssignControllerAction", "activateAnimation"): "it is not controlled by controllers",
+    ("AssignControllerAction", "activateLighting"): "it is not controlled by controllers",
+    ("RelativeAngleCondition", "coordinateSystem"): "the angle is the one between both entities",
+    ("Orientation", "p"): "bodies stand as the road does",
+    ("Orientation", "r"): "bodies stand as the road does",
+    ("WorldPosition", "p"): "bodies stand as the road does",
+    ("WorldPosition", "r"): "bodies stand as the road does",
     ("DistanceCondition", "routingAlgorithm"): "distances follow the road",
     ("RelativeDistanceCondition", "routingAlgorithm"): "distances follow the road",
     ("TimeHeadwayCondition", "routingAlgorithm"): "distances follow the road",
@@ -73,7 +84,21 @@ NO_EFFECT_ATTRIBUTES: Mapping[tuple[str, str], str] = {
     ("TrailerCoupler", "dz"): "trailers stand on the road",
     ("TrailerHitch", "dz"): "trailers stand on the road",
 }
-"""Attributes without effect, with the reason; each is noted."""
+"""Attributes without effect, with the reason; each is noted, unless it is 0 or false."""
+
+DESCRIBED_ATTRIBUTES: Mapping[tuple[str, str], str] = {
+    ("Axle", "maxSteering"): "the way of a vehicle is not limited by its steering",
+    ("Axle", "positionZ"): "wheels stand on the road",
+    ("Axle", "trackWidth"): "bodies have wheels of their own",
+    ("Axle", "wheelDiameter"): "bodies have wheels of their own",
+    ("MiscObject", "model3d"): "bodies have looks of their own",
+    ("Pedestrian", "model"): "bodies have looks of their own",
+    ("Pedestrian", "model3d"): "bodies have looks of their own",
+    ("Pedestrian", "role"): "it changes nothing",
+    ("Vehicle", "model3d"): "bodies have looks of their own",
+    ("Vehicle", "role"): "it changes nothing",
+}
+"""Attributes that only describe, with the reason; not noted, because every catalog has them."""
 
 STRUCTURE = frozenset(
     {
@@ -112,8 +137,9 @@ def fate_of(type_name: str, attribute: str = "") -> str:
         return f"refused: {REFUSED_TYPES[type_name]}"
     if type_name in NO_EFFECT:
         return f"no effect: {NO_EFFECT[type_name]}"
-    if (type_name, attribute) in NO_EFFECT_ATTRIBUTES:
-        return f"no effect: {NO_EFFECT_ATTRIBUTES[type_name, attribute]}"
+    for table in (NO_EFFECT_ATTRIBUTES, DESCRIBED_ATTRIBUTES):
+        if (type_name, attribute) in table:
+            return f"no effect: {table[type_name, attribute]}"
     if type_name in HANDLERS or type_name in STRUCTURE:
         return "played"
     return "read"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from dataclasses import dataclass
 
-from twin.road.opendrive.lane_graph import LanePosition
+from twin.road.opendrive.lane_graph import LanePosition, WaysToPlace
 from twin.road.opendrive.records import LANE_TYPES
 from twin.scenario.storyboard.compile.context import Compilation, Handler, RefusalError, only_child
 from twin.scenario.storyboard.openscenario.element import ScenarioElement
@@ -59,7 +59,7 @@ def _route(element: ScenarioElement, context: Compilation) -> RoutePath:
     for waypoint, (one, other) in zip(
         [*waypoints[1:], waypoints[0]], itertools.pairwise(targets), strict=False
     ):
-        way = shortest_way(context, one, other)
+        way = _way(context, _ways(context, other), one)
         if way is None:
             raise RefusalError(waypoint, "no lanes lead there from the waypoint before it")
         legs += way
@@ -68,17 +68,14 @@ def _route(element: ScenarioElement, context: Compilation) -> RoutePath:
     return RoutePath(route, tuple(ids[leg.road] for leg in route.legs))
 
 
-def shortest_way(
-    context: Compilation, start: FixedPosition, goal: FixedPosition
-) -> list[RouteLeg] | None:
-    """Legs from one place on a lane to another; None: there is no way."""
+def _ways(context: Compilation, goal: FixedPosition) -> WaysToPlace:
     assert context.graph is not None
-    ids = list(context.road_numbers)
-    way = context.graph.route(
-        LanePosition(ids[start.road], start.lane, start.s_m),
-        LanePosition(ids[goal.road], goal.lane, goal.s_m),
-        LANE_TYPES,
-    )
+    return context.graph.ways_to(_lane_position(context, goal), LANE_TYPES)
+
+
+def _way(context: Compilation, ways: WaysToPlace, start: FixedPosition) -> list[RouteLeg] | None:
+    """Legs from one place on a lane to another; None: there is no way."""
+    way = ways.route_from(_lane_position(context, start))
     if way is None:
         return None
     return [
@@ -90,6 +87,11 @@ def shortest_way(
         )
         for step in way.steps
     ]
+
+
+def _lane_position(context: Compilation, place: FixedPosition) -> LanePosition:
+    road = next(itertools.islice(context.road_numbers, place.road, None))
+    return LanePosition(road, place.lane, place.s_m)
 
 
 def _joined(legs: list[RouteLeg]) -> tuple[RouteLeg, ...]:
@@ -134,6 +136,7 @@ def _acquire(element: ScenarioElement, context: Compilation) -> AcquirePositionA
 def _ways_to(context: Compilation, goal: FixedPosition) -> tuple[int, ...]:
     """Routes to a place from the beginning of every road along it, and from its end against it."""
     assert context.roads is not None
+    to_goal = _ways(context, goal)
     routes = []
     for number, frame in enumerate(context.roads.frames.values()):
         road = frame.road
@@ -144,7 +147,7 @@ def _ways_to(context: Compilation, goal: FixedPosition) -> tuple[int, ...]:
             ways = []
             for lane in section.lanes:
                 start = FixedPosition(0, 0, 0, 0, road=number, s_m=s_m, lane=lane.id)
-                way = shortest_way(context, start, goal)
+                way = _way(context, to_goal, start)
                 if way and sign * (way[0].to_s_m - way[0].from_s_m) > 0.0:
                     ways.append(way)
             best = min(ways, key=_length, default=None)

@@ -13,8 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from msgspec.structs import replace
 
-from twin.road.opendrive.clothoid import clothoid
-from twin.road.opendrive.grid import angle_of, cosine, sine
+from twin.road.opendrive.grid import angle_of
 from twin.scenario.storyboard.compile.context import (
     Compilation,
     Handler,
@@ -22,7 +21,13 @@ from twin.scenario.storyboard.compile.context import (
     number_of,
     only_child,
 )
-from twin.scenario.storyboard.compile.curves import CurvePiece, LinePoints, cut
+from twin.scenario.storyboard.compile.curves import (
+    cut,
+    end_of,
+    place_on,
+    spiral,
+    trajectory_piece,
+)
 from twin.scenario.storyboard.compile.nurbs import NurbsCurve
 from twin.scenario.storyboard.openscenario.element import ScenarioElement
 from twin.scenario.storyboard.program.places import FixedPosition, Trajectory, TrajectoryPiece
@@ -57,7 +62,8 @@ def _closed(element: ScenarioElement, shape: TrajectoryShape) -> tuple[Trajector
     """Pieces with a straight one back to the first, if the ends are apart."""
     first, last = shape.pieces[0], shape.pieces[-1]
     start = (first.x[0], first.y[0], first.z[0])
-    end = _at(last, last.length_m)[:3]
+    there = end_of(last)
+    end = (there.x_m, there.y_m, there.z_m)
     gap = math.dist(start, end)
     if gap < 1e-6:
         return shape.pieces
@@ -143,7 +149,7 @@ def _clothoid(element: ScenarioElement, context: Compilation) -> TrajectoryShape
     curvature, length = float(element.values["curvature"]), float(element.values["length"])
     if not 0.0 < length < 1e6:
         raise RefusalError(element, f"length is {length:g} m, it must be above 0 and below 1e6")
-    pieces = _spiral(start, (curvature, curvature + rate * length), length, 0.0)
+    pieces = spiral(start, (curvature, curvature + rate * length), length, 0.0)
     begin, end = element.values.get("startTime"), element.values.get("stopTime")
     if (begin is None) != (end is None):
         raise RefusalError(element, "give both startTime and stopTime, or neither")
@@ -174,13 +180,12 @@ def _clothoid_spline(element: ScenarioElement, context: Compilation) -> Trajecto
             )
         if length == 0.0:
             continue
-        stretch = _spiral(place, ends, length, s)
+        stretch = spiral(place, ends, length, s)
         if times:
             stretch = _spread(stretch, times[index], times[index + 1])
         pieces += stretch
         s += length
-        x, y, z, heading = _at(stretch[-1], stretch[-1].length_m)
-        place = FixedPosition(x, y, z, heading)
+        place = end_of(stretch[-1])
     return TrajectoryShape(tuple(pieces), bool(times), from_actor=first is None)
 
 
@@ -195,35 +200,6 @@ def _spline_times(element: ScenarioElement, segments: list[ScenarioElement]) -> 
     if any(not other > one for one, other in itertools.pairwise(times)):
         raise RefusalError(element, "times must rise from segment to segment")
     return times
-
-
-def _spiral(
-    start: FixedPosition, curvature: tuple[float, float], length: float, start_s_m: float
-) -> tuple[TrajectoryPiece, ...]:
-    """A clothoid from a place on, level with it."""
-    curve = clothoid(*curvature, length)
-    c, si = float(cosine(start.heading_rad)), float(sine(start.heading_rad))
-
-    def line(s_m: np.ndarray) -> LinePoints:
-        u, v = curve.at(s_m)
-        level = np.zeros(s_m.shape)
-        return LinePoints(
-            start.x_m + c * u - si * v,
-            start.y_m + si * u + c * v,
-            level + start.z_m,
-            level,
-            start.heading_rad + curve.heading(s_m),
-            curve.curvature + curve.rate * s_m,
-        )
-
-    pieces = cut(line, np.array([0.0, length]))
-    return tuple(_piece(piece, start_s_m) for piece in pieces)
-
-
-def _piece(piece: CurvePiece, start_s_m: float) -> TrajectoryPiece:
-    return TrajectoryPiece(
-        start_s_m + piece.start_m, piece.length_m, piece.x, piece.y, piece.z, piece.heading
-    )
 
 
 def _spread(
@@ -264,7 +240,7 @@ def _nurbs(element: ScenarioElement, context: Compilation) -> TrajectoryShape:
         pieces = cut(curve.line, curve.stations)
     except ValueError as error:
         raise RefusalError(element, str(error)) from None
-    out = [_piece(piece, 0.0) for piece in pieces]
+    out = [trajectory_piece(piece, 0.0) for piece in pieces]
     if timed:
         out = [_timed(piece, curve) for piece in out]
         if any(piece.duration_s < 0.0 for piece in out):
@@ -277,14 +253,6 @@ def _timed(piece: TrajectoryPiece, curve: NurbsCurve) -> TrajectoryPiece:
     return replace(piece, start_time_s=float(ends[0]), duration_s=float(ends[1] - ends[0]))
 
 
-def _at(piece: TrajectoryPiece, ahead_m: float) -> tuple[float, float, float, float]:
-    x, y, z, heading = (
-        c[0] + ahead_m * (c[1] + ahead_m * (c[2] + ahead_m * c[3]))
-        for c in (piece.x, piece.y, piece.z, piece.heading)
-    )
-    return x, y, z, heading
-
-
 def point_of(
     trajectory: Trajectory, s_m: float, element: ScenarioElement
 ) -> tuple[float, float, float, float]:
@@ -295,11 +263,11 @@ def point_of(
         raise RefusalError(element, f"s={s_m:g} m on a trajectory of {end:g} m")
     piece = next((p for p in reversed(trajectory.pieces) if p.start_s_m <= s_m), None)
     piece = piece or trajectory.pieces[0]
-    x, y, z, _ = _at(piece, s_m - piece.start_s_m)
     ahead = s_m - piece.start_s_m
+    place = place_on(piece, ahead)
     dx, dy = (c[1] + ahead * (2.0 * c[2] + 3.0 * ahead * c[3]) for c in (piece.x, piece.y))
     heading = _direction(dx, dy) if dx or dy else piece.heading[0]
-    return x, y, z, heading
+    return place.x_m, place.y_m, place.z_m, heading
 
 
 def _direction(dx: float, dy: float) -> float:

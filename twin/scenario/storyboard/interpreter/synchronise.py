@@ -26,7 +26,11 @@ from twin.scenario.storyboard.interpreter.transition import CLOSE, FAR, HALF, TW
 from twin.scenario.storyboard.player.columns import Real, Whole
 from twin.scenario.storyboard.player.layout import real_column, whole_column
 from twin.scenario.storyboard.program import actions as records
-from twin.scenario.storyboard.program.actions import FinalSpeedKind, SteadyStateKind
+from twin.scenario.storyboard.program.actions import (
+    NEARLY_STEADY,
+    FinalSpeedKind,
+    SteadyStateKind,
+)
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
 
@@ -35,6 +39,7 @@ _FINAL = whole_column(records.SynchronizeAction, "final_speed")
 _FINAL_SPEED = real_column(records.SynchronizeAction, "final_speed_mps")
 _STEADY = whole_column(records.SynchronizeAction, "steady_state")
 _STEADY_VALUE = real_column(records.SynchronizeAction, "steady_state_value")
+_SLACK = real_column(records.SynchronizeAction, "steady_slack")
 _TOLERANCE = real_column(records.SynchronizeAction, "tolerance_m")
 _MASTER_TOLERANCE = real_column(records.SynchronizeAction, "tolerance_master_m")
 _WAY = whole_column(records.SynchronizeAction, "trajectory")
@@ -45,6 +50,7 @@ _NEAR_LINE = wp.constant(wp.float64(0.1))
 """The turning point is passed when the speed is that near to the last part's [m/s]."""
 _BRAKE = wp.constant(wp.float64(-8.0))
 """Deceleration of a stop for which half the way is not enough [m/s^2]."""
+_LITTLE = wp.constant(wp.float64(NEARLY_STEADY))
 
 # Scratch: s, x, y of the actor's target, of the master's, and the distances at the last step.
 TARGET = 0
@@ -179,11 +185,12 @@ def step_synchronise(
         return ZERO
     phase = play.instance_wholes[slot, k, PHASE]
     if steady != SteadyStateKind.NONE and phase != _PHASE_STEADY:
+        slack = tables.reals[reals + _SLACK]
         steady_way = tables.reals[reals + _STEADY_VALUE]
         if steady == SteadyStateKind.TIME:
             steady_way = steady_way * final
         steady_time = steady_way / wp.max(final, CLOSE)
-        if way - steady_way < CLOSE or time - steady_time < CLOSE:
+        if way - steady_way < slack or time - steady_time < slack:
             phase = _PHASE_STEADY
             play.instance_wholes[slot, k, PHASE] = phase
         else:
@@ -229,7 +236,7 @@ def towards(
     line = TWO * way / time - final
     if phase == _PHASE_LINE:
         play.instance_wholes[slot, k, PHASE] = phase
-        if time >= FAR or way < wp.float64(0.001) or time < wp.float64(0.001):
+        if time >= FAR or way < _LITTLE or time < _LITTLE:
             return ZERO
         return wp.max(TWO * way / time - wp.max(final, ZERO), ZERO)
     turning = phase == _PHASE_CONVEX or phase == _PHASE_CONCAVE

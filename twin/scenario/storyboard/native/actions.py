@@ -9,9 +9,15 @@ from functools import partial
 
 from schemas.validation import suggest
 from twin.scenario.storyboard.native.bodies import WALKERS
+from twin.scenario.storyboard.native.curves import curve_trajectory, curve_way, place_after
 from twin.scenario.storyboard.native.ground import NativeMistakes, ScenarioGround, SpotError
 from twin.scenario.storyboard.native.orders import ActorOrders, ArriveOrder, KeepOrder, LampOrders
-from twin.scenario.storyboard.native.sections import ActorStart, IdmSettings, NativeScenario
+from twin.scenario.storyboard.native.sections import (
+    ActorStart,
+    EgoStart,
+    IdmSettings,
+    NativeScenario,
+)
 from twin.scenario.storyboard.native.starts import StartPlace, origin_at, spot_position
 from twin.scenario.storyboard.native.watches import ScenarioSpot
 from twin.scenario.storyboard.native.ways import (
@@ -76,6 +82,9 @@ AT_ONCE = TransitionDynamics(DynamicsShape.STEP, DynamicsDimension.TIME, 0.0)
 SPEED, ARRIVE = "speed", "arrive"
 """Names of actions that cannot begin together: both steer the speed."""
 
+_End = tuple[FixedPosition, int, float]
+"""Where somebody arrives: position, trajectory (-1: none) and way along it."""
+
 
 @dataclass(slots=True)
 class ActorCourse:
@@ -113,9 +122,8 @@ class ActionCompiler:
         """Actions of the start, by name."""
         first: dict[str, list[PrivateAction]] = {}
         for name, place in self.places.items():
-            ego = name == "ego"
-            start = self.scenario.ego if ego else self.scenario.actors[name]
-            path = "ego" if ego else f"actors.{name}"
+            start = self._start(name)
+            path = "ego" if name == "ego" else f"actors.{name}"
             legs = self.mistakes.attempt(path, partial(self._legs, place, start.turns))
             self.courses[name] = ActorCourse(place.lane, legs or [])
             actions: list[PrivateAction] = [
@@ -124,12 +132,14 @@ class ActionCompiler:
             ]
             if start.turns and legs:
                 actions.append(self._route(f"{name} turns", legs))
-            if isinstance(start, ActorStart):
-                if start.behaviour == "idm":
-                    self._check_driver(f"{path}.behaviour", start)
-                    actions.append(self._model(name, start))
-                if not start.visible:
-                    actions.append(records.VisibilityAction(False, False, False))
+            if start.curve is not None:
+                follow = self.mistakes.attempt(path, partial(self._curve, name, start.curve))
+                actions += [follow] if follow else []
+            if start.behaviour == "idm":
+                self._check_driver(f"{path}.behaviour", start)
+                actions.append(self._model(path, start))
+            if isinstance(start, ActorStart) and not start.visible:
+                actions.append(records.VisibilityAction(False, False, False))
             self.courses[name].moves = start.speed_mps > 0.0
             first[name] = actions
         return first
@@ -160,6 +170,9 @@ class ActionCompiler:
             self.courses[name].moves = True
         return actions
 
+    def _start(self, name: str) -> EgoStart | ActorStart:
+        return self.scenario.ego if name == "ego" else self.scenario.actors[name]
+
     def _legs(self, place: StartPlace, turns: Sequence[str]) -> list[RouteLeg]:
         if place.lane == 0 or (place.s_m == 0.0 and not turns):
             return []
@@ -169,12 +182,12 @@ class ActionCompiler:
         self.routes.append(route_of(name, legs))
         return records.AssignRouteAction(len(self.routes) - 1)
 
-    def _model(self, name: str, start: ActorStart) -> records.ControllerAction:
+    def _model(self, path: str, start: EgoStart | ActorStart) -> records.ControllerAction:
         settings = start.idm or IdmSettings()
         speed = settings.desired_speed_mps or start.speed_mps
         if speed <= 0.0:
-            path = f"actors.{name}.idm.desired_speed_mps"
-            self.mistakes.add(path, "needed of an actor that stands at the start")
+            where = f"{path}.idm.desired_speed_mps"
+            self.mistakes.add(where, "needed of an actor that stands at the start")
         self.models.append(
             DriverModel(
                 desired_speed_mps=speed,
@@ -187,7 +200,9 @@ class ActionCompiler:
         )
         return records.ControllerAction(settings.changes_lanes, True, len(self.models) - 1)
 
-    def _check_driver(self, path: str, start: ActorStart) -> None:
+    def _check_driver(self, path: str, start: EgoStart | ActorStart) -> None:
+        if isinstance(start, EgoStart):
+            return
         if start.kind in WALKERS or start.lane is None:
             words = f"of kind {start.kind}" if start.kind in WALKERS else "without a lane"
             self.mistakes.add(path, f"no driver model moves an actor {words}")
@@ -266,6 +281,8 @@ class ActionCompiler:
 
     def _path(self, name: str, orders: ActorOrders, path: str) -> records.FollowTrajectoryAction:
         place, course = self.places[name], self.courses[name]
+        if self._start(name).curve is not None:
+            raise SpotError("", f"'{name}' follows the curve of its start: give one of both")
         if course.at is None and course.moves:
             words = "is on its way before: a line begins where an actor stands"
             raise SpotError("", f"'{name}' {words}; leave its speed at 0 until then")
@@ -273,15 +290,14 @@ class ActionCompiler:
         self.trajectories.append(line_trajectory(path, points))
         number = len(self.trajectories) - 1
         course.path, course.at = line_way(points, number), points[-1]
-        return records.FollowTrajectoryAction(
-            trajectory=number,
-            timed=False,
-            absolute_time=False,
-            time_scale=1.0,
-            time_offset_s=0.0,
-            follow=True,
-            initial_distance_m=0.0,
-        )
+        return _follow(number)
+
+    def _curve(self, name: str, curve: list[list[float]]) -> records.FollowTrajectoryAction:
+        origin = self.places[name].origin
+        self.trajectories.append(curve_trajectory(f"{name} curve", curve, origin))
+        number = len(self.trajectories) - 1
+        self.courses[name].path = curve_way(self.trajectories[number], number)
+        return _follow(number)
 
     def _way(self, name: str) -> ActorWay:
         course = self.courses[name]
@@ -298,23 +314,15 @@ class ActionCompiler:
                 "meet", f"no other actor '{arrive.meet}'; {suggest(arrive.meet, others)}"
             )
         place, master = self.places[name], self.places[arrive.meet]
-        ends = [(place.origin, -1, 0.0), (master.origin, -1, 0.0)]
-        if arrive.at is not None and arrive.meet_at is not None:
-            for index, (key, spot, who) in enumerate(
-                (("at", arrive.at, place), ("meet_at", arrive.meet_at, master))
-            ):
-                line = self.courses[who.name].path
-                place_of = partial(origin_at, spot, self.ground, who)
-                if line is not None:  # it heads along its line there
-                    place_of = partial(self._spot, spot, who)
-                position = self.mistakes.attempt(f"{path}.{key}", place_of)
-                if position is None:
-                    continue
-                if line is None:
-                    ends[index] = (position, -1, 0.0)
-                else:
-                    along = max(0.0, nearest(line, position) - who.body.centre_x_m)
-                    ends[index] = (position, line.trajectory, along)
+        ends: list[_End] = [(place.origin, -1, 0.0), (master.origin, -1, 0.0)]
+        if arrive.at is not None:
+            wanted = ("at", arrive.at, place), ("meet_at", arrive.meet_at, master)
+            for index, (key, spot, who) in enumerate(wanted):
+                end = self.mistakes.attempt(
+                    path if spot is None else f"{path}.{key}",
+                    partial(self._end, spot, who, arrive.meet_after_m or 0.0),
+                )
+                ends[index] = end or ends[index]
         else:
             ways = self._way(name), self._way(arrive.meet)
             meeting = crossing(*ways)
@@ -329,8 +337,19 @@ class ActionCompiler:
                     ends[index] = (position_on(way, at, self.ground), -1, 0.0)
         return synchronisation(arrive, self.numbers[arrive.meet], ends)
 
-    def _spot(self, spot: ScenarioSpot, who: StartPlace) -> FixedPosition:
-        return spot_position(spot, self.ground, who)[0]
+    def _end(self, spot: ScenarioSpot | None, who: StartPlace, after_m: float) -> _End:
+        """Where an actor arrives: at a spot, without one so far along its curve."""
+        line = self.courses[who.name].path
+        if spot is None:
+            if line is None or self._start(who.name).curve is None:
+                raise SpotError("meet_after_m", f"'{who.name}' has no curve: give meet_at")
+            place = place_after(self.trajectories[line.trajectory], after_m)
+            return place, line.trajectory, after_m
+        if line is None:
+            return origin_at(spot, self.ground, who), -1, 0.0
+        # It heads along its line there.
+        position = spot_position(spot, self.ground, who)[0]
+        return position, line.trajectory, max(0.0, nearest(line, position) - who.body.centre_x_m)
 
     def _keep(self, path: str, name: str, keep: KeepOrder) -> list[tuple[str, PrivateAction]]:
         others = [other for other in self.numbers if other != name]
@@ -360,12 +379,14 @@ class ActionCompiler:
         actions: list[tuple[str, PrivateAction]] = []
         start = self.scenario.actors.get(name)
         if orders.behaviour is not None and start is None:
-            self.mistakes.add(f"{path}.behaviour", "the ego has no driver model")
+            self.mistakes.add(
+                f"{path}.behaviour", "an event leaves the ego its driver model: give ego.behaviour"
+            )
         elif orders.behaviour == "none":
             actions.append(("behaviour", records.ControllerAction(False, False)))
         elif orders.behaviour == "idm" and start is not None:
             self._check_driver(f"{path}.behaviour", start)
-            actions.append(("behaviour", self._model(name, start)))
+            actions.append(("behaviour", self._model(f"actors.{name}", start)))
         if orders.lamps is not None:
             if start is not None and start.kind in WALKERS:
                 self.mistakes.add(f"{path}.lamps", f"an actor of kind {start.kind} has no lamps")
@@ -405,8 +426,20 @@ def line_points(
     return points
 
 
+def _follow(trajectory: int) -> records.FollowTrajectoryAction:
+    return records.FollowTrajectoryAction(
+        trajectory=trajectory,
+        timed=False,
+        absolute_time=False,
+        time_scale=1.0,
+        time_offset_s=0.0,
+        follow=True,
+        initial_distance_m=0.0,
+    )
+
+
 def synchronisation(
-    arrive: ArriveOrder, master: int, ends: list[tuple[FixedPosition, int, float]]
+    arrive: ArriveOrder, master: int, ends: list[_End]
 ) -> records.SynchronizeAction:
     """The action; ``ends``: position, trajectory and way along it of the actor and the master."""
     (position, trajectory, along), (master_position, master_trajectory, master_along) = ends
@@ -425,6 +458,7 @@ def synchronisation(
         trajectory_s_m=along,
         master_trajectory=master_trajectory,
         master_trajectory_s_m=master_along,
+        steady_slack=records.NEARLY_STEADY,
     )
 
 

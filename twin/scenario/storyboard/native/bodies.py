@@ -28,20 +28,21 @@ class ActorBody:
     acceleration_max_mps2: float
     deceleration_max_mps2: float
     wheelbase_m: float = 0.0
-    rear_m: float = 0.0
-    """From the rear end to the rear axle, which is the origin; 0: the origin is in the middle."""
+    rear_m: float | None = None
+    """From the rear end to the rear axle, which is the origin; None: the origin is in the
+    middle."""
     coupler_m: float = 0.0
     """From the axle of a trailer to its coupler, which lies before its box; 0: it is none."""
 
     @property
     def centre_x_m(self) -> float:
         """From the origin to the middle of the box."""
-        return 0.5 * self.length_m - self.rear_m if self.rear_m > 0.0 else 0.0
+        return 0.0 if self.rear_m is None else 0.5 * self.length_m - self.rear_m
 
     @property
     def hitch_x_m(self) -> float | None:
         """From the origin to where it tows a trailer; None: it has no hitch."""
-        return -self.rear_m - HITCH_M if self.rear_m > 0.0 else None
+        return None if self.rear_m is None else -self.rear_m - HITCH_M
 
 
 BODIES = {
@@ -81,7 +82,7 @@ def body_of(start: ActorStart) -> ActorBody:
         kind.acceleration_max_mps2,
         kind.deceleration_max_mps2,
         kind.wheelbase_m * stretch,
-        kind.rear_m * stretch,
+        None if kind.rear_m is None else kind.rear_m * stretch,
         kind.coupler_m * stretch,
     )
 

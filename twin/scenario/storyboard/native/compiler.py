@@ -21,7 +21,7 @@ from twin.scenario.storyboard.native.actions import (
     line_points,
     path_heading,
 )
-from twin.scenario.storyboard.native.bodies import entity_of
+from twin.scenario.storyboard.native.bodies import BODIES, ActorBody, entity_of
 from twin.scenario.storyboard.native.conditions import (
     Groups,
     all_of,
@@ -96,8 +96,12 @@ class _Part:
         return self.first + 2
 
 
-def compile_native(document: NativeDocument) -> Program:
+def compile_native(document: NativeDocument, ego: ActorBody = BODIES["car"]) -> Program:
     """The storyboard program of a scenario file.
+
+    Args:
+        document: the file.
+        ego: body of the ego, from whose middle its places and from whose ends gaps count.
 
     Raises:
         ValueError: something is wrong; a line for each mistake with file and path.
@@ -107,7 +111,7 @@ def compile_native(document: NativeDocument) -> Program:
     ground = _ground(document, mistakes)
     raise_mistakes(document.file, mistakes.mistakes)
     assert ground is not None
-    places = places_of(scenario, ground, mistakes)
+    places = places_of(scenario, ego, ground, mistakes)
     _check_order(scenario, mistakes)
     _check_towed(scenario, mistakes)
     _face(scenario, ground, places)

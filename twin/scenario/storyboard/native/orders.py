@@ -33,14 +33,20 @@ class ArriveOrder(_Section, frozen=True, kw_only=True):
     """Where the actor arrives; not given: where its way first crosses the other's."""
     meet_at: ScenarioSpot | None = None
     """Where the other one arrives then; given together with `at`."""
+    meet_after_m: Annotated[float, Meta(gt=0, le=1e5)] | None = None
+    """In place of `meet_at`: so far along its `curve` the origin of the other one is then [m]."""
     speed_mps: Annotated[float, Meta(ge=0, le=100)] | None = None
     """Own speed on arrival [m/s]; not given: whatever it takes."""
     steady_m: Annotated[float, Meta(ge=0, le=1000)] = 0.0
     """So far before it arrives it has that speed already, and keeps it [m]."""
 
     def __post_init__(self) -> None:
-        if (self.at is None) != (self.meet_at is None):
-            raise ValueError("at and meet_at belong together: give both or none")
+        if self.meet_at is not None and self.meet_after_m is not None:
+            raise ValueError("given meet_at and meet_after_m: give one")
+        others = self.meet_at is None and self.meet_after_m is None
+        if (self.at is None) != others:
+            key = "meet_at" if self.meet_after_m is None else "meet_after_m"
+            raise ValueError(f"at and {key} belong together: give both or none")
         if self.steady_m and self.speed_mps is None:
             raise ValueError("steady_m needs a speed_mps of arrival")
 

@@ -87,6 +87,18 @@ class EgoStart(_Section, frozen=True, kw_only=True):
     """Speed at the start [m/s]."""
     turns: list[Turn] = field(default_factory=list)
     """What it does at one junction after the other; not given: the straightest way."""
+    curve: list[list[float]] | None = None
+    """Line that its origin follows from the start, in pieces that each have a length and the
+    curvature at their beginning and end, to the left positive [m, 1/m, 1/m]; then it goes on
+    along the road."""
+    behaviour: Literal["idm"] | None = None
+    """Driver model that drives it as long as the scenario does, which is for a robot
+    (`scenario.driver`); not given: it keeps its speed and lane."""
+    idm: IdmSettings | None = None
+
+    def __post_init__(self) -> None:
+        _curve_alone(self, ("turns", "behaviour"))
+        _check_idm(self)
 
 
 class ActorStart(_Section, frozen=True, kw_only=True):
@@ -130,6 +142,10 @@ class ActorStart(_Section, frozen=True, kw_only=True):
     """Speed at the start [m/s]."""
     turns: list[Turn] = field(default_factory=list)
     """What it does at one junction after the other; not given: the straightest way."""
+    curve: list[list[float]] | None = None
+    """Line that its origin follows from the start, in pieces that each have a length and the
+    curvature at their beginning and end, to the left positive [m, 1/m, 1/m]; then it goes on
+    along the road."""
     behaviour: Literal["idm"] | None = None
     """Driver model that drives it from the start; not given: it keeps its speed and lane."""
     idm: IdmSettings | None = None
@@ -148,8 +164,8 @@ class ActorStart(_Section, frozen=True, kw_only=True):
             return
         _exactly_one(self, ("lane", "footway", "parked", "shoulder", "lateral_m"))
         _exactly_one(self, ("s_m", "ahead_m", "ahead_s", "behind_m"))
-        if self.idm is not None and self.behaviour != "idm":
-            raise ValueError("idm sets up `behaviour: idm`, which is not given")
+        _curve_alone(self, ("turns", "behaviour", "heading_deg", "parked"))
+        _check_idm(self)
         if self.parked is not None and self.speed_mps > 0.0:
             raise ValueError("what is parked stands: leave speed_mps out, or give a lane")
 
@@ -230,6 +246,18 @@ class NativeScenario(_Section, frozen=True, kw_only=True):
             raise ValueError("actors: 'ego' has a section of its own; use another name")
 
 
+def _curve_alone(start: EgoStart | ActorStart, names: tuple[str, ...]) -> None:
+    """A curve begins along the direction of travel, and nothing else leads the way."""
+    for name in names:
+        if start.curve is not None and getattr(start, name):
+            raise ValueError(f"given curve and {name}: give one")
+
+
+def _check_idm(start: EgoStart | ActorStart) -> None:
+    if start.idm is not None and start.behaviour != "idm":
+        raise ValueError("idm sets up `behaviour: idm`, which is not given")
+
+
 def _exactly_one(start: ActorStart, names: tuple[str, ...]) -> None:
     chosen = [name for name in names if getattr(start, name) is not None]
     if len(chosen) != 1:
@@ -243,6 +271,6 @@ def _only_behind(start: ActorStart) -> None:
         raise ValueError(f"towed_by is for `kind: trailer`, not for {start.kind}")
     names = ("lane", "footway", "parked", "shoulder", "lateral_m", "s_m", "ahead_m", "behind_m")
     more = ("heading_deg", "speed_mps", "turns", "behaviour", "idm", "offset_m", "road", "oncoming")
-    for name in (*names, *more):
+    for name in (*names, *more, "curve"):
         if getattr(start, name):
             raise ValueError(f"{name} has no effect beside towed_by: leave it out")

@@ -49,13 +49,16 @@ class StartPlace:
 
 
 def places_of(
-    scenario: NativeScenario, ground: ScenarioGround, mistakes: NativeMistakes
+    scenario: NativeScenario,
+    ego: ActorBody,
+    ground: ScenarioGround,
+    mistakes: NativeMistakes,
 ) -> dict[str, StartPlace]:
     """Places of the ego and of all actors by name; what cannot be placed is noted and left out."""
     places: dict[str, StartPlace] = {}
-    ego = mistakes.attempt("ego", lambda: _ego_place(scenario.ego, ground))
-    if ego is not None:
-        places["ego"] = ego
+    place = mistakes.attempt("ego", lambda: _ego_place(scenario.ego, ego, ground))
+    if place is not None:
+        places["ego"] = place
     waiting = dict(scenario.actors)
     while waiting:
         ready = [
@@ -140,10 +143,10 @@ def _towed_place(
     return _place(name, body, ground, *place)
 
 
-def _ego_place(start: EgoStart, ground: ScenarioGround) -> StartPlace:
+def _ego_place(start: EgoStart, body: ActorBody, ground: ScenarioGround) -> StartPlace:
     road, sign = ground.road_number(start.road), -1 if start.oncoming else 1
     lane = ground.lane(road, start.s_m, sign, start.lane)
-    return _place("ego", BODIES["car"], ground, road, lane, start.s_m, start.offset_m * sign, sign)
+    return _place("ego", body, ground, road, lane, start.s_m, start.offset_m * sign, sign)
 
 
 def _actor_place(

@@ -148,6 +148,10 @@ class SteadyStateKind(IntEnum):
     TIME = 2
 
 
+NEARLY_STEADY = 0.001
+"""So little of a way [m] or a time [s] is none where a speed follows from their quotient."""
+
+
 class SynchronizeAction(ProgramRecord, frozen=True):
     """Arrive at a position when a master arrives at its own."""
 
@@ -165,6 +169,10 @@ class SynchronizeAction(ProgramRecord, frozen=True):
     trajectory_s_m: float = 0.0
     master_trajectory: int = -1
     master_trajectory_s_m: float = 0.0
+    steady_slack: float = 1e-6
+    """The steady part begins where less than this is left before it, of its way [m] or its time
+    [s]. With less than :data:`NEARLY_STEADY` an actor may stand still for a step before it, as in
+    esmini."""
 
 
 class TeleportAction(ProgramRecord, frozen=True):

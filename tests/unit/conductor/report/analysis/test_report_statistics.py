@@ -17,6 +17,7 @@ from conductor.report.analysis.statistics import (
     mean_interval,
     median_interval,
     newcombe_paired,
+    poisson_interval,
     wilson,
 )
 
@@ -250,3 +251,17 @@ def test_what_a_test_of_groups_says_beside_its_p_value() -> None:
         assert (same.freedom, same.exact) == (len(groups) - 1, True)
     exact = homogeneity([(1, 4), (3, 4), (2, 5)])
     assert (exact.freedom, exact.exact) == (2, True)
+
+
+@pytest.mark.parametrize(
+    ("count", "low", "high"),
+    [(0, 0.0, 3.6889), (1, 0.0253, 5.5716), (2, 0.2422, 7.2247), (10, 4.7954, 18.3904)],
+)
+def test_bounds_of_a_count_are_the_exact_ones(count: int, low: float, high: float) -> None:
+    """Garwood 1936, as every table of exact Poisson limits has them."""
+    assert poisson_interval(count) == pytest.approx((low, high), abs=5e-5)
+
+
+def test_a_negative_count_has_no_bounds() -> None:
+    with pytest.raises(ValueError, match="0 or more"):
+        poisson_interval(-1)

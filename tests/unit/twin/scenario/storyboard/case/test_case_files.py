@@ -18,6 +18,7 @@ from twin.scenario.storyboard.case.bodies import SlotBodies
 from twin.scenario.storyboard.case.checks import case_mistakes
 from twin.scenario.storyboard.case.files import load_storyboard
 from twin.scenario.storyboard.program.entities import EntityCategory
+from twin.vehicle.vehicle_file import load_vehicle
 
 SCENARIO = """scenario: own
 road: {road}
@@ -185,6 +186,36 @@ def test_programs_are_loaded_once(tmp_path):
     assert load_storyboard(str(path), {"actors.a1.ahead_m": 40.0}) is not first
     path.write_text(path.read_text().replace("after_s: 2", "after_s: 3"))
     assert load_storyboard(str(path), {}) is not first
+
+
+@pytest.mark.parametrize("name", ["opencav", "bmw_320i"])
+def test_the_ego_of_a_case_is_as_large_as_its_vehicle(tmp_path, name):
+    """Its place is where the middle of the vehicle is, and a gap ends at the vehicle's front."""
+    path, vehicle = write(tmp_path), load_vehicle(name)
+    ego, other = load_storyboard(str(path), {}, vehicle).program.entities
+    assert (ego.box.length_m, ego.box.width_m) == (vehicle.length_m, vehicle.width_m)
+    assert ego.start.s_m + vehicle.centre_offset_m == pytest.approx(10.0)
+    front_m = ego.start.s_m + vehicle.front_offset_m
+    rear_m = other.start.s_m + other.box.centre_x_m - other.box.length_m / 2
+    assert rear_m - front_m == pytest.approx(30.0)
+    kind = load_storyboard(str(path), {}).program.entities[0]
+    assert kind.box.length_m == 4.5
+
+
+def test_a_vehicle_whose_origin_is_at_its_rear_end_has_its_middle_before_it(tmp_path):
+    vehicle = msgspec.structs.replace(load_vehicle("opencav"), rear_overhang_m=0.0)
+    ego = load_storyboard(str(write(tmp_path)), {}, vehicle).program.entities[0]
+    assert ego.box.centre_x_m == vehicle.length_m / 2
+    assert ego.start.s_m == pytest.approx(10.0 - vehicle.length_m / 2)
+
+
+def test_bodies_that_start_inside_the_vehicle_are_said(tmp_path):
+    """A car of 4.5 m would end before the other one; the vehicle is longer."""
+    near = "  a1: {kind: obstacle, lane: 1, s_m: 12.8, length_m: 1.0, width_m: 1.0}\n"
+    path = write(tmp_path, near)
+    assert len(load_storyboard(str(path), {}).bodies) == 1
+    (line,) = case_mistakes(cases(path))
+    assert line.endswith("actors.a1: starts in the same place as 'ego': move one of them")
 
 
 def test_every_category_of_bodies_has_a_look(tmp_path):

@@ -23,6 +23,7 @@ from twin.road.tables.road_tables import road_tables
 from twin.scenario.families import replay
 from twin.scenario.storyboard.case.files import load_storyboard
 from twin.vehicle.columns import COLUMN
+from twin.vehicle.vehicle_file import load_vehicle
 from twin.world.road_scene import road_map
 
 LANE_CHANGE = """scenario: robot
@@ -159,7 +160,7 @@ def values(finished: Finished, name: str) -> np.ndarray:
 
 def played(path: Path, ego: str = "ego") -> dict[int, PoseRow]:
     """The ego as ``twin play`` has it, by time [10 ms]."""
-    loaded = load_storyboard(str(path), {})
+    loaded = load_storyboard(str(path), {}, load_vehicle("opencav"))
     roads = road_tables(road_map(loaded.road).network)
     (scenario,) = play_programs([loaded.program], roads, step_s=0.01, every=1, until_s=10.0)
     rows = (row for row in scenario.rows if row.entity.lower() == ego)

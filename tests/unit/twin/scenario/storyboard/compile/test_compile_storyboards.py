@@ -117,6 +117,53 @@ def test_elements_stand_in_depth_first_order(tmp_path: Path) -> None:
             'angleTolerance="0.1"/>',
             *("RelativeAngleCondition", {"entity": 1, "tolerance_rad": 0.1}),
         ),
+        (
+            '<AccelerationCondition value="3" rule="lessThan" direction="longitudinal"/>',
+            *("AccelerationCondition", {"axis": conditions.SpeedAxis.LONGITUDINAL}),
+        ),
+        (
+            '<RelativeSpeedCondition entityRef="Other" value="3" rule="lessThan" '
+            'direction="vertical"/>',
+            *("RelativeSpeedCondition", {"axis": conditions.SpeedAxis.VERTICAL}),
+        ),
+        (
+            '<AngleCondition angleType="roll" angle="1" angleTolerance="0.1" '
+            'coordinateSystem="lane"/>',
+            "AngleCondition",
+            {"kind": conditions.AngleKind.ROLL, "frame": conditions.DistanceFrame.LANE},
+        ),
+        (
+            '<DistanceCondition value="4" freespace="true" rule="lessThan" coordinateSystem="lane" '
+            f'relativeDistanceType="lateral">{POSITION}</DistanceCondition>',
+            "DistanceCondition",
+            {
+                "freespace": True,
+                "frame": conditions.DistanceFrame.LANE,
+                "kind": conditions.DistanceKind.LATERAL,
+            },
+        ),
+        (
+            '<TimeHeadwayCondition entityRef="Other" value="2" freespace="false" rule="lessThan" '
+            'alongRoute="true"/>',
+            "TimeHeadwayCondition",
+            {
+                "frame": conditions.DistanceFrame.ROAD,
+                "kind": conditions.DistanceKind.LONGITUDINAL,
+            },
+        ),
+        (
+            '<TimeToCollisionCondition value="2" freespace="true" rule="lessThan" '
+            'coordinateSystem="road" relativeDistanceType="longitudinal">'
+            '<TimeToCollisionConditionTarget><EntityRef entityRef="Other"/>'
+            "</TimeToCollisionConditionTarget></TimeToCollisionCondition>",
+            "TimeToCollisionCondition",
+            {
+                "entity": 1,
+                "freespace": True,
+                "frame": conditions.DistanceFrame.ROAD,
+                "kind": conditions.DistanceKind.LONGITUDINAL,
+            },
+        ),
     ],
 )
 def test_conditions_of_entities(
@@ -166,6 +213,26 @@ def test_variables_hold_numbers_and_numbers_of_words(tmp_path: Path) -> None:
     assert start is not None
     rule = conditions.ComparisonRule.EQUAL
     assert start.groups[0][0].expression == conditions.VariableCondition(2, 1.0, rule)
+
+
+def test_a_time_of_day_counts_in_seconds_from_1970(tmp_path: Path) -> None:
+    text = '<TimeOfDayCondition dateTime="1970-01-02T00:00:01" rule="greaterOrEqual"/>'
+    program = _program(tmp_path, condition=_value(text))
+    start = program.elements[5].start
+    assert start is not None
+    rule = conditions.ComparisonRule.GREATER_OR_EQUAL
+    assert start.groups[0][0].expression == conditions.TimeOfDayCondition(86401.0, rule)
+
+
+def test_an_object_is_an_entity(tmp_path: Path) -> None:
+    cone = (
+        '<ScenarioObject name="cone"><MiscObject name="c" mass="5" miscObjectCategory="obstacle">'
+        '<BoundingBox><Center x="0" y="0" z="0.5"/><Dimensions width="0.4" length="0.3" '
+        'height="1"/></BoundingBox></MiscObject></ScenarioObject>'
+    )
+    entity = _program(tmp_path, entities=cone).entities[2]
+    assert (entity.name, entity.category) == ("cone", EntityCategory.OBSTACLE)
+    assert entity.mass_kg == 5.0
 
 
 def test_variables_change(tmp_path: Path) -> None:

@@ -260,6 +260,16 @@ def test_driver_models(tmp_path):
     assert actions_of(program, "car off") == [act.ControllerAction(False, False)]
 
 
+def test_the_ego_may_have_a_driver_model(tmp_path):
+    ego = "{lane: 1, s_m: 60, speed_mps: 20, behaviour: idm, idm: {desired_speed_mps: 25}}"
+    car = "car: {kind: car, lane: 1, s_m: 300, speed_mps: 20, behaviour: idm}"
+    program = program_of(tmp_path, scenario_text(car, ego=ego))
+    assert [model.desired_speed_mps for model in program.models] == [25.0, 20.0]
+    begun = [(row.action, row.actor) for row in program.init]
+    assert (act.ControllerAction(True, True, 0), 0) in begun
+    assert (act.ControllerAction(True, True, 1), 1) in begun
+
+
 def test_turns_are_routes(tmp_path):
     text = scenario_text(
         "car: {kind: car, road: east, lane: 2, s_m: 150, speed_mps: 5, turns: [left]}",
@@ -417,7 +427,7 @@ def test_a_scenario_without_events_is_one_element(tmp_path):
             "events.a.do.van.arrive: the ways of 'van' and 'ego' do n",
         ),
         ("a: {do: {van: {arrive: {meet: x}}}}", "events.a.do.van.arrive.meet: no other actor 'x';"),
-        ("a: {do: {ego: {behaviour: idm}}}", "events.a.do.ego.behaviour: the ego has no driver mo"),
+        ("a: {do: {ego: {behaviour: idm}}}", "events.a.do.ego.behaviour: an event leaves the ego"),
         (
             "a: {when: {bus: {stands_s: 1}}, do: {van: {stop: true}}}",
             "events.a.when.bus: no actor 'bus'; allowed: ego, van",

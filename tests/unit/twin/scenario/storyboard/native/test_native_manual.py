@@ -13,6 +13,7 @@ from native_scenarios import mistakes_of, program_of
 
 from schemas.files.yaml_file import parse_yaml
 from schemas.plan import expand, parse_campaign
+from twin.play.permutations import play_file
 from twin.scenario.storyboard.case.checks import case_mistakes
 from twin.scenario.storyboard.native.bodies import BODIES
 from twin.scenario.storyboard.native.document import (
@@ -24,9 +25,12 @@ from twin.scenario.storyboard.native.document import (
 from twin.scenario.storyboard.native.orders import POINTS_MAX
 from twin.scenario.storyboard.native.reference import reference_tables
 from twin.scenario.storyboard.native.sections import ACTORS_MAX, EVENTS_MAX
+from twin.scenario.storyboard.program.conditions import ElementState
 
 PAGE = (Path(__file__).parents[6] / "docs" / "scenarios.md").read_text()
-FIRST, CAMPAIGN, MEETING, *_ = re.findall(r"^```yaml\n(.*?)^```", PAGE, re.DOTALL | re.MULTILINE)
+FIRST, CAMPAIGN, MEETING, PASSING, *_ = re.findall(
+    r"^```yaml\n(.*?)^```", PAGE, re.DOTALL | re.MULTILINE
+)
 
 
 def test_all_keys_are_listed():
@@ -54,6 +58,23 @@ def test_the_walker_of_the_manual_is_the_shipped_one(tmp_path):
     walker = "  walker: {kind: pedestrian, footway: right, s_m: 107.3}\n"
     program = program_of(tmp_path, f"{text}{walker}events:\n{MEETING}")
     assert len(program.trajectories) == 1
+
+
+def test_the_overtaker_of_the_manual_cuts_in_ahead_of_the_ego(tmp_path):
+    head, _, _ = FIRST.partition("actors:\n")
+    path = tmp_path / "passing.yaml"
+    path.write_text(head + PASSING + "end: {after_s: 10}\n")
+    (one,) = play_file(path, None, None, step_s=0.01, every=100, until_s=20.0)
+    elements = one.played.program.elements
+    starts = {
+        elements[each.element].name: each.step
+        for each in one.played.transitions
+        if each.state is ElementState.START_TRANSITION
+    }
+    assert 200 < starts["beside"] < starts["cut_in"] < 700
+    last = {row.entity: row for row in one.played.rows}
+    assert last["hurry"].x_m - last["ego"].x_m > 5.0
+    assert abs(last["hurry"].y_m - last["ego"].y_m) < 0.1
 
 
 def test_mistakes_read_as_the_manual_says(tmp_path):

@@ -195,7 +195,7 @@ def test_actors_that_are_placed_by_each_other(tmp_path):
 
 def test_a_road_that_is_not_there(tmp_path):
     (line,) = mistakes_of(tmp_path, scenario_text(road="autobahn"))
-    assert line.startswith("road: road 'autobahn' is not shipped; allowed: crossroads, junction,")
+    assert line.startswith("road: road 'autobahn' is not shipped; allowed: bend, crossroads,")
     (line,) = mistakes_of(tmp_path, scenario_text(road="town.xodr"))
     assert line.startswith("road: ")
     assert "town.xodr" in line

@@ -12,6 +12,7 @@ pytest.importorskip("lxml", reason="lxml is not installed")
 
 from twin.base.errors import UsageError
 from twin.scenario.storyboard.compile.fates import (
+    DESCRIBED_ATTRIBUTES,
     HANDLERS,
     NO_EFFECT,
     NO_EFFECT_ATTRIBUTES,
@@ -255,7 +256,7 @@ def test_whatever_stands_in_a_table_of_fates_is_an_element_type() -> None:
     assert [name for name in named if name not in known] == []
     # An animation starts and ends as an event, and changes nothing.
     assert {name for name in named if named.count(name) > 1} == {"AnimationAction"}
-    for name, attribute in NO_EFFECT_ATTRIBUTES:
+    for name, attribute in (*NO_EFFECT_ATTRIBUTES, *DESCRIBED_ATTRIBUTES):
         assert attribute in known[name].attributes
 
 

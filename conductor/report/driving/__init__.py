@@ -1,0 +1,1 @@
+"""Free driving: how many false full brakings on how many kilometres."""

@@ -1,0 +1,1 @@
+"""Generated roads and traffic for free driving, in parts whose seeds a commit decides."""

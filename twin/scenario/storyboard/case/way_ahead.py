@@ -1,0 +1,97 @@
+"""Truth of what is in the ego's way: the time to a collision with any body on its road."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from twin.road.opendrive.grid import cosine, sine
+from twin.scenario.storyboard.player.columns import Real, Whole
+
+_STILL_MPS = 1e-9
+"""Slower than this nothing comes nearer [m/s]."""
+
+
+class RoadBoxes(NamedTuple):
+    """Boxes in coordinates of a road [N], along it in the direction of s and to the left of it."""
+
+    middle_m: tuple[np.ndarray, np.ndarray]
+    half_m: tuple[np.ndarray, np.ndarray]
+    velocity_mps: tuple[np.ndarray, np.ndarray]
+
+
+def road_boxes(reals: np.ndarray, half_m: np.ndarray, centre_m: np.ndarray) -> RoadBoxes:
+    """Boxes of entities on their road.
+
+    Args:
+        reals: columns :class:`~twin.scenario.storyboard.player.columns.Real` [N, ...].
+        half_m: half lengths and half widths [N, 2].
+        centre_m: from the origins to the middles, forwards and to the left [N, 2].
+    """
+    turn, speed = reals[:, Real.TURN], reals[:, Real.SPEED]
+    c, s = cosine(turn), sine(turn)
+    ahead, left = centre_m[:, 0], centre_m[:, 1]
+    length, width = half_m[:, 0], half_m[:, 1]
+    return RoadBoxes(
+        (reals[:, Real.S] + ahead * c - left * s, reals[:, Real.T] + ahead * s + left * c),
+        (length * np.abs(c) + width * np.abs(s), length * np.abs(s) + width * np.abs(c)),
+        (speed * c, speed * s),
+    )
+
+
+def time_to_collision_s(boxes: RoadBoxes, margin_m: float) -> np.ndarray:
+    """Time until the first box overlaps each other one [N - 1]; infinite: it does not.
+
+    All go on as fast as now, along the road and across it: a curve of the road is none of their
+    ways. Boxes upright to the road's axes stand around the turned ones.
+
+    Args:
+        boxes: the ego first.
+        margin_m: a gap of this size beside each other counts as an overlap.
+    """
+    enters = np.zeros(len(boxes.middle_m[0]) - 1)
+    leaves = np.full_like(enters, np.inf)
+    for axis, margin in enumerate((0.0, margin_m)):
+        apart = boxes.middle_m[axis][1:] - boxes.middle_m[axis][0]
+        reach = boxes.half_m[axis][1:] + boxes.half_m[axis][0] + margin
+        speed = boxes.velocity_mps[axis][1:] - boxes.velocity_mps[axis][0]
+        moves = np.abs(speed) > _STILL_MPS
+        over = np.where(moves, speed, 1.0)
+        first, last = (-reach - apart) / over, (reach - apart) / over
+        inside = np.abs(apart) < reach
+        enter = np.where(moves, np.minimum(first, last), np.where(inside, -np.inf, np.inf))
+        leave = np.where(moves, np.maximum(first, last), np.where(inside, np.inf, -np.inf))
+        enters, leaves = np.maximum(enters, enter), np.minimum(leaves, leave)
+    return np.where(enters < leaves, enters, np.inf)
+
+
+def nearest_collision_s(
+    reals: np.ndarray,
+    wholes: np.ndarray,
+    half_m: np.ndarray,
+    centre_m: np.ndarray,
+    margin_m: float,
+) -> float:
+    """Least time to a collision of the first entity with one of the others; infinite: with none.
+
+    Entities on other roads, vanished ones and flat ones (without a half length) are left out.
+
+    Args:
+        reals: columns of :class:`~twin.scenario.storyboard.player.columns.Real` [N, ...].
+        wholes: likewise of :class:`~twin.scenario.storyboard.player.columns.Whole` [N, ...].
+        half_m: half lengths and half widths [N, 2].
+        centre_m: from the origins to the middles, forwards and to the left [N, 2].
+        margin_m: a gap of this size beside each other counts as a collision.
+    """
+    road = wholes[0, Whole.ROAD]
+    met = (wholes[:, Whole.ROAD] == road) & (wholes[:, Whole.PRESENT] != 0) & (half_m[:, 0] > 0.0)
+    met[0] = True
+    if road < 0 or met.sum() < 2:
+        return float("inf")
+    boxes = road_boxes(reals[met], half_m[met], centre_m[met])
+    times = time_to_collision_s(boxes, margin_m)
+    # Who comes up from behind, and is faster, looks ahead himself.
+    way = 1.0 if boxes.velocity_mps[0][0] >= 0.0 else -1.0
+    behind = way * (boxes.middle_m[0][1:] - boxes.middle_m[0][0]) < 0.0
+    return float(np.where(behind, np.inf, times).min())
