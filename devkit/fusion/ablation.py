@@ -8,10 +8,9 @@ from __future__ import annotations
 
 import argparse
 import statistics
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import msgspec
 
@@ -31,6 +30,7 @@ class AblationCase:
 
     sensors: str
     weather: str
+    passed: bool
     status: str
     rest_m: float | None
 
@@ -50,8 +50,9 @@ def read_cases(run: Path) -> list[AblationCase]:
         if not end.get("verdict"):
             continue
         sensors = str(point.parameters.get("sensors_used", "all"))
+        weather = case.variation.weather
         rest_m = end["scalars"].get(DISTANCE)
-        cases.append(AblationCase(sensors, case.variation.weather, end["verdict"], rest_m))
+        cases.append(AblationCase(sensors, weather, bool(end["passed"]), end["verdict"], rest_m))
     return cases
 
 
@@ -76,10 +77,10 @@ def table(cases: Sequence[AblationCase]) -> list[str]:
 def _cell(cases: Sequence[AblationCase]) -> str:
     if not cases:
         return "–"
-    passed = sum(case.status == "pass" for case in cases)
+    passed = sum(case.passed for case in cases)
     others: dict[str, int] = {}
     for case in cases:
-        if case.status != "pass":
+        if not case.passed:
             others[case.status] = others.get(case.status, 0) + 1
     words = [f"{passed} of {len(cases)}"]
     words += [f"{count} {status.replace('_', ' ')}" for status, count in sorted(others.items())]

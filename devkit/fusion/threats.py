@@ -20,6 +20,8 @@ MOVING_MPS = 0.8
 """A track that may be slower counts as standing [m/s]."""
 SURE_VARIANCES = 4.0
 """Square of a speed over its variance from which on it counts as a speed [-]."""
+PERSON_SURE_VARIANCES = 2.25
+"""The same of pedestrians and cyclists across: there is no time to be surer."""
 AWAY_MPS = 2.0
 """Who drives ahead, at least so fast and not slower than the car, is not in the way [m/s]."""
 SLACK_MPS = 0.5
@@ -89,8 +91,10 @@ def find_threats(
 ) -> Threats:
     """Judge all tracks of all slots."""
     speed = ego.speed_mps[:, None]
-    vx = np.where(_is_speed(tracks.vx_mps, tracks.p_vv), tracks.vx_mps, 0.0)
-    vy = np.where(_is_speed(tracks.vy_mps, tracks.q_vv), tracks.vy_mps, 0.0)
+    vx = np.where(_is_speed(tracks.vx_mps, tracks.p_vv, SURE_VARIANCES), tracks.vx_mps, 0.0)
+    person = _is_any(tracks.label, _PERSONS)
+    sure = np.where(person, PERSON_SURE_VARIANCES, SURE_VARIANCES)
+    vy = np.where(_is_speed(tracks.vy_mps, tracks.q_vv, sure), tracks.vy_mps, 0.0)
     closing = speed - vx
     inside, stays = _in_path(tracks)
     gap = np.maximum(tracks.x_m + np.where(inside, tracks.path_m, 0.0) - staging.front_m, 0.0)
@@ -108,11 +112,11 @@ def find_threats(
     in_way &= (
         (tracks.age_s > RIPE_S) | (tracks.p_vv < KNOWN_VARIANCE) | _is_any(tracks.label, _PERSONS)
     )
-    sure = tracks.probability > staging.single_probability
+    probable = tracks.probability > staging.single_probability
     # What radar alone sees standing are manhole covers, bridges and mirrors as often as cars.
     trusted = camera | (tracks.lidar.age_s < RECENT_S) | (places & (vx != 0.0))
     denied = _contradicted(tracks, health)
-    alone = sure & trusted & ~denied
+    alone = probable & trusted & ~denied
     blind = health.camera_blind[:, None] | health.range_blind[:, None]
     # One cell of spray or one echo, and a box somewhere behind it, are no agreement.
     places &= tracks.lidar.hits + tracks.radar.hits >= SIGHTINGS_MIN
@@ -135,10 +139,12 @@ def find_threats(
     return Threats(by_two & now, by_one & now & named, by_two | by_one, blocking, gap, ttc, needed)
 
 
-def _is_speed(speed: np.ndarray, variance: np.ndarray) -> np.ndarray:
+def _is_speed(
+    speed: np.ndarray, variance: np.ndarray, sure_variances: np.ndarray | float
+) -> np.ndarray:
     """Whether a track moves along an axis, surely."""
     square = speed * speed
-    moves: np.ndarray = (square > MOVING_MPS * MOVING_MPS) & (square > SURE_VARIANCES * variance)
+    moves: np.ndarray = (square > MOVING_MPS * MOVING_MPS) & (square > sure_variances * variance)
     return moves
 
 

@@ -20,6 +20,8 @@ TRACKS_MAX = 32
 """Most tracks of a car."""
 LATERAL_SIGMA_M = 0.4
 """Deviation of an object's middle by LiDAR or radar, what is seen of it changes [m]."""
+NARROW_SIGMA_M, NARROW_SHARE = 0.1, 0.17
+"""The same by LiDAR for what is narrow: at no width [m], and per width [-]."""
 EDGE_SHARE = 0.5
 """Share by which a new sighting moves the ends of a track [-]."""
 INSIDE_SHARE = 0.4
@@ -272,7 +274,7 @@ class TrackStore:
         sigma = of(seen.sigma_m)
         middle = 0.5 * (left + right)
         vx, vy = self.vx_mps, self.vy_mps
-        self._filter(moved, x, middle, sigma * sigma, self._sideways(sigma, camera=by_camera))
+        self._filter(moved, x, middle, sigma * sigma, self._sideways(sigma, left - right, memory))
         radial = of(seen.radial_mps)
         self._measure_speed(paired & np.isfinite(radial), radial, of(seen.radial_sigma_mps))
         self._turn(paired, vx, vy)
@@ -297,11 +299,18 @@ class TrackStore:
             self.label = np.where(paired, of(seen.label), self.label)
             self.place = np.where(paired, of(seen.place), self.place)
 
-    def _sideways(self, sigma_m: np.ndarray, *, camera: bool) -> np.ndarray:
-        """Variance of a middle across: a camera's grows with the error of its distance."""
-        if not camera:
-            return np.full_like(sigma_m, LATERAL_SIGMA_M * LATERAL_SIGMA_M)
-        sigma = LATERAL_SIGMA_M + 0.1 * sigma_m
+    def _sideways(
+        self, sigma_m: np.ndarray, width_m: np.ndarray, memory: SensorMemory
+    ) -> np.ndarray:
+        """Variance of a middle across: LiDAR sees all of what is narrow; a camera's grows with the
+        error of its distance."""
+        sigma: np.ndarray
+        if memory is self.lidar:
+            sigma = np.minimum(LATERAL_SIGMA_M, NARROW_SIGMA_M + NARROW_SHARE * width_m)
+        elif memory is self.camera:
+            sigma = LATERAL_SIGMA_M + 0.1 * sigma_m
+        else:
+            sigma = np.full_like(sigma_m, LATERAL_SIGMA_M)
         return sigma * sigma
 
     def _filter(
@@ -421,7 +430,7 @@ class TrackStore:
             "p_xx": sigma * sigma,
             "p_xv": 0.0,
             "p_vv": np.where(told, told_sigma * told_sigma, speed),
-            "q_xx": self._sideways(sigma, camera=camera),
+            "q_xx": self._sideways(sigma, left - right, memory),
             "q_xv": 0.0,
             "q_vv": SIDEWAYS_SHARE * speed,
             "right_m": 0.5 * (right - left),

@@ -9,11 +9,11 @@ import pytest
 from devkit.fusion.ablation import BEGIN, END, AblationCase, main, table, with_table
 
 CASES = [
-    AblationCase("camera", "clear", "pass", 5.0),
-    AblationCase("camera", "clear", "false_braking", 40.0),
-    AblationCase("camera", "heavy_fog", "collision", None),
-    AblationCase("all", "clear", "pass", 6.0),
-    AblationCase("all", "heavy_fog", "pass", 4.0),
+    AblationCase("camera", "clear", True, "pass", 5.0),
+    AblationCase("camera", "clear", False, "false_braking", 40.0),
+    AblationCase("camera", "heavy_fog", False, "collision", None),
+    AblationCase("all", "clear", True, "pass", 6.0),
+    AblationCase("all", "heavy_fog", True, "pass", 4.0),
 ]
 PAGE = Path(__file__).parents[4] / "docs/ablation.md"
 
