@@ -13,7 +13,7 @@ SILENT_S = 0.5
 RETURNED_MIN = 0.25
 """A LiDAR of which fewer rays come back is blocked or blind [-]."""
 REACH_MIN_M = 12.0
-"""A LiDAR that sees no obstacle as far as this is blind [m]."""
+"""A LiDAR that sees neither an obstacle nor the road as far as this is blind [m]."""
 REACH_KEPT = 0.97
 """Share of the reach that stays from sweep to sweep [-]."""
 VIEW_MIN_M = 25.0
@@ -105,7 +105,7 @@ class SensorHealth:
         self._lidar_blind = has_lidar & (
             (self._lidar_s > SILENT_S)
             | (self._returned < RETURNED_MIN)
-            | (self.reach_m < REACH_MIN_M)
+            | ((self.reach_m < REACH_MIN_M) & (self.free_to_m < REACH_MIN_M))
         )
         self.free_to_m = np.where(self._lidar_s > SILENT_S, 0.0, self.free_to_m)
         radar_blind = has_radar & (self._radar_s > SILENT_S)
@@ -133,7 +133,7 @@ class SensorHealth:
             elif self._returned[slot] < RETURNED_MIN:
                 words.append("lidar blocked, few rays come back")
             elif self._lidar_blind[slot]:
-                words.append("lidar blind, no obstacle within its reach")
+                words.append("lidar blind, nothing within its reach")
         if has_radar and self._radar_s[slot] > SILENT_S:
             words.append("radar silent")
         limited_s = self._limited_s[slot]

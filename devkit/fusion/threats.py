@@ -109,9 +109,8 @@ def find_threats(
     sightings = np.maximum(tracks.lidar.hits, np.maximum(tracks.radar.hits, tracks.camera.hits))
     in_way &= sightings >= SIGHTINGS_MIN
     # Pedestrians are slow: to take them for standing is no great mistake.
-    in_way &= (
-        (tracks.age_s > RIPE_S) | (tracks.p_vv < KNOWN_VARIANCE) | _is_any(tracks.label, _PERSONS)
-    )
+    pedestrian = tracks.label == _PERSONS[0]
+    in_way &= (tracks.age_s > RIPE_S) | (tracks.p_vv < KNOWN_VARIANCE) | pedestrian
     probable = tracks.probability > staging.single_probability
     # What radar alone sees standing are manhole covers, bridges and mirrors as often as cars.
     trusted = camera | (tracks.lidar.age_s < RECENT_S) | (places & (vx != 0.0))
@@ -120,7 +119,10 @@ def find_threats(
     blind = health.camera_blind[:, None] | health.range_blind[:, None]
     # One cell of spray or one echo, and a box somewhere behind it, are no agreement.
     places &= tracks.lidar.hits + tracks.radar.hits >= SIGHTINGS_MIN
-    agreed = camera & places & (tracks.probability > staging.agree_probability) & ~denied
+    # LiDAR and radar agree on what moves; a guard rail has echoes and points along a whole curve.
+    both = (tracks.lidar.age_s < RECENT_S) & (tracks.radar.age_s < RECENT_S)
+    both &= ((vx != 0.0) | (vy != 0.0)) & (tracks.radar.hits >= SIGHTINGS_MIN)
+    agreed = ((camera & places) | both) & (tracks.probability > staging.agree_probability) & ~denied
     room = np.maximum(gap - staging.stop_gap_m, 0.3)
     fast = np.maximum(closing, 0.0)
     away = (vx > AWAY_MPS) & (vx > speed - SLACK_MPS)
@@ -188,7 +190,9 @@ def _crosses(
     leftwards = across > 0.0
     enters = np.where(leftwards, -half - left, right - half) / safe
     leaves = np.where(leftwards, half - right, left + half) / safe
-    person = _is_any(tracks.label, _PERSONS) & (vy_mps != 0.0)
+    # Networks miss people; what LiDAR and radar see walk is one.
+    walks = (tracks.lidar.hits > 0.0) & (tracks.radar.hits >= SIGHTINGS_MIN)
+    person = (_is_any(tracks.label, _PERSONS) | ((tracks.label == 0) & walks)) & (vy_mps != 0.0)
     # A vehicle that comes along a curve is no crossing one, though it goes aside for a while.
     aside = (speed > np.abs(vx_mps)) | (tracks.x_m < PATH_SURE_M)
     moves &= person | (speed > CROSSES_MPS)
