@@ -32,10 +32,10 @@ sweeps may have missed it: the camera's guess does not take its place at once [s
 VOUCHED_S = 0.25
 """A sensor that misses what another one has seen so lately says nothing against it: a pedestrian's
 echo comes and goes [s]."""
-TURN_PER_S, ACCEL_PER_S = 0.5, 1.5
+TURN_PER_S, ACCEL_PER_S = 0.8, 2.5
 """Share by which a corrected heading changes the turn rate, and a corrected speed along x the
 acceleration [1/s]."""
-TURN_FADES_S, ACCEL_FADES_S = 2.0, 1.0
+TURN_FADES_S, ACCEL_FADES_S = 4.0, 2.0
 """Time in which they fade if nothing confirms them [s]."""
 ACCEL_MAX_MPS2 = 8.0
 """Largest acceleration of a track [m/s^2]."""
