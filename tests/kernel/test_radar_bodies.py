@@ -1,6 +1,6 @@
 """Vehicles and people: cross sections in the ranges that are published, and spread of speeds.
 
-Ranges at 76 to 81 GHz. Pedestrians: Fortuny-Guasch, Chareau 2013, radar cross section measurements
+Ranges at 76 to 81 GHz, wide ones: what the publications agree on, not a table of one. Pedestrians: Fortuny-Guasch, Chareau 2013, radar cross section measurements
 of pedestrian dummies and humans, JRC report EUR 25762 EN, and Schubert et al. 2013 (human RCS
 measurements, International Radar Symposium): means of about -8 dBsm over all directions, a few
 decibels apart between people. Cars: Matsunami, Nakamura, Kajiwara 2012, RCS measurements for

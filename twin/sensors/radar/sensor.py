@@ -73,8 +73,6 @@ class RadarSensor:
         def empty(shape: tuple[int, ...], dtype: type) -> wp.array:
             return wp.zeros(shape, dtype=dtype, device=device)
 
-        self.launch: Callable[..., None] = self._launch
-        """Launches a kernel with its threads, inputs and outputs; a bench puts a clock around."""
         self._poses = empty((slots,), RadarPose)
         self._walls = empty((slots, ghosts.SIDES), ghosts.RadarWall)
         self.echoes = empty((slots, self._bodies + self._ghosts + self._rays), RadarEcho)
@@ -109,6 +107,8 @@ class RadarSensor:
 
     def _compile(self) -> None:
         """Compile on first use, the modules side by side."""
+        self.launch: Callable[..., None] = self._launch
+        """Launches a kernel with its threads, inputs and outputs; a bench puts a clock around."""
         modules = [wp.get_module(m.__name__) for m in (radar_scatter, spectrum, peaks, detect)]
         wp.force_load(self._device, [*modules, *(kernel.module for kernel in self.unique)])
 
