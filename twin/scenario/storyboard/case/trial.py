@@ -297,8 +297,11 @@ class TrialRun:
     def _no_reaction(
         self, rows: Rows, course: _Course, seen: _Measured, contact: FirstContact | None
     ) -> Verdict:
-        # Before the stack acts, it is the scenario that slows the ego down.
+        # Before the stack acts, it is the scenario that slows the ego down, and as long as a robot
+        # drives: a stack that has only warned brakes nothing.
         begin = seen.last + 1 if seen.acted is None else seen.acted
+        driven = rows.valid("robot_drives") & (rows.column("robot_drives") != 0.0)
+        begin = max(begin, int(driven.nonzero()[0].max(initial=-1)) + 1)
         slows = -rows.column("accel_mps2")[: seen.last + 1]
         slows[:begin] = 0.0
         over = np.flatnonzero(slows >= self._trial.reaction_mps2)

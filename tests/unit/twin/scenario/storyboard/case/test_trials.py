@@ -71,6 +71,11 @@ def test_what_the_scenario_slows_down_is_no_reaction() -> None:
     assert judged(NEGATIVE, slowed)[0].verdict == "pass"
 
 
+def test_who_only_warns_slows_nothing_down() -> None:
+    slowed = NEVER.changed(target=(100.0, 3.5), more={"accel_mps2": -3.0}, warns_s=1.0)
+    assert judged(NEGATIVE, slowed)[0].verdict == "pass"
+
+
 def test_a_contact_in_a_test_without_a_reason_to_react_fails() -> None:
     assert judged(NEGATIVE, NEVER)[0].verdict == "fail"
 
