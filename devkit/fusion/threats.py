@@ -43,7 +43,7 @@ CROSSES_MPS = 2.0
 EARLY_LATE_S = 0.25
 """Who would be in the path so shortly before or after the car is there crosses it [s]."""
 NARROW_M, WALKS_MPS = 1.0, 1.0
-"""Whom no camera names is a pedestrian if narrower and faster across the path than this [m, m/s]."""
+"""Whom no camera names is a pedestrian if narrower, and faster across, than this [m, m/s]."""
 IMMINENT_S = 0.5
 """Who will be in the path so soon is as good as in it [s]."""
 PATH_SURE_M = 30.0
