@@ -42,6 +42,8 @@ CROSSES_MPS = 2.0
 """A vehicle that is not so fast across the path stays in its lane [m/s]."""
 EARLY_LATE_S = 0.25
 """Who would be in the path so shortly before or after the car is there crosses it [s]."""
+NARROW_M, WALKS_MPS = 1.0, 1.0
+"""Whom no camera names is a pedestrian if narrower, and faster across, than this [m, m/s]."""
 IMMINENT_S = 0.5
 """Who will be in the path so soon is as good as in it [s]."""
 PATH_SURE_M = 30.0
@@ -121,7 +123,7 @@ def find_threats(
     places &= tracks.lidar.hits + tracks.radar.hits >= SIGHTINGS_MIN
     # LiDAR and radar agree on what moves; a guard rail has echoes and points along a whole curve.
     both = (tracks.lidar.age_s < RECENT_S) & (tracks.radar.age_s < RECENT_S)
-    both &= ((vx != 0.0) | (vy != 0.0)) & (tracks.radar.hits >= SIGHTINGS_MIN)
+    both &= ((vx != 0.0) | crossing) & (tracks.radar.hits >= SIGHTINGS_MIN)
     agreed = ((camera & places) | both) & (tracks.probability > staging.agree_probability) & ~denied
     room = np.maximum(gap - staging.stop_gap_m, 0.3)
     fast = np.maximum(closing, 0.0)
@@ -192,10 +194,12 @@ def _crosses(
     leaves = np.where(leftwards, half - right, left + half) / safe
     # Networks miss people; what LiDAR and radar see walk is one.
     walks = (tracks.lidar.hits > 0.0) & (tracks.radar.hits >= SIGHTINGS_MIN)
+    # Of what is wide another part is seen while the car goes by: its middle wanders.
+    walks &= (tracks.left_m - tracks.right_m < NARROW_M) & (speed > WALKS_MPS)
     person = (_is_any(tracks.label, _PERSONS) | ((tracks.label == 0) & walks)) & (vy_mps != 0.0)
     # A vehicle that comes along a curve is no crossing one, though it goes aside for a while.
     aside = (speed > np.abs(vx_mps)) | (tracks.x_m < PATH_SURE_M)
-    moves &= person | (speed > CROSSES_MPS)
+    moves &= person | ((speed > CROSSES_MPS) & (vx_mps != 0.0))
     moves &= (ttc_s < staging.crossing_s) & (leaves > 0.0)
     passes = LENGTH_M / np.maximum(closing_mps, 1.0)
     meets = (

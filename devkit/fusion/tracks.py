@@ -170,7 +170,7 @@ class TrackStore:
         self._begin(seen, memory, pair, looked)
 
     def confirm(self, seen: Sightings, eye: EyePlaces) -> np.ndarray:
-        """Take the boxes of a picture: each raises all tracks that it covers.
+        """Take the boxes of a picture: each raises the track that it fits best.
 
         A box tells directions well and distances badly, so it moves only tracks that no other
         sensor places. Its ends are those at the track's distance along its rays, and so is whether
@@ -196,9 +196,17 @@ class TrackStore:
         variance = self.p_xx[:, :, None] + (seen.sigma_m * seen.sigma_m)[:, None]
         cover = self.live[:, :, None] & seen.valid[:, None]
         cover &= (common >= OVERLAP_MIN * least) & (along * along < self._p.gate * variance)
-        cost = np.where(cover, along * along / variance, np.inf)
-        best = cost.argmin(axis=2)
-        pair = np.where(cover.any(axis=2), best, -1)
+        aside = 0.5 * (left + right) - y - 0.5 * (self.left_m + self.right_m)[:, :, None]
+        sideways = LATERAL_SIGMA_M * LATERAL_SIGMA_M + self.q_xx[:, :, None]
+        cost = np.where(
+            cover,
+            along * along / variance + aside * aside / (sideways + 0.25 * least * least),
+            np.inf,
+        )
+        # The box of a car that stands is not of one that comes along beside it.
+        theirs = cover & (cost.argmin(axis=1)[:, None] == np.arange(TRACKS_MAX)[:, None])
+        best = np.where(theirs, cost, np.inf).argmin(axis=2)
+        pair = np.where(theirs.any(axis=2), best, -1)
         middle = 0.5 * eye.bend_per_m[:, None, None] * x * x
         reaches = (left - middle > -eye.corridor_half_m) & (right - middle < eye.corridor_half_m)
         self._correct(seen, self.camera, pair, reaches)
