@@ -132,17 +132,24 @@ def _parts(series: Series) -> Iterator[str]:
     yield "## Parts"
     yield ""
     yield "Every part that was made, in the order of its making. All of them count."
+    if not series.same_software:
+        yield "They ran with different software: look whether the stack is the same in all of it."
     yield ""
-    yield "| part | stack frozen by | seed | km | full, with cause | false full | state |"
-    yield "|---|---|--:|--:|--:|--:|---|"
+    yield "| part | frozen by | seed | software | km | full, with cause | false full | state |"
+    yield "|---|---|--:|---|--:|--:|--:|---|"
     for part in series.parts:
         group = sums(case for case in part.cases if case.verdict)
         state = "not begun" if not part.begun else f"{part.left} cases left" if part.left else "run"
-        commit = f"`{part.commit[:12]}`" if part.commit else ""
+        commit = _digest(part.commit)
         yield (
-            f"| {part.name} | {commit} | {part.seed} | {group.driven_m / KM:,.1f} | "
+            f"| {part.name} | {commit} | {part.seed} | {_digest(part.software)} | "
+            f"{group.driven_m / KM:,.1f} | "
             f"{group.full - group.false} | {group.false} | {state} |"
         )
+
+
+def _digest(text: str) -> str:
+    return f"`{text[:12]}`" if text else ""
 
 
 def _cell(text: str) -> str:

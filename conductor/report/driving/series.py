@@ -58,6 +58,8 @@ class DrivenPart:
     left: int
     """Cases that have not ended; all, if it has not begun."""
     begun: bool
+    software: str = ""
+    """Digest of the software that ran it, shipped stacks with it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,6 +109,11 @@ class Series:
     def left(self) -> int:
         """Cases that have not ended."""
         return sum(part.left for part in self.parts)
+
+    @property
+    def same_software(self) -> bool:
+        """Whether all parts that ran did so with the same software."""
+        return len({part.software for part in self.parts if part.begun}) <= 1
 
     def by(self, of: Callable[[DrivenCase], str]) -> dict[str, Sums]:
         """Sums of the groups that a function names, in order of names."""
@@ -175,14 +182,15 @@ def _listed(folder: Path) -> list[tuple[str, str, int]]:
 
 def _part(name: str, commit: str, seed: int, dossier: Dossier | None) -> DrivenPart:
     if dossier is None:
-        return DrivenPart(name, commit, seed, (), 0, begun=False)
+        return DrivenPart(name, commit, seed, (), 0, False)
     films = film_addresses(dossier)
     cases = []
     for row in dossier.rows:
         if row.end.outcome:
             address = films.get(row.case.id)
             cases.append(_case(name, row, dossier.folder / address if address else None))
-    return DrivenPart(name, commit, seed, tuple(cases), dossier.left, begun=True)
+    software = dossier.outcomes.software
+    return DrivenPart(name, commit, seed, tuple(cases), dossier.left, True, software)
 
 
 def _case(part: str, row: CaseRow, film: Path | None) -> DrivenCase:

@@ -310,7 +310,7 @@ KPIS = (
         type="float64",
         unit="s",
         doc="Time to the ego's first collision with a body on its road if all go on as fast as "
-        "now, along and across the road; null: there is none, or the case is no free driving",
+        "now, along and across the road; null: none within 60 s, or the case is no free driving",
         nullable=True,
     ),
     KpiKind(

@@ -12,11 +12,13 @@ from typing import Any
 
 import yaml
 
+from schemas.files.yaml_file import load_yaml
 from schemas.names import WEATHERS
 from twin.scenario.free_driving.chance import part_seed
 from twin.scenario.free_driving.classes import CLASSES, RoadClass
 from twin.scenario.free_driving.road import road_file
 from twin.scenario.free_driving.traffic import scenario_file
+from twin.scenario.storyboard.native.document import SHIPPED
 
 HOURS = ("13:00", "23:00")
 """By day and by night."""
@@ -25,7 +27,8 @@ LOTS = 2
 CAMPAIGN_FILE = "campaign.yaml"
 SHIPPED_SEED = 29
 """Of the files that ship with the campaign `free-driving`."""
-_SHIPPED = Path(__file__).parents[1] / "storyboard" / "shipped" / "free-driving"
+_COMMON = Path(__file__).parent / CAMPAIGN_FILE
+"""What the campaigns of all parts have in common."""
 
 
 def part_files(commit: str, part: int) -> dict[str, bytes]:
@@ -62,38 +65,10 @@ def _case(road_class: RoadClass, storyboard: str, weather: str, hour: str) -> di
 
 def _campaign(commit: str, part: int, seed: int, cases: list[dict[str, Any]]) -> dict[str, Any]:
     return {
-        "schema": 1,
         "campaign": f"free-driving-{part:02}",
         "description": f"Free driving, part {part}, of the stack frozen by {commit[:12]}",
         "seed": seed,
-        "control_hz": 20,
-        "scenario": {
-            "type": "storyboard",
-            "storyboard": cases[0]["scenario.storyboard"],
-            "vehicle": "opencav",
-            "driver": "robot",
-            "robot_brake": 0.95,
-            "robot_steering_deg": 90,
-            "free_driving": {},
-            "duration_s": 150,
-        },
-        "camera": {
-            "name": "front_right",
-            "width": 320,
-            "height": 180,
-            "hz": 10,
-            "hfov_deg": 70,
-            "noise": True,
-        },
-        "lidars": [{"name": "roof", "hz": 10, "deskew": True}],
-        "sensors": {"encoders": {}, "imu": {}, "radar": {"hz": 10}},
-        "autonomy": {
-            "stack": "devkit.fusion:FusionStack",
-            "perception": {
-                "yolov3-tiny-w25": {"type": "network", "model": "yolov3-tiny-w25"},
-            },
-        },
-        "recording": {"keep": "failed"},
+        **load_yaml(_COMMON),
         "cases": cases,
     }
 
@@ -128,4 +103,4 @@ def write_shipped(folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    write_shipped(_SHIPPED)
+    write_shipped(SHIPPED / "free-driving")

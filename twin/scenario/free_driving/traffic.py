@@ -45,6 +45,7 @@ def scenario_file(road_class: RoadClass, road: str, name: str, seed: int) -> Sce
         _parked(road_class, draws, actors)
         _people(road_class, draws, actors)
     end_m = road_class.begin_m + road_class.drive_m
+    events = _slowing(draws, lane, actors)
     return {
         "scenario": name,
         "road": road,
@@ -56,6 +57,7 @@ def scenario_file(road_class: RoadClass, road: str, name: str, seed: int) -> Sce
             "idm": {"desired_speed_mps": wish_mps, **ROBOT},
         },
         "actors": actors,
+        **({"events": events} if events else {}),
         "end": {
             "after_s": round(_RESERVE * road_class.drive_m / wish_mps, 1),
             "ego_reaches": {"s_m": end_m, "lane": lane},
@@ -91,6 +93,26 @@ def _same_way(
         if lane != own_lane or s_m > 10.0:
             actors[f"behind_{lane}"] = _vehicle(road_class, "car", lane, max(s_m, 10.0), speed_mps)
     return first_mps
+
+
+def _slowing(draws: Draws, lane: int, actors: dict[str, Any]) -> dict[str, Any]:
+    """In half of the cases the next one ahead slows down by up to 2 m/s^2, for a reason that nobody
+    sees, and drives on: the robot follows without haste."""
+    lead = f"ahead_{lane}_1"
+    if lead not in actors or not draws.happens(0.5):
+        return {}
+    slow_mps = round(actors[lead]["speed_mps"] * draws.between(0.4, 0.8, 0.01), 2)
+    slows = {"speed_mps": slow_mps, "at_mps2": draws.between(0.8, 2.0)}
+    # A driver model that is in charge ends a change of speed at once, so it is taken away before.
+    return {
+        "minds": {"at_s": draws.between(5.0, 25.0), "do": {lead: {"behaviour": "none"}}},
+        "slows": {"after": "minds", "do": {lead: slows}},
+        "goes_on": {
+            "after": "slows",
+            "delay_s": draws.between(0.0, 4.0),
+            "do": {lead: {"behaviour": "idm"}},
+        },
+    }
 
 
 def _oncoming(road_class: RoadClass, draws: Draws, actors: dict[str, Any]) -> None:

@@ -64,8 +64,7 @@ class RadarSensor:
         self._reflectors = len(reflectors)
         self._mirrored = self._reflectors + objects * TEMPLATE_ROWS
         self._ghosts = self._mirrored * ghosts.SIDES * ghosts.ECHOES
-        self._parked = world.cars
-        self._grid = make_grid(profile, world.cars)
+        self._parked, self._grid = world.cars, make_grid(profile, world.cars)
         self._rays = profile.rays[0] * profile.rays[1]
         self._surface = wp.array(surfaces(), dtype=wp.vec4d, device=device)
         self._solid_angle = two_way_solid_angle(profile)

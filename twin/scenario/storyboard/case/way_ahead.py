@@ -9,6 +9,8 @@ import numpy as np
 from twin.road.opendrive.grid import cosine, sine
 from twin.scenario.storyboard.player.columns import Real, Whole
 
+LOOK_S = 60.0
+"""What would be met later than this is not in the way [s]."""
 _STILL_MPS = 1e-9
 """Slower than this nothing comes nearer [m/s]."""
 
@@ -73,7 +75,8 @@ def nearest_collision_s(
     centre_m: np.ndarray,
     margin_m: float,
 ) -> float:
-    """Least time to a collision of the first entity with one of the others; infinite: with none.
+    """Least time to a collision of the first entity with one of the others; infinite: with none
+    within :data:`LOOK_S`.
 
     Entities on other roads, vanished ones and flat ones (without a half length) are left out.
 
@@ -94,4 +97,4 @@ def nearest_collision_s(
     # Who comes up from behind, and is faster, looks ahead himself.
     way = 1.0 if boxes.velocity_mps[0][0] >= 0.0 else -1.0
     behind = way * (boxes.middle_m[0][1:] - boxes.middle_m[0][0]) < 0.0
-    return float(np.where(behind, np.inf, times).min())
+    return float(np.where(behind | (times > LOOK_S), np.inf, times).min())

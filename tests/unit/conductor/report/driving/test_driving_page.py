@@ -112,8 +112,18 @@ def test_parts_that_were_made_count_before_they_run(tmp_path):
     part(tmp_path, 1)
     part(tmp_path, 2, None)
     text = page(read_series(tmp_path), tmp_path)
-    assert "| part-02 | `cccccccccccc` | 5 | 0.0 | 0 | 0 | not begun |" in text
+    assert "| part-02 | `cccccccccccc` | 5 |  | 0.0 | 0 | 0 | not begun |" in text
     assert "Kept so far; 400 km are left." in text
+
+
+def test_parts_of_other_software_are_said(tmp_path):
+    part(tmp_path, 1)
+    part(tmp_path, 2)
+    assert "| 5 | `555555555555` | 600.0 |" in page(read_series(tmp_path), tmp_path)
+    assert "different software" not in page(read_series(tmp_path), tmp_path)
+    outcomes = tmp_path / "part-02" / "run" / "outcomes.json"
+    outcomes.write_text(outcomes.read_text().replace("5" * 64, "6" * 64))
+    assert "They ran with different software" in page(read_series(tmp_path), tmp_path)
 
 
 def test_a_part_that_nobody_listed_is_refused(tmp_path):

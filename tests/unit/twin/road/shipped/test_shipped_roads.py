@@ -14,7 +14,14 @@ from twin.road.opendrive.gaps import find_gaps
 from twin.road.opendrive.lane_graph import LanePosition, lane_graph
 from twin.road.opendrive.reading.load import load_network
 from twin.road.opendrive.road_map import RoadMap
-from twin.road.shipped.library import FOLDER, road_path, shipped_roads, write_roads
+from twin.road.shipped.library import (
+    FOLDER,
+    NETWORKS_MAX,
+    road_path,
+    roads_of,
+    shipped_roads,
+    write_roads,
+)
 from twin.road.shipped.plans import PLANS
 from twin.road.shipped.xml_parts import number
 
@@ -113,3 +120,21 @@ def test_paths_are_relative_to_the_folder():
 @pytest.mark.parametrize(("value", "text"), [(0.0, "0"), (-1e-12, "0"), (1.5, "1.5"), (2.0, "2")])
 def test_numbers_are_short(value, text):
     assert number(value) == text
+
+
+def test_a_file_of_others_is_read_once_per_content(tmp_path):
+    path = tmp_path / "mine.xodr"
+    content = road_path("track", FOLDER).read_bytes()
+    path.write_bytes(content)
+    first = roads_of(path)
+    assert roads_of(path) is first
+    path.write_bytes(content.replace(b'name="track"', b'name="other"'))
+    assert roads_of(path) is not first
+    with pytest.raises(ValueError, match="No such file"):
+        roads_of(tmp_path / "none.xodr")
+    for copy in range(NETWORKS_MAX):
+        other = tmp_path / f"{copy}.xodr"
+        other.write_bytes(content)
+        roads_of(other)
+    path.write_bytes(content)
+    assert roads_of(path) is not first

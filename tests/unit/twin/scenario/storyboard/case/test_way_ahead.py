@@ -40,6 +40,8 @@ def test_a_slower_car_ahead_is_met_when_the_gap_is_closed():
 def test_who_is_beside_or_faster_is_not_met():
     assert nearest((0, -2, 20, 0), (50, 1.6, -20, 0)) == math.inf
     assert nearest((0, -2, 20, 0), (50, -2, 25, 0)) == math.inf
+    assert nearest((0, -2, 20, 0), (50, -2, 19.2, 0)) == pytest.approx(45.5 / 0.8)
+    assert nearest((0, -2, 20, 0), (50, -2, 19.3, 0)) == math.inf
     assert nearest((0, -2, 20, 0), (50, -0.1, 10, 0)) == math.inf
     assert nearest((0, -2, 20, 0), (50, -0.1, 10, 0), margin_m=0.2) == pytest.approx(4.55)
 
