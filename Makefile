@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN = $(VENV)/bin
 
-.PHONY: help install install-test install-test-all install-train install-bench demo driving test test-all faults redteam fuzz soak offline planted mutation check lock models clean
+.PHONY: help install install-test install-test-all install-train install-bench demo driving test test-all faults redteam fuzz soak offline planted mutation check lock models ablation frozen clean
 
 help:
 	@echo "make demo     install, then run the eight-case demo campaign (again: resume)"
@@ -20,6 +20,8 @@ help:
 	@echo "make models   render the dataset, train the shipped detectors anew (-j4: all at once; DEVICE=cuda:0)"
 	@echo "make planted  plants bugs one by one and runs the tests that must notice (half an hour)"
 	@echo "make mutation  small changes of the pure cores that no test notices (a quarter of an hour)"
+	@echo "make ablation  what each sensor brings, per weather: runs aeb-ablation, writes docs/ablation.md (a GPU, or an hour)"
+	@echo "make frozen   the fusion stack on 256 cases of streets drawn from this commit (ARGS='--workers cuda'; QUICK=1: 8)"
 	@echo "make check    format, lint, types, layers and the shape of the code, in under a minute"
 
 install: $(VENV)/.installed
@@ -136,6 +138,20 @@ build/models/data: install-train
 	$(BIN)/twin dataset $@ --count 20000 --size 640x360 --streets 12,4,2 --split-shares 0.75,0.2,0.05 \
 	  --rule long_side_px_min=24 --rule short_side_px_min=8 --rule visible_px_min=150 \
 	  --device $(DEVICE) $(DATASET)
+
+# Goes on where it was stopped. On a GPU ARGS="--workers cuda"; a small one on a laptop: ARGS="--weather clear,heavy_fog".
+ABLATION = runs/aeb-ablation
+ablation: install
+	@$(BIN)/conductor run aeb-ablation --out $(ABLATION) $(ARGS); code=$$?; [ $$code -le 1 ] || exit $$code
+	$(BIN)/python -m devkit.fusion.ablation $(ABLATION) --page docs/ablation.md
+
+# Streets come from the name of the commit, which has to hold all that is run. The draw is listed before anything runs.
+FROZEN_COMMIT = $(shell git rev-parse HEAD)
+frozen: install
+	@git diff --quiet HEAD -- schemas twin devkit conductor ':!devkit/fusion/tuning/draws.yaml' \
+	  || { echo "make frozen: commit your changes first; the streets are drawn from the commit" >&2; exit 2; }
+	@file=$$($(BIN)/python -m devkit.fusion.frozen --commit $(FROZEN_COMMIT) --out build/frozen/$(FROZEN_COMMIT) $(if $(QUICK),--quick)) \
+	  && $(BIN)/conductor run $$file --out runs/frozen-$(FROZEN_COMMIT)$(if $(QUICK),-quick) $(ARGS)
 
 clean:
 	rm -rf $(VENV) $(VENV)-lock build dist

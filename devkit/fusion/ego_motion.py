@@ -91,10 +91,8 @@ class EgoMotion:
         else:
             self.yaw_rate_radps = vehicle[:, _YAW_RATE].copy()
         if encoders is not None:
-            # One count says nothing of a car that is on its way already.
-            self.speed_mps = np.where(self._fresh, vehicle[:, _SPEED], self.speed_mps)
-            self._fresh[:] = False
             self._measure(encoders, period_s, inertial=imu is not None)
+            self._begin(vehicle[:, _SPEED])
         else:
             self.speed_mps = vehicle[:, _SPEED].copy()
             self.still = np.abs(self.speed_mps) < 0.05
@@ -131,6 +129,16 @@ class EgoMotion:
         self.still = self._still_s >= STILL_S
         self.speed_mps = np.where(self.still, 0.0, np.maximum(speed, 0.0))
         self.from_encoders[:] = True
+
+    def _begin(self, speed_mps: np.ndarray) -> None:
+        """At the first tick the speed is that of the by-wire feedback: one count says nothing of a
+        car that is on its way already."""
+        fresh = self._fresh
+        self.speed_mps = np.where(fresh, speed_mps, self.speed_mps)
+        self._distance_m = np.where(fresh, self._counted_m, self._distance_m)
+        start = np.array([[0.01], [0.0], [START_VARIANCE]])
+        self._variance = np.where(fresh, start, self._variance)
+        self._fresh = np.zeros_like(fresh)
 
     def _bend(self, steering_rad: np.ndarray, period_s: np.ndarray) -> None:
         """Curvature by yaw rate over speed, by the steering angle of a bicycle when slow."""

@@ -13,7 +13,7 @@ SILENT_S = 0.5
 RETURNED_MIN = 0.25
 """A LiDAR of which fewer rays come back is blocked or blind [-]."""
 REACH_MIN_M = 12.0
-"""A LiDAR that sees no obstacle as far as this is blind [m]."""
+"""A LiDAR that sees neither an obstacle nor the road as far as this is blind [m]."""
 REACH_KEPT = 0.97
 """Share of the reach that stays from sweep to sweep [-]."""
 VIEW_MIN_M = 25.0
@@ -23,7 +23,8 @@ CONTRAST = 3.0
 DARK_LX = 0.05
 """Below this illuminance a camera sees only what lamps light: less than a full moon [lx]."""
 BOXLESS_S = 8.0
-"""A camera without any box for so long, where LiDAR sees obstacles, may be covered [s]."""
+"""A camera without any box for so long, while others saw something drive before it, may be covered
+[s]. Walls and guard rails have no boxes."""
 
 
 class SensorHealth:
@@ -81,6 +82,7 @@ class SensorHealth:
         period_s: np.ndarray,
         has_lidar: np.ndarray,
         has_radar: np.ndarray,
+        in_view: np.ndarray,
     ) -> None:
         """One control tick.
 
@@ -89,19 +91,21 @@ class SensorHealth:
             period_s: since the last tick [s].
             has_lidar: bool [S]: the stack looks at one.
             has_radar: bool [S]: likewise.
+            in_view: bool [S]: others see something drive where the camera looks.
         """
-        for clock in (self._camera_s, self._lidar_s, self._radar_s, self._boxless_s):
+        for clock in (self._camera_s, self._lidar_s, self._radar_s):
             clock += period_s
+        self._boxless_s += np.where(in_view, period_s, 0.0)
         illuminance, extinction = environment[:, 0], environment[:, 1]
         self._foggy = extinction * VIEW_MIN_M > CONTRAST
         self._dark = illuminance < DARK_LX
-        self._covered = (self._boxless_s > BOXLESS_S) & (self.reach_m > REACH_MIN_M)
+        self._covered = self._boxless_s > BOXLESS_S
         silent = self._camera_s > SILENT_S
         self.camera_blind = self._foggy | self._covered | silent
         self._lidar_blind = has_lidar & (
             (self._lidar_s > SILENT_S)
             | (self._returned < RETURNED_MIN)
-            | (self.reach_m < REACH_MIN_M)
+            | ((self.reach_m < REACH_MIN_M) & (self.free_to_m < REACH_MIN_M))
         )
         self.free_to_m = np.where(self._lidar_s > SILENT_S, 0.0, self.free_to_m)
         radar_blind = has_radar & (self._radar_s > SILENT_S)
@@ -129,7 +133,7 @@ class SensorHealth:
             elif self._returned[slot] < RETURNED_MIN:
                 words.append("lidar blocked, few rays come back")
             elif self._lidar_blind[slot]:
-                words.append("lidar blind, no obstacle within its reach")
+                words.append("lidar blind, nothing within its reach")
         if has_radar and self._radar_s[slot] > SILENT_S:
             words.append("radar silent")
         limited_s = self._limited_s[slot]

@@ -44,7 +44,7 @@ class TrackingParameters(Struct, frozen=True, forbid_unknown_fields=True):
 
     acceleration_mps2: Annotated[float, Meta(gt=0, le=20)] = 1.5
     """Deviation of an object's acceleration, the process noise [m/s^2], above 0 to 20."""
-    start_speed_mps: Annotated[float, Meta(gt=0, le=50)] = 4.0
+    start_speed_mps: Annotated[float, Meta(gt=0, le=50)] = 10.0
     """Deviation of a new track's speed around standstill [m/s], above 0 to 50."""
     gate: Annotated[float, Meta(gt=0, le=50)] = 9.21
     """Largest squared Mahalanobis distance of a sighting from its track [-], above 0 to 50; the

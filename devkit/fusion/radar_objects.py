@@ -1,4 +1,4 @@
-"""Radar detections as objects: grouped by place and speed over ground.
+"""Radar detections as objects: grouped by place, as fast as the strongest of them.
 
 A detection has no ends. What stands and what moves is told by the radial speed that a standing
 thing would have, minus the car's own along the ray (Kellner et al. 2013).
@@ -19,12 +19,15 @@ HIGH_M, LOW_M = 2.5, -1.0
 """Detections above or below these heights are of bridges, manhole covers and mirrors [m]."""
 GROUP_M = 2.0
 """Detections nearer to each other are of one object [m]."""
-GROUP_MPS = 1.0
-"""The same for their speeds [m/s]."""
 RCS_MIN_DBSM = -5.0
 """Weaker ones are of kerbs and cans, where nothing moves [dBsm]."""
 STANDS_MPS = 0.7
 """Slower over ground is standing [m/s]."""
+DRIFT_MAX_MPS, DRIFT_ECHOES_MIN = 2.5, 6
+"""Weak echoes below this speed tell the error of the car's own, if there are so many [m/s, -]."""
+SPEED_SIGMA_MPS, LONE_SIGMA_MPS = 0.3, 0.8
+"""Deviation of the speed of several echoes that are equally fast, and of one that moves alone: it
+may be of a wheel [m/s]."""
 HALF_WIDTH_M = 0.3
 """An object reaches at least so far to both sides of its detections [m]."""
 ANGLE_SIGMA_RAD = 0.02
@@ -51,6 +54,8 @@ class EchoGroup:
     left_m: float
     over_ground_mps: float
     """Radial speed over ground, positive: away."""
+    speed_sigma_mps: float
+    """Its deviation."""
 
 
 def group_detections(
@@ -82,9 +87,13 @@ def group_detections(
         mount_vx = speed_mps - yaw_rate_radps * view.position_m[1]
         mount_vy = yaw_rate_radps * view.position_m[0]
         over_ground = row[RADIAL] + mount_vx * cosine + mount_vy * sine
-        if row[RCS] < RCS_MIN_DBSM and abs(over_ground) < STANDS_MPS:
-            continue
-        points.append((x, y, over_ground, flat_m))
+        points.append((x, y, over_ground, row[RCS]))
+    drift = _drift(points)
+    points = [
+        (x, y, over_ground - drift, rcs)
+        for x, y, over_ground, rcs in points
+        if rcs >= RCS_MIN_DBSM or abs(over_ground - drift) >= STANDS_MPS
+    ]
     points.sort()
     groups: list[list[tuple[float, float, float, float]]] = []
     for point in points:
@@ -97,13 +106,28 @@ def group_detections(
     return [_group(group) for group in groups]
 
 
+def _drift(points: list[tuple[float, float, float, float]]) -> float:
+    """Speed over ground of the road and the kerbs, which stand: the error of the car's own speed,
+    about 1 m/s when it brakes hard and pitches. The median of weak echoes; 0 if there are few."""
+    weak = sorted(v for _, _, v, rcs in points if rcs < RCS_MIN_DBSM and abs(v) < DRIFT_MAX_MPS)
+    return weak[len(weak) // 2] if len(weak) >= DRIFT_ECHOES_MIN else 0.0
+
+
 def _together(a: tuple[float, ...], b: tuple[float, ...]) -> bool:
-    near = abs(a[0] - b[0]) < GROUP_M and abs(a[1] - b[1]) < GROUP_M
-    return near and abs(a[2] - b[2]) < GROUP_MPS
+    return abs(a[0] - b[0]) < GROUP_M and abs(a[1] - b[1]) < GROUP_M
 
 
 def _group(points: list[tuple[float, float, float, float]]) -> EchoGroup:
-    speeds = sorted(point[2] for point in points)
+    # Wheels turn and limbs swing: their echoes are slower and faster than the body's, and weaker
+    # as a rule. How far they are apart says how sure the speed is.
+    speed = max(points, key=lambda point: (point[3], point[2]))[2]
+    weights = [round(10.0 ** (0.1 * point[3]), 9) for point in points]
+    total = 1e-9 + sum(weights)
+    spread = sum(
+        w * (point[2] - speed) * (point[2] - speed)
+        for w, point in zip(weights, points, strict=True)
+    )
+    least = SPEED_SIGMA_MPS if len(points) > 1 or abs(speed) < STANDS_MPS else LONE_SIGMA_MPS
     ys = [point[1] for point in points]
     sigma = 0.3 + ANGLE_SIGMA_RAD * abs(ys[0])
     return EchoGroup(
@@ -111,5 +135,6 @@ def _group(points: list[tuple[float, float, float, float]]) -> EchoGroup:
         sigma,
         min(ys) - HALF_WIDTH_M,
         max(ys) + HALF_WIDTH_M,
-        speeds[len(speeds) // 2],
+        speed,
+        least + math.sqrt(spread / total),
     )

@@ -172,3 +172,4 @@ class Sensing:
                 )
                 echoes.inside[slot, index] = left > -self._half_m and right < self._half_m
                 echoes.radial_mps[slot, index] = group.over_ground_mps
+                echoes.radial_sigma_mps[slot, index] = group.speed_sigma_mps

@@ -37,6 +37,8 @@ class Sightings:
     """int [S, M]: index in the list of the sensor, for pictures."""
     radial_mps: np.ndarray
     """Speed over ground along the ray, positive: away; NaN where the sensor measures none."""
+    radial_sigma_mps: np.ndarray
+    """Its deviation."""
 
     @classmethod
     def empty(cls, slots: int, places: int) -> Sightings:
@@ -49,5 +51,5 @@ class Sightings:
             *(np.zeros((slots, places), bool), zeros(), np.ones((slots, places)), zeros()),
             *(zeros(), np.zeros((slots, places), bool), zeros()),
             *(np.zeros((slots, places), np.int64), np.zeros((slots, places), np.int64)),
-            np.full((slots, places), np.nan),
+            *(np.full((slots, places), np.nan), np.ones((slots, places))),
         )

@@ -16,7 +16,7 @@ from devkit.fusion.health import SensorHealth
 from devkit.fusion.parameters import FusionSensors, StagingParameters, TrackingParameters
 from devkit.fusion.sensing import Sensing
 from devkit.fusion.staging import StagePlan, Stages
-from devkit.fusion.threats import find_threats
+from devkit.fusion.threats import drives_in_view, find_threats
 from devkit.fusion.tracks import TrackStore
 from devkit.images import on_host
 from devkit.lane.lateral import LateralParameters, Wheel, steer
@@ -140,7 +140,7 @@ class FusionStack(Stack):
         with self._latency.of("stages"):
             self.health.update(
                 sensors["environment"], self._period_s, self.sensing.has_lidar,
-                self.sensing.has_radar,
+                self.sensing.has_radar, drives_in_view(self.tracks),
             )  # fmt: skip
             threats = find_threats(self.tracks, self.ego, self.health, self.staging)
             plan = self.stages.update(threats, self.ego, self._period_s)

@@ -10,7 +10,7 @@ from devkit.fusion.ego_motion import EgoMotion
 from devkit.fusion.health import SensorHealth
 from devkit.fusion.parameters import StagingParameters
 from devkit.fusion.sightings import LABELS
-from devkit.fusion.tracks import HELD_S, TrackStore
+from devkit.fusion.tracks import HELD_S, KNOWN_VARIANCE, TrackStore
 
 INSIDE_MIN = 0.5
 """How much a sensor must say that a track is in the path for it to count [-]."""
@@ -20,16 +20,18 @@ MOVING_MPS = 0.8
 """A track that may be slower counts as standing [m/s]."""
 SURE_VARIANCES = 4.0
 """Square of a speed over its variance from which on it counts as a speed [-]."""
+PERSON_SURE_VARIANCES = 2.25
+"""The same of pedestrians and cyclists across: there is no time to be surer."""
 AWAY_MPS = 2.0
 """Who drives ahead, at least so fast and not slower than the car, is not in the way [m/s]."""
 SLACK_MPS = 0.5
 """Difference of two speeds that counts as none [m/s]."""
+BRAKES_MPS2 = 1.5
+"""Who slows down less does not count as braking [m/s^2]."""
 SIGHTINGS_MIN = 3
 """Fewest sightings by one sensor of what counts: two give no speed."""
-RIPE_S = 0.3
+RIPE_S = 0.6
 """A younger track whose speed is not known might be as fast as the car [s]."""
-KNOWN_VARIANCE = 2.0
-"""Variance of a speed that is known [m^2/s^2]."""
 RECENT_S = 0.5
 """Sensors agree on a track that each of them has seen so lately [s]."""
 FREE_MARGIN_M = 2.0
@@ -42,8 +44,14 @@ EARLY_LATE_S = 0.25
 """Who would be in the path so shortly before or after the car is there crosses it [s]."""
 IMMINENT_S = 0.5
 """Who will be in the path so soon is as good as in it [s]."""
+PATH_SURE_M = 30.0
+"""So far the road goes on as the car turns now: in a clothoid of 60 m to a radius of 250 m it is
+0.3 m aside after that, but 2.3 m after twice that [m]."""
 LENGTH_M = 5.2
 """Length of the car, which passes a place for so long [m]."""
+VIEW_FROM_M, VIEW_TO_M, VIEW_SLOPE, VIEW_MPS = 8.0, 30.0, 0.3, 3.0
+"""What drives faster than this, between these distances and not further aside than this share of
+them, is in a camera's picture [m, m, -, m/s]."""
 TIME_MAX_S = 99.0
 """Time to collision of what does not come nearer [s]."""
 
@@ -83,47 +91,62 @@ def find_threats(
 ) -> Threats:
     """Judge all tracks of all slots."""
     speed = ego.speed_mps[:, None]
-    vx = np.where(_is_speed(tracks.vx_mps, tracks.p_vv), tracks.vx_mps, 0.0)
-    vy = np.where(_is_speed(tracks.vy_mps, tracks.q_vv), tracks.vy_mps, 0.0)
+    vx = np.where(_is_speed(tracks.vx_mps, tracks.p_vv, SURE_VARIANCES), tracks.vx_mps, 0.0)
+    person = _is_any(tracks.label, _PERSONS)
+    sure = np.where(person, PERSON_SURE_VARIANCES, SURE_VARIANCES)
+    vy = np.where(_is_speed(tracks.vy_mps, tracks.q_vv, sure), tracks.vy_mps, 0.0)
     closing = speed - vx
     inside, stays = _in_path(tracks)
     gap = np.maximum(tracks.x_m + np.where(inside, tracks.path_m, 0.0) - staging.front_m, 0.0)
     nearing = closing > 0.1
     ttc = np.where(nearing, gap / np.where(nearing, closing, 1.0), TIME_MAX_S)
     ttc = np.minimum(ttc, TIME_MAX_S)
-    crossing, comes, soon = _crosses(tracks, ego, vx, vy, ttc, closing, staging)
+    crossing, comes, soon, departs = _crosses(tracks, ego, vx, vy, ttc, closing, staging)
     ahead = tracks.live & (tracks.x_m > staging.front_m - 1.0)
-    in_way = ahead & (inside | crossing)
+    in_way = ahead & ((inside & ~departs) | crossing)
     camera = tracks.camera.age_s < RECENT_S
     places = np.minimum(tracks.lidar.age_s, tracks.radar.age_s) < RECENT_S
     sightings = np.maximum(tracks.lidar.hits, np.maximum(tracks.radar.hits, tracks.camera.hits))
     in_way &= sightings >= SIGHTINGS_MIN
     # Pedestrians are slow: to take them for standing is no great mistake.
-    in_way &= (
-        (tracks.age_s > RIPE_S) | (tracks.p_vv < KNOWN_VARIANCE) | _is_any(tracks.label, _PERSONS)
-    )
-    sure = tracks.probability > staging.single_probability
+    pedestrian = tracks.label == _PERSONS[0]
+    in_way &= (tracks.age_s > RIPE_S) | (tracks.p_vv < KNOWN_VARIANCE) | pedestrian
+    probable = tracks.probability > staging.single_probability
     # What radar alone sees standing are manhole covers, bridges and mirrors as often as cars.
     trusted = camera | (tracks.lidar.age_s < RECENT_S) | (places & (vx != 0.0))
     denied = _contradicted(tracks, health)
-    alone = sure & trusted & ~denied
+    alone = probable & trusted & ~denied
     blind = health.camera_blind[:, None] | health.range_blind[:, None]
-    agreed = camera & places & (tracks.probability > staging.agree_probability) & ~denied
+    # One cell of spray or one echo, and a box somewhere behind it, are no agreement.
+    places &= tracks.lidar.hits + tracks.radar.hits >= SIGHTINGS_MIN
+    # LiDAR and radar agree on what moves; a guard rail has echoes and points along a whole curve.
+    both = (tracks.lidar.age_s < RECENT_S) & (tracks.radar.age_s < RECENT_S)
+    both &= ((vx != 0.0) | (vy != 0.0)) & (tracks.radar.hits >= SIGHTINGS_MIN)
+    agreed = ((camera & places) | both) & (tracks.probability > staging.agree_probability) & ~denied
     room = np.maximum(gap - staging.stop_gap_m, 0.3)
     fast = np.maximum(closing, 0.0)
     away = (vx > AWAY_MPS) & (vx > speed - SLACK_MPS)
     blocking = ahead & (stays | comes) & (tracks.probability > 0.5) & ~away
-    needed = 0.5 * fast * fast / room
+    # Who drives ahead and brakes takes room away: in its frame the car brakes by so much more.
+    brakes = np.where(
+        (vx > MOVING_MPS) & (tracks.accel_mps2 < -BRAKES_MPS2), -tracks.accel_mps2, 0.0
+    )
+    needed = 0.5 * fast * fast / room + np.where(fast > SLACK_MPS, brakes, 0.0)
     by_two, by_one = in_way & (agreed | (alone & blind)), in_way & alone
     # Who walks towards the path may still stop: time for a warning, and for the brake's last word.
-    now = inside | soon | (needed > staging.crossing_deceleration_mps2)
-    return Threats(by_two & now, by_one & now, by_two | by_one, blocking, gap, ttc, needed)
+    late = needed > staging.crossing_deceleration_mps2
+    now = inside | soon | late
+    # What no camera names and what stands may be beside a curve that has not begun.
+    named = (tracks.label > 0) | (vx != 0.0) | (gap < PATH_SURE_M) | late
+    return Threats(by_two & now, by_one & now & named, by_two | by_one, blocking, gap, ttc, needed)
 
 
-def _is_speed(speed: np.ndarray, variance: np.ndarray) -> np.ndarray:
+def _is_speed(
+    speed: np.ndarray, variance: np.ndarray, sure_variances: np.ndarray | float
+) -> np.ndarray:
     """Whether a track moves along an axis, surely."""
     square = speed * speed
-    moves: np.ndarray = (square > MOVING_MPS * MOVING_MPS) & (square > SURE_VARIANCES * variance)
+    moves: np.ndarray = (square > MOVING_MPS * MOVING_MPS) & (square > sure_variances * variance)
     return moves
 
 
@@ -145,9 +168,10 @@ def _crosses(
     ttc_s: np.ndarray,
     closing_mps: np.ndarray,
     staging: StagingParameters,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Who will be in the path when the car is there, who will be before the car is, and who of
-    these so soon that he is as good as in it.
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Who will be in the path when the car is there, who will be before the car is, who of these
+    so soon that he is as good as in it, and which vehicles will have left it by then: in a curve
+    who comes along the other lane is straight ahead for a while.
 
     The path's middle at a track is k x^2 / 2 and its direction k x, so a track crosses it by
     vy - k x vx, and on the average until the collision by half of what its turn adds. The times at
@@ -166,13 +190,23 @@ def _crosses(
     leftwards = across > 0.0
     enters = np.where(leftwards, -half - left, right - half) / safe
     leaves = np.where(leftwards, half - right, left + half) / safe
-    person = _is_any(tracks.label, _PERSONS) & (vy_mps != 0.0)
+    # Networks miss people; what LiDAR and radar see walk is one.
+    walks = (tracks.lidar.hits > 0.0) & (tracks.radar.hits >= SIGHTINGS_MIN)
+    person = (_is_any(tracks.label, _PERSONS) | ((tracks.label == 0) & walks)) & (vy_mps != 0.0)
+    # A vehicle that comes along a curve is no crossing one, though it goes aside for a while.
+    aside = (speed > np.abs(vx_mps)) | (tracks.x_m < PATH_SURE_M)
     moves &= person | (speed > CROSSES_MPS)
     moves &= (ttc_s < staging.crossing_s) & (leaves > 0.0)
     passes = LENGTH_M / np.maximum(closing_mps, 1.0)
-    meets = moves & (enters < ttc_s + passes + EARLY_LATE_S) & (leaves > ttc_s - EARLY_LATE_S)
-    comes = moves & (enters < ttc_s + passes + EARLY_LATE_S)
-    return meets, comes, meets & (enters < IMMINENT_S)
+    meets = (
+        moves
+        & (person | aside)
+        & (enters < ttc_s + passes + EARLY_LATE_S)
+        & (leaves > ttc_s - EARLY_LATE_S)
+    )
+    comes = moves & (person | aside) & (enters < ttc_s + passes + EARLY_LATE_S)
+    departs = moves & ~person & (leaves < ttc_s - EARLY_LATE_S)
+    return meets, comes, meets & (enters < IMMINENT_S), departs
 
 
 def _contradicted(tracks: TrackStore, health: SensorHealth) -> np.ndarray:
@@ -183,3 +217,14 @@ def _contradicted(tracks: TrackStore, health: SensorHealth) -> np.ndarray:
     would_see &= health.reach_m[:, None] > REACH_RATIO * tracks.x_m
     contradicted: np.ndarray = only_camera & (sees_road | would_see)
     return contradicted
+
+
+def drives_in_view(tracks: TrackStore) -> np.ndarray:
+    """bool [S]: LiDAR or radar see something drive that a camera would show, so near and straight
+    ahead that any has it in its picture."""
+    seen = np.minimum(tracks.lidar.age_s, tracks.radar.age_s) < RECENT_S
+    near = (tracks.x_m > VIEW_FROM_M) & (tracks.x_m < VIEW_TO_M)
+    near &= np.abs(tracks.y_m) < VIEW_SLOPE * tracks.x_m
+    drives = (tracks.vx_mps * tracks.vx_mps > VIEW_MPS * VIEW_MPS) & (tracks.p_vv < KNOWN_VARIANCE)
+    shown: np.ndarray = (tracks.live & seen & near & drives & (tracks.age_s > 1.0)).any(axis=1)
+    return shown

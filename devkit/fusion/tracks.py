@@ -20,6 +20,8 @@ TRACKS_MAX = 32
 """Most tracks of a car."""
 LATERAL_SIGMA_M = 0.4
 """Deviation of an object's middle by LiDAR or radar, what is seen of it changes [m]."""
+NARROW_SIGMA_M, NARROW_SHARE = 0.1, 0.17
+"""The same by LiDAR for what is narrow: at no width [m], and per width [-]."""
 EDGE_SHARE = 0.5
 """Share by which a new sighting moves the ends of a track [-]."""
 INSIDE_SHARE = 0.4
@@ -30,10 +32,15 @@ sweeps may have missed it: the camera's guess does not take its place at once [s
 VOUCHED_S = 0.25
 """A sensor that misses what another one has seen so lately says nothing against it: a pedestrian's
 echo comes and goes [s]."""
-TURN_PER_S = 0.5
-"""Share by which a corrected heading changes the turn rate [1/s]."""
-TURN_FADES_S = 2.0
-"""Time in which a turn rate fades that nothing confirms [s]."""
+TURN_PER_S, ACCEL_PER_S = 0.8, 2.5
+"""Share by which a corrected heading changes the turn rate, and a corrected speed along x the
+acceleration [1/s]."""
+TURN_FADES_S, ACCEL_FADES_S = 4.0, 2.0
+"""Time in which they fade if nothing confirms them [s]."""
+ACCEL_MAX_MPS2 = 8.0
+"""Largest acceleration of a track [m/s^2]."""
+SIDEWAYS_SHARE = 0.04
+"""Variance of a new track's speed across, relative to that along [-]."""
 TURN_MAX_RADPS = 0.8
 """Largest turn rate of a track [rad/s]."""
 TURNS_FROM_MPS = 2.0
@@ -42,8 +49,10 @@ OVERLAP_MIN = 0.3
 """Share of a camera box that must lie on a track for it to be of it [-]."""
 BEHIND_M = -2.0
 """Tracks further behind the rear axle are forgotten [m]."""
-RADIAL_SIGMA_MPS = 0.3
-"""Deviation of a radial speed [m/s]."""
+KNOWN_VARIANCE = 2.0
+"""Variance of a speed that is known [m^2/s^2]."""
+SPEED_GATE = 9.0
+"""Largest squared residual of a radial speed over its variance [-]."""
 PROBABILITY_MAX = 0.999
 """Existence is never surer [-]."""
 
@@ -99,6 +108,8 @@ class TrackStore:
         """Ends relative to ``y_m``, and the nearest part in the path relative to ``x_m``."""
         self.turn_radps = np.zeros((slots, TRACKS_MAX))
         """Turn rate over ground, left positive."""
+        self.accel_mps2 = np.zeros((slots, TRACKS_MAX))
+        """Acceleration over ground along x."""
         self.probability, self.age_s = _arrays(slots, 2)
         self.label = np.zeros((slots, TRACKS_MAX), np.int64)
         self.place = np.full((slots, TRACKS_MAX), -1)
@@ -124,6 +135,8 @@ class TrackStore:
         s = turn * (1.0 - square * (1.0 / 6.0 - square / 120.0))
         bend = self.turn_radps * dt
         vx, vy = self.vx_mps - bend * self.vy_mps, self.vy_mps + bend * self.vx_mps
+        vx = vx + self.accel_mps2 * dt
+        self.accel_mps2 = self.accel_mps2 * (1.0 - dt / ACCEL_FADES_S)
         self.turn_radps = self.turn_radps * (1.0 - dt / TURN_FADES_S)
         x = self.x_m + (0.5 * (self.vx_mps + vx) - v) * dt
         y = self.y_m + 0.5 * (self.vy_mps + vy) * dt
@@ -199,7 +212,7 @@ class TrackStore:
         self._missed(self.camera, pair, looked)
         places = Sightings(
             alone, seen.x_m, seen.sigma_m, seen.right_m, seen.left_m, seen.inside, seen.path_x_m,
-            seen.label, seen.place, seen.radial_mps,
+            seen.label, seen.place, seen.radial_mps, seen.radial_sigma_mps,
         )  # fmt: skip
         self._begin(places, self.camera, np.full(self.live.shape, -1), looked)
 
@@ -261,10 +274,10 @@ class TrackStore:
         sigma = of(seen.sigma_m)
         middle = 0.5 * (left + right)
         vx, vy = self.vx_mps, self.vy_mps
-        self._filter(moved, x, middle, sigma * sigma, self._sideways(sigma, camera=by_camera))
-        self._turn(moved, vx, vy)
+        self._filter(moved, x, middle, sigma * sigma, self._sideways(sigma, left - right, memory))
         radial = of(seen.radial_mps)
-        self._measure_speed(paired & np.isfinite(radial), radial)
+        self._measure_speed(paired & np.isfinite(radial), radial, of(seen.radial_sigma_mps))
+        self._turn(paired, vx, vy)
         first = moved & (memory.hits == 0.0)
         share = np.where(first, 1.0, EDGE_SHARE)
         half = 0.5 * (left - right)
@@ -286,11 +299,18 @@ class TrackStore:
             self.label = np.where(paired, of(seen.label), self.label)
             self.place = np.where(paired, of(seen.place), self.place)
 
-    def _sideways(self, sigma_m: np.ndarray, *, camera: bool) -> np.ndarray:
-        """Variance of a middle across: a camera's grows with the error of its distance."""
-        if not camera:
-            return np.full_like(sigma_m, LATERAL_SIGMA_M * LATERAL_SIGMA_M)
-        sigma = LATERAL_SIGMA_M + 0.1 * sigma_m
+    def _sideways(
+        self, sigma_m: np.ndarray, width_m: np.ndarray, memory: SensorMemory
+    ) -> np.ndarray:
+        """Variance of a middle across: LiDAR sees all of what is narrow; a camera's grows with the
+        error of its distance."""
+        sigma: np.ndarray
+        if memory is self.lidar:
+            sigma = np.minimum(LATERAL_SIGMA_M, NARROW_SIGMA_M + NARROW_SHARE * width_m)
+        elif memory is self.camera:
+            sigma = LATERAL_SIGMA_M + 0.1 * sigma_m
+        else:
+            sigma = np.full_like(sigma_m, LATERAL_SIGMA_M)
         return sigma * sigma
 
     def _filter(
@@ -334,12 +354,22 @@ class TrackStore:
         turn = np.clip(self.turn_radps + TURN_PER_S * turned, -TURN_MAX_RADPS, TURN_MAX_RADPS)
         self.turn_radps = np.where(fast, turn, np.where(which, 0.0, self.turn_radps))
 
-    def _measure_speed(self, which: np.ndarray, radial_mps: np.ndarray) -> None:
-        """Correct tracks by a radial speed over ground: ahead of the car it is the one along x."""
-        total = self.p_vv + RADIAL_SIGMA_MPS * RADIAL_SIGMA_MPS
+    def _measure_speed(
+        self, which: np.ndarray, radial_mps: np.ndarray, sigma_mps: np.ndarray
+    ) -> None:
+        """Correct tracks by a radial speed over ground: ahead of the car it is the one along x. One
+        that is far from a track's is of a wheel, or of something beside it. What corrections of a
+        known speed add up to is an acceleration, as in :meth:`_turn`."""
+        total = self.p_vv + sigma_mps * sigma_mps
+        residual = radial_mps - self.vx_mps
+        known = self.p_vv < KNOWN_VARIANCE
+        which = which & (~known | (residual * residual < SPEED_GATE * total))
+        residual = np.where(which, residual, 0.0)
         gain, gain_v = self.p_xv / total, self.p_vv / total
-        residual = np.where(which, radial_mps - self.vx_mps, 0.0)
         keep = 1.0 - gain_v
+        accel = self.accel_mps2 + ACCEL_PER_S * gain_v * residual
+        accel = np.clip(accel, -ACCEL_MAX_MPS2, ACCEL_MAX_MPS2)
+        self.accel_mps2 = np.where(which & known, accel, self.accel_mps2)
         p_xx, p_xv, p_vv = self.p_xx - gain * self.p_xv, keep * self.p_xv, keep * self.p_vv
         self.x_m, self.vx_mps = self.x_m + gain * residual, self.vx_mps + gain_v * residual
         self.p_xx = np.where(which, p_xx, self.p_xx)
@@ -391,7 +421,7 @@ class TrackStore:
         speed = self._p.start_speed_mps * self._p.start_speed_mps
         radial = seen.radial_mps[slot, fresh]
         told = np.isfinite(radial)
-        sure = RADIAL_SIGMA_MPS * RADIAL_SIGMA_MPS
+        told_sigma = np.minimum(seen.radial_sigma_mps[slot, fresh], self._p.start_speed_mps)
         values = {
             "x_m": seen.x_m[slot, fresh],
             "y_m": 0.5 * (left + right),
@@ -399,16 +429,17 @@ class TrackStore:
             "vy_mps": 0.0,
             "p_xx": sigma * sigma,
             "p_xv": 0.0,
-            "p_vv": np.where(told, sure, speed),
-            "q_xx": self._sideways(sigma, camera=camera),
+            "p_vv": np.where(told, told_sigma * told_sigma, speed),
+            "q_xx": self._sideways(sigma, left - right, memory),
             "q_xv": 0.0,
-            "q_vv": 0.25 * speed,
+            "q_vv": SIDEWAYS_SHARE * speed,
             "right_m": 0.5 * (right - left),
             "left_m": 0.5 * (left - right),
             "path_m": seen.path_x_m[slot, fresh] - seen.x_m[slot, fresh],
             "probability": self._p.born,
             "age_s": 0.0,
             "turn_radps": 0.0,
+            "accel_mps2": 0.0,
             "live": True,
             "label": seen.label[slot, fresh],
             "place": seen.place[slot, fresh] if camera else -1,

@@ -80,6 +80,7 @@ READ = [
     ("twin", "memory"),
     ("twin", "validate", "scene", "downtown"),
     ("twin", "validate", "lidar", "spinning_16"),
+    ("twin", "validate", "radar", "mid_range"),
     ("devkit", "models"),
     ("devkit", "darknet-cfg", "yolov2-tiny"),
     ("devkit", "check", "devkit.idle:IdleStack", "--ticks", "20"),

@@ -174,7 +174,7 @@ TARGETS = {
     "yaml-scenario": Target(
         of_file("s.yaml", lambda path: compile_native(load_native(path))),
         (ValueError,),
-        tuple(sorted((ROOT / "twin/scenario/storyboard/shipped").glob("*.yaml"))),
+        tuple(sorted((ROOT / "twin/scenario/storyboard/shipped").rglob("*.yaml"))),
         lines_max=MISTAKES_MAX,
         cost=20,
     ),

@@ -69,6 +69,45 @@ def test_the_same_sums_attenuate_as_the_recommendation_says_within_two_decibels(
     assert abs(10.0 * np.log10(ratio)) < 2.0
 
 
+SNOW_G_PER_CM3 = 0.1
+
+
+def snow_index(density_g_per_cm3=SNOW_G_PER_CM3):
+    """Refractive index of ice and air, Maxwell Garnett; ice at 77 GHz: Warren and Brandt 2008."""
+    ice = (1.78 + 0.0024j) ** 2
+    share = density_g_per_cm3 / 0.917 * (ice - 1) / (ice + 2)
+    return np.sqrt((1 + 2 * share) / (1 - share))
+
+
+def snow_sums(rate_mm_per_h):
+    """Echo [m^2/m^3] and attenuation [1/m] of flakes by their melted diameters (Sekhon, Srivastava
+    1970)."""
+    melted_mm = np.linspace(0.05, 6.0, 160)
+    flakes = 2.5e3 * rate_mm_per_h**-0.94 * np.exp(-2.29 * rate_mm_per_h**-0.45 * melted_mm)
+    sizes_mm = melted_mm * SNOW_G_PER_CM3 ** (-1 / 3)
+    m = snow_index()
+    pairs = np.array([mie(np.pi * d / WAVELENGTH_MM, m) for d in sizes_mm])
+    area_m2 = np.pi / 4.0 * sizes_mm**2 * 1e-6
+    extinction, back = (np.trapezoid(flakes * area_m2 * pairs[:, i], melted_mm) for i in (0, 1))
+    return back, extinction
+
+
+@pytest.mark.parametrize("rate_mm_per_h", [0.25, 0.5, 1.0, 2.0, 4.4])
+def test_snow_is_that_of_mie_within_half_a_decibel(rate_mm_per_h):
+    back, extinction = snow_sums(rate_mm_per_h)
+    ours = attenuation_per_m(76.5e9, 0.0, rate_mm_per_h)
+    assert abs(10.0 * np.log10(echo_per_m(0.0, rate_mm_per_h) / back)) < 0.5
+    assert abs(10.0 * np.log10(ours / extinction)) < 0.5
+
+
+def test_snow_takes_away_less_than_rain_of_as_much_water_and_sends_back_far_less():
+    for rate in (0.25, 1.0, 4.4):
+        assert attenuation_per_m(76.5e9, 0.0, rate) < attenuation_per_m(76.5e9, rate, 0.0)
+        assert echo_per_m(0.0, rate) < 0.2 * echo_per_m(rate, 0.0)
+    assert attenuation_per_m(76.5e9, 0.0, 0.0) == 0.0
+    assert echo_per_m(0.0, 0.0) == 0.0
+
+
 def test_a_small_drop_scatters_as_rayleigh_says():
     x, m = 0.02, water_index()
     extinction, back = mie(x, m)

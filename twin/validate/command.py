@@ -246,3 +246,36 @@ def lidar(
         for table in precipitation.to_tables(found, rows):
             console.print(table)
     raise typer.Exit(0 if all(row.passed for row in rows) else 1)
+
+
+@app.command()
+def radar(
+    name: Annotated[
+        str, typer.Argument(help="A shipped radar profile, or the path of a file.")
+    ] = "long_range",
+    output: OutputOption = Output.human,
+) -> None:
+    """Compare a radar with closed forms: cross sections, bias, false alarms, rain, resolution.
+
+    It measures single targets and noise, on the CPU. Exit code 1: a figure is beyond its limit.
+    """
+    from twin.world.kernel_cache import prepare_kernels
+
+    prepare_kernels()  # before the modules that define kernels
+
+    from rich.console import Console
+
+    from twin.sensors.radar.profile import load_radar_profile
+    from twin.validate import radar_truth
+
+    try:
+        profile = load_radar_profile(name)
+    except ValueError as error:
+        raise UsageError(str(error)) from None
+    rows = radar_truth.truth_rows(profile)
+    if output is Output.json:
+        print(json.dumps(radar_truth.to_json(profile, rows), indent=1))
+    else:
+        width = None if sys.stdout.isatty() else 140
+        Console(width=width).print(radar_truth.to_table(profile, rows))
+    raise typer.Exit(0 if all(row.passed for row in rows) else 1)

@@ -1,6 +1,7 @@
 """Contact sheets are PNG files of the expected size."""
 
 import cv2
+import numpy as np
 import pytest
 
 from schemas.campaign import Camera
@@ -136,3 +137,31 @@ def test_a_place_that_is_not_on_the_road(tmp_path):
     file.write_bytes(xodr()[:-20])
     with pytest.raises(ValueError, match=r"flat\.xodr:\d+: "):
         write_sheet(tmp_path / "a.png", request)
+
+
+def test_what_a_radar_sees_is_drawn_into_the_picture(tmp_path):
+    def sheet(name, *sensors):
+        request = SheetRequest(
+            weathers=("clear",), times=("12:00",), width_px=160, sensors=sensors, distance_m=15.0
+        )
+        write_sheet(tmp_path / name, request)
+        return cv2.imread(str(tmp_path / name)).astype(int)
+
+    plain, drawn = sheet("plain.png"), sheet("drawn.png", "radar:profile=mid_range,noise=false")
+    changed = (plain != drawn).any(axis=2)
+    assert 10 < changed.sum() < 0.2 * changed.size
+    # Everything stands, and so does the ego: the dots are grey.
+    assert ((np.abs(drawn - (138, 126, 120)).max(axis=2) < 3) & changed).any()
+
+
+@pytest.mark.parametrize(
+    ("sensor", "told"),
+    [
+        ("lidar", r"sensor 'lidar': allowed: radar"),
+        ("radar:profile", r"given 'profile', allowed: KEY=VALUE"),
+        ("radar:profile=x", r"sensors.radar.profile: given 'x'"),
+    ],
+)
+def test_a_sensor_that_cannot_be_drawn_is_refused(tmp_path, sensor, told):
+    with pytest.raises(ValueError, match=told):
+        write_sheet(tmp_path / "a.png", SheetRequest(sensors=(sensor,)))

@@ -372,7 +372,12 @@ def _with_holes(text: str) -> str:
     return HOLE + text
 
 
-@wp.func_native(_either(_CLOSEST4, _CLOSEST8))
+CLOSEST = _either(_CLOSEST4, _CLOSEST8)
+BLOCKED = _either(_BLOCKED4, _BLOCKED8)
+CLOSEST_THERE, BLOCKED_THERE = _with_holes(CLOSEST), _with_holes(BLOCKED)
+
+
+@wp.func_native(CLOSEST)
 def closest(
     nodes: wp.array(dtype=wp.float32),
     leaves: wp.array(dtype=wp.float32),
@@ -385,7 +390,7 @@ def closest(
     corners, and the bits of the face; face -1 and ``far``: nothing."""
 
 
-@wp.func_native(_either(_BLOCKED4, _BLOCKED8))
+@wp.func_native(BLOCKED)
 def blocked(
     nodes: wp.array(dtype=wp.float32),
     leaves: wp.array(dtype=wp.float32),
@@ -421,7 +426,7 @@ def blocked_scalar(
     """Answer of :func:`blocked`, by the code of a GPU on every device."""
 
 
-@wp.func_native(_with_holes(_either(_CLOSEST4, _CLOSEST8)))
+@wp.func_native(CLOSEST_THERE)
 def closest_there(
     nodes: wp.array(dtype=wp.float32),
     leaves: wp.array(dtype=wp.float32),
@@ -437,7 +442,7 @@ def closest_there(
     first one in the tables, ``corners``: texture coordinates."""
 
 
-@wp.func_native(_with_holes(_either(_BLOCKED4, _BLOCKED8)))
+@wp.func_native(BLOCKED_THERE)
 def blocked_there(
     nodes: wp.array(dtype=wp.float32),
     leaves: wp.array(dtype=wp.float32),

@@ -21,7 +21,8 @@ import warp as wp
 from twin.base.portable_math import portable_cos, portable_exp, portable_log, portable_sin
 from twin.render.build import Features
 from twin.render.noise import draw
-from twin.render.trace.geometry import RayScene, rays_of
+from twin.render.trace.exact import exact_rays_of
+from twin.render.trace.geometry import RayScene
 from twin.sensors.radar.echo import (
     FAINT,
     RadarEcho,
@@ -121,7 +122,7 @@ def section_per_area(surface: wp.vec4d, cosine: wp.float64, wetness: wp.float64)
 @cache
 def clutter_kernel_of(features: Features) -> wp.Kernel:
     """The kernel for worlds with such ``features``."""
-    trace, _ = rays_of(features)
+    trace, _ = exact_rays_of(features)
 
     @wp.kernel(module="unique", enable_backward=False, module_options={"fuse_fp": False})
     def clutter_kernel(

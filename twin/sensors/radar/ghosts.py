@@ -13,7 +13,8 @@ from functools import cache
 import warp as wp
 
 from twin.render.build import Features
-from twin.render.trace.geometry import RayScene, rays_of
+from twin.render.trace.exact import exact_rays_of
+from twin.render.trace.geometry import RayScene
 from twin.sensors.radar.bodies import TEMPLATE_ROWS, Scatterer
 from twin.sensors.radar.cross_section import cross_section
 from twin.sensors.radar.echo import (
@@ -69,7 +70,7 @@ def _as_float(v: wp.vec3d) -> wp.vec3:
 @cache
 def wall_kernel_of(features: Features) -> wp.Kernel:
     """The kernel that looks for faces in worlds with such ``features``."""
-    trace, _ = rays_of(features)
+    trace, _ = exact_rays_of(features)
 
     @wp.kernel(module="unique", enable_backward=False, module_options={"fuse_fp": False})
     def wall_kernel(
@@ -127,7 +128,7 @@ def wall_kernel_of(features: Features) -> wp.Kernel:
 @cache
 def ghost_kernel_of(features: Features) -> wp.Kernel:
     """The kernel for worlds with such ``features``."""
-    _, occluded = rays_of(features)
+    _, occluded = exact_rays_of(features)
 
     @wp.func
     def free(

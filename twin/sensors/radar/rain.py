@@ -40,9 +40,12 @@ _LINES = {
 
 _NEPERS_PER_DB = 0.1 * math.log(10.0)
 
-SNOW_SHARE = 0.3
-"""Attenuation and echo of dry snow over those of rain of as much water [-]: inferred; ice absorbs
-hardly anything at 77 GHz, and flakes scatter less than drops because they are mostly air."""
+RAIN_ECHO = (1.147e-4, 0.717)
+"""Factor [m^2/m^3] and exponent of the echo of rain in :func:`echo_per_m`, R in mm/h."""
+SNOW_ECHO = (4.457e-6, 0.428)
+"""The same of dry snow, R of water."""
+SNOW_LOSS = (0.3526, 1.358)
+"""Factor [dB/km] and exponent of the attenuation by dry snow at 77 GHz, R in mm/h of water."""
 
 
 def coefficients(carrier_hz: float, *, vertical: bool) -> tuple[float, float]:
@@ -65,23 +68,26 @@ def _sum(
 
 
 def attenuation_per_m(carrier_hz: float, rain_mm_per_h: float, snow_mm_per_h: float) -> float:
-    """Loss of power by rain and snow, one way, in nepers of power [1/m]; vertical polarisation."""
+    """Loss of power by rain and snow, one way, in nepers of power [1/m]; vertical polarisation.
+
+    Snow is that of 77 GHz, see :func:`echo_per_m`.
+    """
     k, alpha = coefficients(carrier_hz, vertical=True)
-    rain = k * rain_mm_per_h**alpha if rain_mm_per_h > 0.0 else 0.0
-    snow = SNOW_SHARE * k * snow_mm_per_h**alpha if snow_mm_per_h > 0.0 else 0.0
+    rain = _power_law((k, alpha), rain_mm_per_h)
+    snow = _power_law(SNOW_LOSS, snow_mm_per_h)
     return (rain + snow) * _NEPERS_PER_DB / 1000.0
 
 
 def echo_per_m(rain_mm_per_h: float, snow_mm_per_h: float) -> float:
     """Radar cross section of a cubic metre of rain and snow at 77 GHz [m^2/m^3].
 
-    A power law through Mie sums over drops of Marshall and Palmer's sizes, water of 10 degrees
-    Celsius, from 1 to 50 mm/h (``tests/kernel/test_rain_echo.py`` computes them).
+    Power laws through Mie sums (``tests/kernel/test_rain_echo.py`` computes them). Rain: drops of
+    Marshall and Palmer's sizes, water of 10 degrees Celsius, from 1 to 50 mm/h. Dry snow: flakes of
+    the sizes of Sekhon and Srivastava (1970), as spheres of ice and air (Maxwell Garnett) with a
+    density of 0.1 g/cm^3, from 0.25 to 4.4 mm/h of water.
     """
-    rain = RAIN_ECHO[0] * rain_mm_per_h ** RAIN_ECHO[1] if rain_mm_per_h > 0.0 else 0.0
-    snow = RAIN_ECHO[0] * snow_mm_per_h ** RAIN_ECHO[1] if snow_mm_per_h > 0.0 else 0.0
-    return rain + SNOW_SHARE * snow
+    return _power_law(RAIN_ECHO, rain_mm_per_h) + _power_law(SNOW_ECHO, snow_mm_per_h)
 
 
-RAIN_ECHO = (1.147e-4, 0.717)
-"""Factor [m^2/m^3] and exponent of :func:`echo_per_m`, R in mm/h."""
+def _power_law(law: tuple[float, float], rate_mm_per_h: float) -> float:
+    return law[0] * rate_mm_per_h ** law[1] if rate_mm_per_h > 0.0 else 0.0

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -62,8 +64,7 @@ class RadarSensor:
         self._reflectors = len(reflectors)
         self._mirrored = self._reflectors + objects * TEMPLATE_ROWS
         self._ghosts = self._mirrored * ghosts.SIDES * ghosts.ECHOES
-        self._parked = world.cars
-        self._grid = make_grid(profile, world.cars)
+        self._parked, self._grid = world.cars, make_grid(profile, world.cars)
         self._rays = profile.rays[0] * profile.rays[1]
         self._surface = wp.array(surfaces(), dtype=wp.vec4d, device=device)
         self._solid_angle = two_way_solid_angle(profile)
@@ -106,6 +107,8 @@ class RadarSensor:
 
     def _compile(self) -> None:
         """Compile on first use, the modules side by side."""
+        self.launch: Callable[..., None] = self._launch
+        """Launches a kernel with its threads, inputs and outputs; a bench puts a clock around."""
         modules = [wp.get_module(m.__name__) for m in (radar_scatter, spectrum, peaks, detect)]
         wp.force_load(self._device, [*modules, *(kernel.module for kernel in self.unique)])
 
@@ -151,13 +154,13 @@ class RadarSensor:
         self.look()
         self._tell()
 
-    def _launch(self, kernel: wp.Kernel, dim: object, inputs: list, outputs: list) -> None:
+    def _launch(self, kernel: wp.Kernel, dim: Any, inputs: list, outputs: list) -> None:
         wp.launch(kernel, dim, inputs=inputs, outputs=outputs, device=self._device)
 
     def listen(self, vehicles: wp.array) -> None:
         """Echoes of all scatterers, into :attr:`echoes`."""
         slots, scene, state = self.geometry.slots, self.geometry.scene, self.state.device
-        launch = self._launch
+        launch = self.launch
         launch(radar_scatter.pose_kernel, slots, [state, vehicles], [self._poses])
         fixed = [self.model, scene]
         if self._bodies:
@@ -196,7 +199,7 @@ class RadarSensor:
     def look(self, *, peaks_only: bool = True) -> None:
         """The range-Doppler map and its alarms, of :attr:`echoes`."""
         slots, profile, state = self.geometry.slots, self.profile, self.state.device
-        model, launch = self.model, self._launch
+        model, launch = self.model, self.launch
         blocks = (slots, -(-profile.chirps // spectrum.SPEEDS), profile.samples)
         self.touched.zero_()
         listed = [state, self.echoes]
@@ -231,7 +234,7 @@ class RadarSensor:
     def _tell(self) -> None:
         """Peaks, their directions, and the strongest of them as rows."""
         slots, profile, state = self.geometry.slots, self.profile, self.state.device
-        model, launch = self.model, self._launch
+        model, launch = self.model, self.launch
         by_row = (slots, profile.samples)
         launch(peaks.count_kernel, by_row, [model, state, self.alarm], [self._count_by_row])
         launch(peaks.offset_kernel, slots, [model, state, self._count_by_row], [self.peaks_total])

@@ -159,13 +159,22 @@ def test_radar_tells_standing_from_moving_by_the_cars_speed():
     assert near.x_m == pytest.approx(34.1)
 
 
-def test_radar_groups_what_is_near_and_as_fast():
+def test_radar_groups_what_is_near_and_takes_the_speed_of_the_strongest():
     rows = detections(
-        *((30.0, 0.01 * n, 0.0, -10.0, 10.0, 20.0) for n in range(3)),
-        (30.5, 0.01, 0.0, -3.0, 10.0, 20.0),
+        *((30.0, 0.01 * n, 0.0, -3.0, 10.0, 20.0) for n in range(3)),
+        (30.5, 0.01, 0.0, 4.0, 0.0, 20.0),  # a wheel
+        (40.0, 0.01, 0.0, -10.0, 10.0, 20.0),
     )
     groups = group_detections(rows, RADAR, 10.0, 0.0)
-    assert len(groups) == 2
+    assert [round(group.over_ground_mps, 2) for group in groups] == [7.0, 0.0]
+    assert groups[0].speed_sigma_mps > groups[1].speed_sigma_mps == pytest.approx(0.3)
+
+
+def test_echoes_of_the_road_tell_the_error_of_the_cars_own_speed():
+    road = [(8.0 + n, 0.03 * (-1) ** n, 0.0, -10.0, -30.0, 15.0) for n in range(8)]
+    rows = detections(*road, (30.0, 0.0, 0.0, -10.0, 10.0, 20.0))
+    (car,) = group_detections(rows, RADAR, 9.0, 0.0)
+    assert car.over_ground_mps == pytest.approx(0.0, abs=0.05)
 
 
 @pytest.mark.parametrize(

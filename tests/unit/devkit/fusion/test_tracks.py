@@ -176,3 +176,44 @@ def test_ends_follow_what_is_seen():
     assert store.left_m[0, 0] == pytest.approx(0.5 + EDGE_SHARE * 0.4)
     assert store.right_m[0, 0] == -store.left_m[0, 0]
     assert store.q_xx[0, 0] < LATERAL_SIGMA_M**2
+
+
+@pytest.mark.parametrize("turn_radps", [0.25, -0.25, 0.0])
+def test_a_turn_rate_is_found_and_the_velocity_turns_with_it(turn_radps):
+    """8 m/s on a circle; the turn rate is known within 0.1 rad/s after 4 s."""
+    store, speed, x, y, heading = TrackStore(1, PARAMETERS), 8.0, 15.0, 0.0, 0.0
+    for _ in range(40):
+        x += speed * np.cos(heading) * PERIOD_S
+        y += speed * np.sin(heading) * PERIOD_S
+        heading += turn_radps * PERIOD_S
+        step(store, sightings([x], [y]))
+    assert store.live.sum() == 1
+    at = 0, int(np.flatnonzero(store.live[0])[0])
+    assert store.turn_radps[at] == pytest.approx(turn_radps, abs=0.1)
+    assert store.vx_mps[at] == pytest.approx(speed * np.cos(heading), abs=1.2)
+    assert store.vy_mps[at] == pytest.approx(speed * np.sin(heading), abs=1.2)
+
+
+def test_a_leader_that_brakes_has_a_deceleration_by_radar():
+    store, x, v = TrackStore(1, PARAMETERS), 30.0, 20.0
+    for k in range(60):
+        v -= 4.0 * 0.05 if k >= 30 else 0.0
+        x += v * 0.05
+        seen = sightings([x], [0.0])
+        seen.radial_mps[0, 0], seen.radial_sigma_mps[0, 0] = v, 0.3
+        store.predict(np.full(1, 0.05), np.zeros(1), np.zeros(1))
+        store.update(seen, store.radar, np.ones(1, bool))
+    at = 0, int(np.flatnonzero(store.live[0])[0])
+    assert store.accel_mps2[at] == pytest.approx(-4.0, abs=1.5)
+    assert store.vx_mps[at] == pytest.approx(v, abs=0.5)
+
+
+def test_what_another_sensor_sees_is_not_lost_by_one_that_misses_it():
+    store, ones = TrackStore(1, PARAMETERS), np.ones(1, bool)
+    for k in range(30):
+        store.predict(np.full(1, PERIOD_S), np.zeros(1), np.zeros(1))
+        store.update(sightings([20.0], [0.0]), store.lidar, ones)
+        there = sightings([20.0 if k < 5 else np.nan], [0.0])
+        store.update(there, store.radar, ones)
+    at = 0, int(np.flatnonzero(store.live[0])[0])
+    assert store.probability[at] > 0.99

@@ -11,10 +11,12 @@ from schemas.files.yaml_file import YamlError
 from schemas.kinds.scenarios.storyboard import KIND
 from schemas.sections.trial import Trial
 from schemas.validation import suggest
+from twin.scenario.storyboard.case.appearance import INIT, appearance_of
 from twin.scenario.storyboard.case.files import LoadedStoryboard, load_storyboard
 from twin.vehicle.vehicle_file import Vehicle, load_vehicle
 from twin.world.roadside.roadside import road_mistake
 from twin.world.scene import load_scene
+from twin.world.sky.scripted import ScriptedEnvironment
 from twin.world.things import NAME_MAX
 
 STEP_NS = 10_000_000
@@ -25,8 +27,38 @@ def case_mistakes(cases: Sequence[Case]) -> list[str]:
     """One line for each thing that is wrong, each once."""
     names = dict.fromkeys(case.rig.vehicle for case in cases)
     vehicles = {name: _vehicle(name) for name in names}
-    lines = (line for case in cases for line in _mistakes(case, vehicles[case.rig.vehicle]))
-    return list(dict.fromkeys(lines))
+    lines = [line for case in cases for line in _mistakes(case, vehicles[case.rig.vehicle])]
+    return list(dict.fromkeys(lines)) or list(_weather_mistakes(cases))
+
+
+def _weather_mistakes(cases: Sequence[Case]) -> Iterator[str]:
+    """Scenarios that are run in several weathers, and say the weather themselves."""
+    weathers: dict[tuple[str, str], dict[str, Case]] = {}
+    for case in cases:
+        config = KIND.config_of(case.variation.scenario)
+        of_scenario = weathers.setdefault((config.storyboard, config.environment), {})
+        of_scenario.setdefault(case.variation.weather, case)
+    for (name, environment), by_weather in weathers.items():
+        if len(by_weather) < 2 or environment != "file":
+            continue
+        numbers = KIND.config_of(next(iter(by_weather.values())).variation.scenario).numbers
+        if says_weather(load_storyboard(name, numbers)):
+            yield (
+                f"{name}: the file says the weather, so that {', '.join(by_weather)} are the same: "
+                "set scenario.environment: campaign, or leave one weather"
+            )
+
+
+def says_weather(loaded: LoadedStoryboard) -> bool:
+    """Whether a scenario says clouds, fog and precipitation from its beginning on."""
+    said = ScriptedEnvironment()
+    for element, environments in appearance_of(loaded, by_file=True).environments.items():
+        event = loaded.program.elements[element].parent
+        if element == INIT or loaded.program.elements[event].start is None:
+            for environment in environments:
+                said = said.then(environment)
+    precipitation = said.rain_mm_per_h is not None or said.snow_mm_per_h is not None
+    return precipitation and None not in (said.cloud_fraction, said.fog_visual_range_m)
 
 
 def _vehicle(name: str) -> Vehicle | None:

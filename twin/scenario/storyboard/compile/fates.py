@@ -91,6 +91,7 @@ DESCRIBED_ATTRIBUTES: Mapping[tuple[str, str], str] = {
     ("Axle", "positionZ"): "wheels stand on the road",
     ("Axle", "trackWidth"): "bodies have wheels of their own",
     ("Axle", "wheelDiameter"): "bodies have wheels of their own",
+    ("MiscObject", "miscObjectCategory"): "every object is an obstacle",
     ("MiscObject", "model3d"): "bodies have looks of their own",
     ("Pedestrian", "model"): "bodies have looks of their own",
     ("Pedestrian", "model3d"): "bodies have looks of their own",

@@ -188,6 +188,24 @@ def test_programs_are_loaded_once(tmp_path):
     assert load_storyboard(str(path), {}) is not first
 
 
+def test_weathers_that_would_change_nothing_are_said(tmp_path):
+    """Where the file says the weather from the beginning on, by an event that waits for nothing."""
+    path, both = write(tmp_path), {"weather": ["clear", "heavy_fog"]}
+    assert case_mistakes(cases(path, both)) == []
+    text = path.read_text()
+    path.write_text(text + "events: {now: {weather: heavy_rain}}\n")
+    (line,) = case_mistakes(cases(path, both))
+    assert line == (
+        f"{path}: the file says the weather, so that clear, heavy_fog are the same: "
+        "set scenario.environment: campaign, or leave one weather"
+    )
+    assert case_mistakes(cases(path)) == []
+    assert case_mistakes(cases(path, both, scenario={"environment": "campaign"})) == []
+    for later in ("weather: heavy_rain, at_s: 1", "time_of_day: '22:00'", "friction_factor: 0.5"):
+        path.write_text(text + f"events: {{now: {{{later}}}}}\n")
+        assert case_mistakes(cases(path, both)) == []
+
+
 @pytest.mark.parametrize("name", ["opencav", "bmw_320i"])
 def test_the_ego_of_a_case_is_as_large_as_its_vehicle(tmp_path, name):
     """Its place is where the middle of the vehicle is, and a gap ends at the vehicle's front."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -130,6 +131,47 @@ def test_spline_of_clothoids_joins_and_starts_at_the_actor(tmp_path: Path) -> No
     assert samples[0, 1:] == pytest.approx([0.0, 0.0, 0.0, 0.0], abs=1e-7)
 
 
+def test_clothoids_with_times_are_driven_evenly(tmp_path: Path) -> None:
+    start = '<Position><WorldPosition x="2" y="-3" z="1.5"/></Position>'
+    trajectory = _trajectory(
+        tmp_path,
+        '<Clothoid curvature="0.02" curvatureDot="0.001" length="60" startTime="2" stopTime="8">'
+        f"{start}</Clothoid>",
+    )
+    first, last = trajectory.pieces[0], trajectory.pieces[-1]
+    assert trajectory.timed
+    assert first.start_time_s == 2.0
+    assert last.start_time_s + last.duration_s == pytest.approx(8.0)
+    for piece in trajectory.pieces:
+        assert piece.duration_s == pytest.approx(piece.length_m / 10.0)
+    samples = _samples(trajectory)
+    assert samples[-1, 4] == pytest.approx(0.02 * 60 + 0.0005 * 60**2, abs=TOLERANCE_RAD)
+    assert samples[:, 3] == pytest.approx(1.5)
+
+
+def test_segments_of_clothoids_have_times_and_turn_by_their_offset(tmp_path: Path) -> None:
+    segments = "".join(
+        f'<ClothoidSplineSegment curvatureStart="0" curvatureEnd="0" length="{length}" '
+        f'hOffset="{offset}" timeStart="{begin}"/>'
+        for length, offset, begin in ((10, 0.0, 1), (20, 0.5, 3))
+    )
+    shape = f'<ClothoidSpline timeEnd="8">{segments}</ClothoidSpline>'
+    one, other = _trajectory(tmp_path, shape).pieces
+    times = [(piece.start_time_s, piece.duration_s) for piece in (one, other)]
+    assert times == [(1.0, 2.0), (3.0, 5.0)]
+    assert (one.heading[0], other.heading[0]) == pytest.approx((0.0, 0.5))
+
+
+def test_a_timed_trajectory_is_scaled_and_begins_by_the_clock(tmp_path: Path) -> None:
+    line = f"<Polyline>{vertex(0, 0, time=1)}{vertex(10, 0, time=3)}</Polyline>"
+    timing = '<Timing domainAbsoluteRelative="absolute" scale="2" offset="0.5"/>'
+    text = follow(line, timing).replace(
+        "<FollowTrajectoryAction>", '<FollowTrajectoryAction initialDistanceOffset="4">'
+    )
+    action = compiled(tmp_path, scenario_text(action=text)).program.elements[-1].action
+    assert action == FollowTrajectoryAction(0, True, True, 2.0, 0.5, False, 4.0)
+
+
 def nurbs(rows: list[tuple[float, float, float]], knots: list[float], order: int) -> str:
     """A NURBS from x, y and weight of its control points."""
     points = "".join(
@@ -162,6 +204,19 @@ def test_nurbs_with_an_inner_knot_passes_its_ends(tmp_path: Path) -> None:
     # Along the way as long as s says.
     ways = np.hypot(*np.diff(samples[:, 1:3], axis=0).T)
     assert ways.sum() == pytest.approx(samples[-1, 0], rel=1e-3)
+
+
+def test_a_nurbs_with_times_takes_them_along_the_curve(tmp_path: Path) -> None:
+    shape = nurbs([(0, 0, 1.0), (10, 0, 1.0), (20, 0, 1.0)], [0, 0, 0.5, 1, 1], 2)
+    times = iter((2, 3, 7))
+    shape = re.sub("<ControlPoint", lambda _: f'<ControlPoint time="{next(times)}"', shape)
+    trajectory = _trajectory(tmp_path, shape)
+    first, last = trajectory.pieces[0], trajectory.pieces[-1]
+    assert trajectory.timed
+    assert first.start_time_s == pytest.approx(2.0)
+    assert last.start_time_s + last.duration_s == pytest.approx(7.0)
+    (middle,) = [piece for piece in trajectory.pieces if piece.start_s_m == pytest.approx(10.0)]
+    assert middle.start_time_s == pytest.approx(3.0, abs=1e-6)
 
 
 def test_equal_trajectories_have_one_number(tmp_path: Path) -> None:
