@@ -6,7 +6,7 @@ import json
 import math
 import re
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from conductor.records.outcomes import FILE_NAME as OUTCOMES_FILE
@@ -14,6 +14,8 @@ from conductor.report.analysis.statistics import poisson_interval
 from conductor.report.reading.axes import axis_value
 from conductor.report.reading.dossier import CaseRow, Dossier, open_dossier
 from conductor.report.reading.films import film_addresses
+from conductor.serve.folders import CAMPAIGN_FILE
+from schemas.files.yaml_file import YamlError, load_yaml
 from twin.base.errors import UsageError
 
 LEDGER_FILE = "parts.jsonl"
@@ -157,8 +159,24 @@ def read_series(folder: Path) -> Series:
     for name, commit, seed in listed:
         run = folder / name / RUN_FOLDER
         begun = (run / OUTCOMES_FILE).exists()
-        parts.append(_part(name, commit, seed, open_dossier(run) if begun else None))
+        part = _part(name, commit, seed, open_dossier(run) if begun else None)
+        # Cases that were left out of the run, as by --case, are still to be driven.
+        missing = _written(folder / name) - len(part.cases) - part.left
+        parts.append(replace(part, left=part.left + max(missing, 0)) if begun else part)
     return Series(folder, tuple(parts))
+
+
+def _written(part: Path) -> int:
+    """Cases that a part was made of.
+
+    Raises:
+        UsageError: its campaign cannot be read.
+    """
+    path = part / CAMPAIGN_FILE
+    try:
+        return len(load_yaml(path)["cases"])
+    except (YamlError, KeyError, TypeError):
+        raise UsageError(f"{path}: not as `twin driving` writes it; make the part again") from None
 
 
 def _listed(folder: Path) -> list[tuple[str, str, int]]:

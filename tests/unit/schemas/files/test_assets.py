@@ -9,6 +9,7 @@ import pytest
 import twin
 from conductor.run.source import load
 from schemas.files.assets import asset_digest, asset_files, mesh_files
+from schemas.files.yaml_file import YamlError
 from schemas.identity import case_digest, rig_key
 from twin.base.errors import RefusedError, UsageError
 from twin.rig.engine import Engine
@@ -227,3 +228,21 @@ def test_a_line_that_is_made_to_take_long_names_nothing(tmp_path, line):
     (tmp_path / "a.mtl").write_text(f"newmtl x\n{line}\nmap_Kd wall.png\n")
     found = mesh_files(tmp_path / "a.obj")
     assert found == [tmp_path / "a.obj", tmp_path / "a.mtl", tmp_path / "wall.png"]
+
+
+def test_names_in_a_file_are_those_of_its_content(tmp_path):
+    path = tmp_path / "scenario.yaml"
+    for name in ("one.xodr", "two.xodr"):
+        (tmp_path / name).write_text(name)
+    for name in ("one", "two", "one"):
+        path.write_text(f"road: {name}.xodr\n")
+        for _ in range(2):
+            assert [file.name for file in asset_files(path)] == ["scenario.yaml", f"{name}.xodr"]
+    (tmp_path / "one.xodr").unlink()
+    assert [file.name for file in asset_files(path)] == ["scenario.yaml"]
+    path.write_text("road: [")
+    with pytest.raises(YamlError):
+        asset_files(path)
+    path.unlink()
+    with pytest.raises(YamlError):
+        asset_files(path)

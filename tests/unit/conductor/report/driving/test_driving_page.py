@@ -15,6 +15,7 @@ from conductor.records.outcomes import CaseOutcome
 from conductor.report.driving.page import page
 from conductor.report.driving.series import read_series, road_class, sums
 from schemas.case import Case
+from schemas.files.yaml_file import dump_yaml
 from twin.base.errors import UsageError
 
 COMMIT = "c" * 40
@@ -76,11 +77,13 @@ def waiting(case: Case, end: CaseOutcome) -> CaseOutcome:
 
 def part(folder: Path, number: int, change=driven) -> None:
     line = json.dumps({"part": number, "commit": COMMIT, "seed": 5})
-    folder.mkdir(exist_ok=True)
+    target = folder / f"part-{number:02}"
+    target.mkdir(parents=True)
+    (target / "campaign.yaml").write_text(dump_yaml(data()))
     with (folder / "parts.jsonl").open("a") as ledger:
         ledger.write(f"{line}\n")
     if change is not None:
-        make_campaign(folder / f"part-{number:02}" / "run", data(), change)
+        make_campaign(target / "run", data(), change)
 
 
 def test_one_campaign_is_a_series_of_its_own(tmp_path):
@@ -124,6 +127,17 @@ def test_parts_of_other_software_are_said(tmp_path):
     outcomes = tmp_path / "part-02" / "run" / "outcomes.json"
     outcomes.write_text(outcomes.read_text().replace("5" * 64, "6" * 64))
     assert "They ran with different software" in page(read_series(tmp_path), tmp_path)
+
+
+def test_cases_left_out_of_a_run_are_still_to_be_driven(tmp_path):
+    part(tmp_path, 1, None)
+    make_campaign(tmp_path / "part-01" / "run", data(weathers=("clear",)), driven)
+    series = read_series(tmp_path)
+    assert (len(series.cases), series.left) == (4, 4)
+    assert "| 4 cases left |" in page(series, tmp_path)
+    (tmp_path / "part-01" / "campaign.yaml").write_text("cases: 3\n")
+    with pytest.raises(UsageError, match="not as `twin driving` writes it"):
+        read_series(tmp_path)
 
 
 def test_a_part_that_nobody_listed_is_refused(tmp_path):
