@@ -10,6 +10,8 @@ from typer.testing import CliRunner
 
 pytest.importorskip("lxml", reason="lxml is not installed")
 
+from broken_files import CAR, GOOD, HEADER, LAUGHS, MISTAKES, ROUTE, TELEPORT
+
 from twin.base.errors import UsageError
 from twin.scenario.storyboard.compile.fates import (
     DESCRIBED_ATTRIBUTES,
@@ -29,68 +31,6 @@ from twin.scenario.storyboard.openscenario.standard import (
 )
 from twin.validate.command import app
 
-HEADER = (
-    '<FileHeader author="a" date="2026-01-31T12:00:00" description="d" revMajor="1" revMinor="3"/>'
-)
-CAR = (
-    '<Vehicle name="car" vehicleCategory="car" mass="1500"><BoundingBox><Center x="1" y="0" z="1"/>'
-    '<Dimensions width="2" length="5" height="2"/></BoundingBox><Performance maxSpeed="70" '
-    'maxDeceleration="8" maxAcceleration="5"/><Axles><RearAxle maxSteering="0" wheelDiameter="1" '
-    'trackWidth="2" positionX="0" positionZ="0"/></Axles></Vehicle>'
-)
-GOOD = f"""<OpenSCENARIO>
-{HEADER}
-<ParameterDeclarations>
-<ParameterDeclaration name="speed" parameterType="double" value="10"/>
-</ParameterDeclarations>
-<CatalogLocations><RouteCatalog><Directory path="routes"/></RouteCatalog></CatalogLocations>
-<RoadNetwork/>
-<Entities>
-<ScenarioObject name="Ego">{CAR}</ScenarioObject>
-</Entities>
-<Storyboard>
-<Init><Actions/></Init>
-<Story name="story"><Act name="act">
-<ManeuverGroup name="group" maximumExecutionCount="1">
-<Actors selectTriggeringEntities="false"><EntityRef entityRef="Ego"/></Actors>
-<Maneuver name="cut in"><Event name="event" priority="overwrite">
-<Action name="faster"><PrivateAction><LongitudinalAction><SpeedAction>
-<SpeedActionDynamics dynamicsDimension="time" dynamicsShape="step" value="0"/>
-<SpeedActionTarget><AbsoluteTargetSpeed value="${{$speed / 3.6}}"/></SpeedActionTarget>
-</SpeedAction></LongitudinalAction></PrivateAction></Action>
-<StartTrigger><ConditionGroup><Condition name="c" conditionEdge="rising" delay="1">
-<ByValueCondition><SimulationTimeCondition rule="greaterThan" value="2"/></ByValueCondition>
-</Condition></ConditionGroup></StartTrigger>
-</Event></Maneuver></ManeuverGroup></Act></Story>
-</Storyboard>
-</OpenSCENARIO>
-"""
-BY_TIME = '<SimulationTimeCondition rule="greaterThan" value="2"/>'
-EGO_REF = '<EntityRef entityRef="Ego"/>'
-ROUTE = f"""<OpenSCENARIO>
-{HEADER}
-<Catalog name="Routes"><Route name="A" closed="false">
-<Waypoint routeStrategy="fastest"><Position><RoutePosition><RouteRef>
-<CatalogReference catalogName="Routes" entryName="A"/>
-</RouteRef><InRoutePosition><FromCurrentEntity entityRef="Ego"/></InRoutePosition></RoutePosition>
-</Position></Waypoint>
-<Waypoint routeStrategy="fastest"><Position><WorldPosition x="1" y="2"/></Position></Waypoint>
-</Route></Catalog>
-</OpenSCENARIO>
-"""
-TELEPORT = (
-    '<Init><Actions><Private entityRef="Ego"><PrivateAction><RoutingAction><AssignRouteAction>'
-    '<CatalogReference catalogName="Routes" entryName="{}"/>'
-    "</AssignRouteAction></RoutingAction></PrivateAction></Private></Actions></Init>"
-)
-
-
-def _state(name: str) -> str:
-    return (
-        '<StoryboardElementStateCondition storyboardElementType="maneuver" '
-        f'storyboardElementRef="{name}" state="completeState"/>'
-    )
-
 
 def _write(folder: Path, text: str) -> Path:
     (folder / "routes").mkdir(exist_ok=True)
@@ -99,49 +39,7 @@ def _write(folder: Path, text: str) -> Path:
     return path
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "line", "words"),
-    [
-        ('revMinor="3"', 'revMinor="4"', 2, "version 1.4"),
-        ('revMajor="1"', 'revMajor="2"', 2, "version 2.3"),
-        ('revMinor="3"', 'revMinor="0"', 9, "since version 1.1"),
-        ("<RoadNetwork/>", "<RoadNetwork/><Rood/>", 7, "no element Rood"),
-        ('<Story name="story">', '<Story nam="story" name="s">', 13, "no attribute nam"),
-        ('<Act name="act">', "<Act>", 13, "lacks its attribute name"),
-        ("<RoadNetwork/>", "", 1, "lacks RoadNetwork"),
-        ("/ 3.6", "/ 0", 19, "divides by zero"),
-        ("$speed", "$spead", 19, r"\$spead in .* is not declared"),
-        ('value="${$speed / 3.6}"', 'value="NaN"', 19, "NaN"),
-        ('value="10"', 'value="fast"', 4, "'fast' is no number"),
-        ('value="10"', 'value="$speed"', 4, "not declared"),
-        ('priority="overwrite"', 'priority="first"', 16, "'first' is none of"),
-        (EGO_REF, '<EntityRef entityRef="Ega"/>', 15, "no entity is named 'Ega'"),
-        (BY_TIME, _state("cut out"), 22, "no maneuver is named 'cut out'"),
-        (
-            BY_TIME,
-            '<VariableCondition variableRef="v" rule="equalTo" value="1"/>',
-            22,
-            "no variable is named 'v'",
-        ),
-        (
-            "</ScenarioObject>\n",
-            "</ScenarioObject>\n"
-            '<ScenarioObject name="Ego"><ExternalObjectReference name="b"/></ScenarioObject>\n',
-            10,
-            "'Ego' is given to a second",
-        ),
-        ('path="routes"', 'path="nowhere"', 6, "catalog folder 'nowhere' is missing"),
-        ("<Init><Actions/></Init>", TELEPORT.format("B"), 12, "has no entry 'B'"),
-        (
-            "<RoadNetwork/>",
-            '<RoadNetwork><LogicFile filepath="r.xodr"/></RoadNetwork>',
-            7,
-            "r.xodr",
-        ),
-        ("<OpenSCENARIO>", "<!DOCTYPE x>\n<OpenSCENARIO>", 2, "document type"),
-        ("</Storyboard>", "", 26, "mismatch"),
-    ],
-)
+@pytest.mark.parametrize(("old", "new", "line", "words"), MISTAKES)
 def test_one_clear_line(tmp_path: Path, old: str, new: str, line: int, words: str) -> None:
     (tmp_path / "routes").mkdir()
     (tmp_path / "routes" / "r.xosc").write_text(ROUTE)
@@ -163,9 +61,7 @@ def test_entries_in_a_circle(tmp_path: Path) -> None:
 
 
 def test_billion_laughs(tmp_path: Path) -> None:
-    entities = "".join(f'<!ENTITY e{i} "{f"&e{i - 1};" * 10}">' for i in range(1, 10))
-    laugh = f'<!DOCTYPE x [<!ENTITY e0 "ha">{entities}]>'
-    path = _write(tmp_path, f"{laugh}<OpenSCENARIO>&e9;</OpenSCENARIO>")
+    path = _write(tmp_path, LAUGHS)
     with pytest.raises(ValueError, match=r"s\.xosc:1: ") as refusal:
         read_scenario(path)
     assert len(str(refusal.value).splitlines()) == 1
