@@ -255,6 +255,9 @@ def _sampler_mistakes(search: Search) -> list[Mistake]:
     if kind.gives == "probability" and objective.goal is not UNSET:
         limit = f"sampler {kind.name} gives a probability; say fails_below or fails_above"
         mistakes.append(Mistake("search.objective.goal", limit))
+    if len(search.parameters) < kind.parameters_min:
+        least = f"{len(search.parameters)} given, sampler {kind.name} needs {kind.parameters_min}"
+        mistakes.append(Mistake("search.parameters", least))
     if kind.gives == "extreme" and not (
         budget.half_width is UNSET and budget.relative_half_width is UNSET
     ):

@@ -66,6 +66,8 @@ class SamplerKind:
     """``module:attribute`` of its :class:`conductor.search.protocol.Sampler`, made of options and
     a :class:`conductor.search.protocol.Problem`."""
     options: type[Struct] = NoOptions
+    parameters_min: int = 1
+    """Fewest parameters with which it works."""
 
 
 KINDS = (
@@ -93,6 +95,7 @@ KINDS = (
         gives="extreme",
         implementation="conductor.search.samplers.evolution:CmaEs",
         options=CmaOptions,
+        parameters_min=2,
     ),
     SamplerKind(
         name="importance",

@@ -1,11 +1,11 @@
 """Vehicles and people: cross sections in the ranges that are published, and spread of speeds.
 
-Ranges at 76 to 81 GHz, wide ones: what the publications agree on, not a table of one. Pedestrians: Fortuny-Guasch, Chareau 2013, radar cross section measurements
-of pedestrian dummies and humans, JRC report EUR 25762 EN, and Schubert et al. 2013 (human RCS
-measurements, International Radar Symposium): means of about -8 dBsm over all directions, a few
-decibels apart between people. Cars: Matsunami, Nakamura, Kajiwara 2012, RCS measurements for
-vehicles and pedestrian at 26 and 79 GHz, and Suzuki 2000: a plate-like maximum of 15 to 30 dBsm
-from the side and 5 to 20 dBsm from front and rear.
+Ranges at 76 to 81 GHz, wide ones: what the publications agree on, not the table of one.
+Pedestrians: Fortuny-Guasch, Chareau 2013, radar cross section measurements of pedestrian dummies
+and humans, JRC report EUR 25762 EN, and Schubert et al. 2013 (human RCS measurements, International
+Radar Symposium): means of about -8 dBsm over all directions. Cars: Matsunami, Nakamura, Kajiwara
+2012, RCS measurements for vehicles and pedestrian at 26 and 79 GHz, and Suzuki 2000: a maximum like
+that of a plate from the side, 15 to 30 dBsm, and 5 to 20 dBsm from front and rear.
 """
 
 import math

@@ -103,6 +103,14 @@ def test_a_good_one_has_no_mistake() -> None:
             section(correlations=[{"between": list(NAMES), "rho": 1.0}]),
             "correlations[0].rho: given 1.0, allowed: a number > -1 and < 1",
         ),
+        (
+            section(
+                "cma_es",
+                objective={"kpi": KPI, "goal": "least"},
+                parameters={ONE: UNIFORM},
+            ),
+            "search.parameters: 1 given, sampler cma_es needs 2",
+        ),
         (section("annealing"), "sampler: no 'annealing'; there: monte_carlo"),
         (section("subset", options={"level": 1}), "options.level: given 1, allowed"),
         (section("subset", options={"levels": 50}), "options.levels: unknown key"),
