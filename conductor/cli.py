@@ -185,7 +185,9 @@ def serve(
         checked_address(metrics)
     with strangers_named():
         if campaign:
-            plan = _checked(campaign)
+            from conductor.run.source import begun
+
+            plan = begun(_checked(campaign))
             # Here, because only this way of serving needs it.
             from conductor.run.command import RunOptions, serve_until_done
 
@@ -253,10 +255,11 @@ def submit(
     Workers run what a campaign names, so an invitation of role admin does not open this.
     """
     from conductor.commands.client import client_of
-    from conductor.run.source import of_rows
+    from conductor.run.source import begun, of_rows
     from twin.fabric.keys.roles import Role
 
-    loaded = of_rows(_checked(campaign, seed=seed, weather=weather), rows, quick=quick).campaign
+    plan = of_rows(_checked(campaign, seed=seed, weather=weather), rows, quick=quick)
+    loaded = begun(plan).campaign
     with client_of(conductor, Role.submitter) as client:
         folder = client.submit(loaded, str(out.absolute()) if out else "", priority)
     print(f"submitted {loaded.campaign}: results in {folder}")

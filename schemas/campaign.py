@@ -16,6 +16,7 @@ from schemas.case import Clock
 from schemas.names import WEATHERS as WEATHERS
 from schemas.names import Name as Name
 from schemas.rulebook_rows import ROW_AXIS, rows_given, rulebook_mistakes
+from schemas.search_points import proposed_count, search_mistakes
 from schemas.sections.autonomy import Autonomy, driver_mistakes
 from schemas.sections.camera import Camera as Camera
 from schemas.sections.environment import Environment, environment_mistakes
@@ -23,6 +24,7 @@ from schemas.sections.lidar import Lidar
 from schemas.sections.objects import ObjectVariation
 from schemas.sections.rulebook import Rulebook
 from schemas.sections.scenario import Scenario as Scenario
+from schemas.sections.search import Search
 from schemas.sections.sensors import Sensors
 from schemas.sections.stack_identity import StackIdentity
 from schemas.sections.view_mode import Recording, View
@@ -112,6 +114,9 @@ class Campaign(_Spec, frozen=True, kw_only=True):
     """Points removed from the matrix; an axis left out matches every value."""
     rulebook: Rulebook | UnsetType = UNSET
     """Rows of a test protocol, from which cases are made; each for every point of the matrix."""
+    search: Search | UnsetType = UNSET
+    """Parameters, an objective and a budget, from which cases are proposed generation by
+    generation."""
     batch: Batch | None = None
     files: dict[str, str] = {}
     """SHA-256 of scene, vehicle and model files given by path, with the files that those name;
@@ -143,7 +148,7 @@ def campaign_mistakes(campaign: Campaign) -> list[Mistake]:
         mistakes += rulebook_mistakes(
             campaign.rulebook, campaign.scenario, campaign.matrix, campaign.cases
         )
-    elif not campaign.matrix and not campaign.cases:
+    elif campaign.search is UNSET and not campaign.matrix and not campaign.cases:
         mistakes.append(Mistake("matrix", "no cases; give a matrix, a list of cases, or both"))
     for where, camera in (
         ("camera", campaign.camera),
@@ -153,6 +158,7 @@ def campaign_mistakes(campaign: Campaign) -> list[Mistake]:
     seeing = [campaign.camera.name, *(c.name for c in campaign.cameras)] if campaign.render else []
     mistakes += driver_mistakes(campaign.autonomy, campaign.sensors, seeing)
     mistakes += _clock_mistakes(campaign)
+    mistakes += _search_mistakes(campaign)
     mistakes += _named_once("lidars", [lidar.name for lidar in campaign.lidars])
     mistakes += _named_once("cameras", [campaign.camera.name, *(c.name for c in campaign.cameras)])
     if not campaign.autonomy.perception:
@@ -164,7 +170,9 @@ def campaign_mistakes(campaign: Campaign) -> list[Mistake]:
 
 
 def count_of(campaign: Campaign) -> int:
-    """Cases before any is excluded."""
+    """Cases before any is excluded; of a search, those that are proposed so far."""
+    if campaign.search is not UNSET:
+        return proposed_count(campaign.search)
     count = _counted(campaign.matrix, campaign.cases)
     if campaign.rulebook is UNSET or campaign.cases:
         return count
@@ -175,6 +183,10 @@ def cases_given(data: dict[str, Any]) -> int:
     """Count of the cases in plain data, by lengths alone; what is no list is a mistake that others
     tell."""
     matrix, cases = data.get("matrix"), data.get("cases")
+    if isinstance(search := data.get("search"), dict):
+        budget = search.get("budget")
+        count = budget.get("cases") if isinstance(budget, dict) else 0
+        return count if isinstance(count, int) else 0
     axes = matrix if isinstance(matrix, dict) else {}
     listed = cases if isinstance(cases, list) else []
     count = _counted({axis: v for axis, v in axes.items() if isinstance(v, list)}, listed)
@@ -185,6 +197,24 @@ def cases_given(data: dict[str, Any]) -> int:
 
 def _counted(matrix: dict[Any, list[Any]], cases: list[Any]) -> int:
     return len(cases) + (math.prod(map(len, matrix.values())) if matrix else 0)
+
+
+def _search_mistakes(campaign: Campaign) -> list[Mistake]:
+    """What is wrong with a search, beside the points that it proposes."""
+    if campaign.search is UNSET:
+        return []
+    beside = {
+        "rulebook": campaign.rulebook is not UNSET,
+        "cases": bool(campaign.cases),
+        "exclude": bool(campaign.exclude),
+        "batch": campaign.batch is not None,
+    }
+    mistakes = search_mistakes(campaign.search, campaign.scenario, campaign.matrix, beside)
+    if campaign.simulator == "noop":
+        mistakes.append(Mistake("simulator", "noop measures nothing that could be searched"))
+    if campaign.clock == "realtime":
+        mistakes.append(Mistake("clock", "realtime does not repeat, and a search must"))
+    return mistakes
 
 
 UNREPEATABLE = "a stack cannot be shown a drive again that went with the wall clock; take lockstep"

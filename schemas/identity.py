@@ -8,6 +8,7 @@ from collections.abc import Iterable
 from pathlib import PurePath
 
 import msgspec
+from msgspec import UNSET
 
 from schemas.campaign import Campaign
 from schemas.case import Case, RigSpec
@@ -87,16 +88,43 @@ def _by_content(rig: RigSpec) -> RigSpec:
 
 def campaign_digest(campaign: Campaign, cases: Iterable[Case]) -> str:
     """Digest of a campaign: equal for files that list the same cases in another order. It has the
-    versions of the plug-ins that the campaign uses, and of no others."""
-    pairs = sorted((case.id, case_digest(case)) for case in cases)
+    versions of the plug-ins that the campaign uses, and of no others. A search begins with the
+    digest of its section and its first generation, and every later one is added to it."""
+    if campaign.search is not UNSET and not campaign.search.chosen:
+        listed, sizes = list(cases), [len(rows) for rows in campaign.search.proposed]
+        sizes = sizes or [0]
+        whole = _digest_of(campaign, listed[: sizes[0]])
+        for number in range(1, len(sizes)):
+            begin = sum(sizes[:number])
+            whole = grown_digest(whole, listed[begin : begin + sizes[number]])
+        return whole
+    return _digest_of(campaign, cases)
+
+
+def grown_digest(before: str, cases: Iterable[Case]) -> str:
+    """Digest of a search after a further generation."""
+    return digest([before.encode(), *_digests_of(cases)])
+
+
+def _digest_of(campaign: Campaign, cases: Iterable[Case]) -> str:
     plugins = sorted(campaign.plugins.items())
+    section = []
+    if campaign.search is not UNSET:
+        asked = msgspec.structs.replace(campaign.search, first=[], proposed=[])
+        section = [b"search " + _canonical(msgspec.to_builtins(asked))]
     return digest(
         [
             campaign.campaign.encode(),
-            *(f"{i}={d}".encode() for i, d in pairs),
+            *_digests_of(cases),
             *(f"plug-in {name} {version}".encode() for name, version in plugins),
+            *section,
         ]
     )
+
+
+def _digests_of(cases: Iterable[Case]) -> list[bytes]:
+    pairs = sorted((case.id, case_digest(case)) for case in cases)
+    return [f"{i}={d}".encode() for i, d in pairs]
 
 
 def rig_key(case: Case) -> str:

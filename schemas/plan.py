@@ -14,7 +14,7 @@ from schemas.case import Case, RigSpec, Variation
 from schemas.kinds.perception import perception_kind
 from schemas.kinds.plugins import ForeignKind, foreign_kinds
 from schemas.kinds.scenario import kind_of
-from schemas.points import Point, points_of
+from schemas.points import Point, points_of, probe_mistakes
 from schemas.rulebook_rows import axes_beyond, rows_called
 from schemas.sections.autonomy import DELAYS, driver
 from schemas.sections.camera import Camera
@@ -133,6 +133,12 @@ class Plan:
     def _restricted(self, points: Sequence[Point]) -> Plan:
         listed = [point.values for point in points]
         plugins = _plugins(self.campaign, points)
+        search = self.campaign.search
+        if search is not UNSET:  # names of its cases do not follow from their values
+            names = [point.id for point in points]
+            search = msgspec.structs.replace(search, chosen=names)
+            chosen = msgspec.structs.replace(self.campaign, search=search, plugins=plugins)
+            return Plan(chosen, points)
         campaign = msgspec.structs.replace(
             self.campaign, matrix={}, exclude=[], cases=listed, plugins=plugins
         )
@@ -159,6 +165,8 @@ def examine(data: Any) -> tuple[Plan | None, list[Mistake]]:
         return None, mistakes
     mistakes = campaign_mistakes(campaign)
     points: list[Point] = []
+    if campaign.search is not UNSET and not campaign.search.proposed and not mistakes:
+        mistakes += probe_mistakes(campaign)
     # Rows with mistakes of their own have no points.
     rows = ("rulebook", "scenario", "matrix", "cases")
     readable = campaign.rulebook is UNSET or not any(m.path.startswith(rows) for m in mistakes)
@@ -183,7 +191,9 @@ def _kinds_of_others(campaign: Campaign, points: Sequence[Point]) -> list[Foreig
     sensors = {name for section in sections.values() for name in section.sections()}
     variants = [campaign.autonomy.perception[model] for model in {p.model for p in points}]
     perceptions = sorted({perception_kind(variant).name for variant in variants})
-    return list(foreign_kinds(campaign.scenario, sensors, campaign.autonomy.bridge, perceptions))
+    samplers = [] if campaign.search is UNSET else [campaign.search.sampler]
+    bridge = campaign.autonomy.bridge
+    return list(foreign_kinds(campaign.scenario, sensors, bridge, perceptions, samplers))
 
 
 def _same_place(one: str, other: str) -> bool:

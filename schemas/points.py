@@ -32,6 +32,7 @@ from schemas.rulebook_rows import (
     trial_of_point,
     with_file,
 )
+from schemas.search_points import probes, search_grid
 from schemas.sections.autonomy import Autonomy
 from schemas.sections.camera import Camera
 from schemas.sections.environment import Environment
@@ -79,13 +80,13 @@ def points_of(campaign: Campaign) -> tuple[list[Point], list[Mistake]]:
     kept, mistakes = _grid(campaign)
     points: dict[str, Point] = {}
     memos: dict[str, Memo] = {}
-    for where, values in kept:
+    for where, given_name, values in kept:
         row, point_mistakes = _row(campaign, values, where)
         # Another row is another scenario, of which the same value of an axis makes another.
         memo = memos.setdefault(row.row if row else "", {})
         point = None
         if not point_mistakes:
-            point, point_mistakes = _point(campaign, values, where, memo, row)
+            point, point_mistakes = _point(campaign, values, where, memo, row, given_name)
         mistakes += [m for m in point_mistakes if m not in mistakes]
         if len(mistakes) > MISTAKES_MAX:
             mistakes[MISTAKES_MAX:] = [Mistake("", "and more; correct these first")]
@@ -100,8 +101,24 @@ def points_of(campaign: Campaign) -> tuple[list[Point], list[Mistake]]:
     return list(points.values()), mistakes
 
 
-def _grid(campaign: Campaign) -> tuple[list[tuple[str, dict[str, Any]]], list[Mistake]]:
-    """Where each case stands in the file, and its values; in file order."""
+def probe_mistakes(campaign: Campaign) -> list[Mistake]:
+    """What is wrong with points at the ends of the distributions of a search, before any point is
+    proposed; a mistake per parameter."""
+    assert campaign.search is not UNSET
+    mistakes: dict[str, Mistake] = {}
+    memo: Memo = {}
+    for where, values in probes(campaign.search, campaign.matrix):
+        _, wrong = _point(campaign, values, where, memo, None, "probe")
+        for mistake in wrong:
+            mistakes.setdefault(where, Mistake(where, mistake.message))
+    return list(mistakes.values())
+
+
+def _grid(campaign: Campaign) -> tuple[list[tuple[str, str, dict[str, Any]]], list[Mistake]]:
+    """Where each case stands in the file, its name (empty: its values say it), and its values; in
+    file order."""
+    if campaign.search is not UNSET:
+        return list(search_grid(campaign.search, campaign.matrix)), []
     points: list[tuple[str, dict[str, Any]]] = []
     if campaign.rulebook is not UNSET:
         if not campaign.cases:
@@ -120,13 +137,13 @@ def _grid(campaign: Campaign) -> tuple[list[tuple[str, dict[str, Any]]], list[Mi
         for index in hits:
             excluded[index] = True
         if not hits:
-            kept.append((where, point))
+            kept.append((where, "", point))
     mistakes = [
         Mistake(f"exclude[{index}]", "matches no case of the matrix; correct or remove it")
         for index, hit in enumerate(excluded)
         if not hit
     ]
-    kept += [(f"cases[{index}]", dict(point)) for index, point in enumerate(campaign.cases)]
+    kept += [(f"cases[{index}]", "", dict(point)) for index, point in enumerate(campaign.cases)]
     return kept, mistakes
 
 
@@ -243,7 +260,12 @@ def _name(
 
 
 def _point(
-    campaign: Campaign, point: dict[str, Any], where: str, memo: Memo, row: RulebookRow | None
+    campaign: Campaign,
+    point: dict[str, Any],
+    where: str,
+    memo: Memo,
+    row: RulebookRow | None,
+    given_name: str,
 ) -> tuple[Point | None, list[Mistake]]:
     model, mistakes = _model(campaign, point, where)
     time_of_day, axis_mistakes = value_of(point, "time_of_day", where, memo)
@@ -257,7 +279,7 @@ def _point(
     repeat, axis_mistakes = value_of(point, "repeat", where, memo)
     mistakes += axis_mistakes
     shared = (model, str(time_of_day), str(weather))
-    name = _name(campaign, row, point, shared)
+    name = given_name or _name(campaign, row, point, shared)
     drawn = _drawn(campaign.seed, row, point, shared) if row and repeat else {}
     scenario, axis_mistakes = _scenario(campaign, point, where, memo, row, drawn)
     mistakes += axis_mistakes

@@ -38,9 +38,31 @@ def running_table(rows: Sequence[RunningCase]) -> None:
 def status_view(found: ConductorStatus, paces: Mapping[str, Pace] | None = None) -> RenderableType:
     """Campaigns, workers, notes and alarms; with throughput and remaining time if ``paces``."""
     parts: list[RenderableType] = [_campaigns(found["campaigns"], paces), _workers(found)]
+    parts += [Text(line) for line in search_lines(found)]
     parts += [Text(note) for note in found["notes"]]
     parts += [Text(alarm, style="bold red") for alarm in alarms(found)]
     return Group(*parts)
+
+
+def search_lines(found: ConductorStatus) -> list[str]:
+    """How far every search has come, a line each."""
+    lines = []
+    for name, row in found["campaigns"].items():
+        if search := row.get("search"):
+            lines.append(f"search '{name}': {search_line(row)}")
+            if len(search["cpus"]) > 1:
+                among = ", ".join(search["cpus"])
+                lines.append(f"search '{name}': proposed on processors of several classes: {among}")
+    return lines
+
+
+def search_line(row: CampaignStatus) -> str:
+    """How far a search has come."""
+    search = row["search"]
+    closed = counted(search["generation"], "generation")
+    parts = [f"{closed} closed, {row['cases']} of at most {counted(search['budget'], 'case')}"]
+    parts += [text for text in (search["answer"], search["ended"]) if text]
+    return "; ".join(parts)
 
 
 def alarms(found: ConductorStatus) -> list[str]:

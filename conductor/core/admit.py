@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import msgspec
+from msgspec import UNSET
 
 from conductor.core.case_table import pack
 from conductor.core.facts import Relocated, Submitted
@@ -15,6 +19,7 @@ from schemas.plan import parse_plan
 from schemas.sections.autonomy import open_by_nature
 from schemas.sections.stack_identity import difference
 from schemas.wire.control import Submit
+from schemas.words import counted
 
 CAMPAIGNS_MAX = 5000
 """Most campaigns of one conductor."""
@@ -125,6 +130,41 @@ def _other_plugins(request: Submit, here: Campaign) -> str:
     return ""
 
 
+def _as_begun(known: CampaignState | None, given: dict[str, Any]) -> Mapping[str, object]:
+    """A submission of a search that is known, with the first generation that it was begun with:
+    what was proposed is read back, wherever it is submitted again."""
+    search = given.get("search")
+    if known is None or known.search is None or not isinstance(search, dict):
+        return given
+    before = known.campaign.search
+    assert before is not UNSET
+    begun = {"first": before.first, "proposed": before.proposed[:1]}
+    return {**given, "search": {**search, **begun}}
+
+
+def _unbegun(campaign: Campaign) -> str:
+    """Why a search cannot begin here as it was submitted, or nothing."""
+    search = campaign.search
+    if search is UNSET or search.chosen:
+        return ""
+    if len(search.proposed) != 1 or len(search.first) != len(search.proposed[0]):
+        return (
+            f"search.proposed: {counted(len(search.proposed), 'generation')} given, a search "
+            "begins with one; submit it by `conductor run` or `conductor submit`"
+        )
+    return ""
+
+
+def _begun_with(known: CampaignState) -> str:
+    """Digest of a campaign as it was submitted, before its search added cases."""
+    search = known.campaign.search
+    if known.search is None or search is UNSET:
+        return known.digest
+    begun = msgspec.structs.replace(search, proposed=search.proposed[:1])
+    campaign = msgspec.structs.replace(known.campaign, search=begun)
+    return campaign_digest(campaign, [c.case for c in known.ordered[: len(search.first)]])
+
+
 def admit(state: State, request: Submit) -> tuple[Submitted | Relocated | None, list[str]]:
     """Check a submission.
 
@@ -139,18 +179,21 @@ def admit(state: State, request: Submit) -> tuple[Submitted | Relocated | None, 
     view = {} if state.config.view is None else {"view": state.config.view.value}
     # The message is all that a conductor knows of a campaign, and what the journal keeps of it: a
     # plan that a client of the same process has made is no part of a submission.
-    plan, mistakes = parse_plan({**request.campaign, **view})
+    given = _as_begun(state.campaigns.get(escaped_name), {**request.campaign, **view})
+    plan, mistakes = parse_plan(given)
     if plan is None:
         return None, [mistake.line(escaped_name) for mistake in mistakes]
     campaign, cases = plan.campaign, plan.cases
     name = campaign.campaign
+    if why := _unbegun(campaign):
+        return None, [f"{name}: {why}"]
     if state.config.protected and (why := open_by_nature(campaign.autonomy)):
         return None, [f"{name}: {why}; {PROTECTED_ONLY}"]
     if error := _other_plugins(request, campaign):
         return None, [f"{name}: {error}"]
     digest = campaign_digest(campaign, cases)
     known = state.campaigns.get(name)
-    if known is not None and known.digest == digest:
+    if known is not None and _begun_with(known) == digest:
         paths = moved(known.campaign, campaign)
         return (Relocated(name, paths) if paths else None), []
     if known is not None:

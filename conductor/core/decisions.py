@@ -32,6 +32,7 @@ from conductor.core.facts import (
 from conductor.core.fold import TOUCH_CHARS_MAX, touch_of
 from conductor.core.grant import choose, mismatches
 from conductor.core.lease import lost, own, seen, token_of
+from conductor.core.searching.growth import grow
 from conductor.core.session import UNKNOWN_WORKER, not_its_session, opened, speaker
 from conductor.core.settle import DETAIL_CHARS_MAX, commit, end_attempt, end_suspects, expire
 from conductor.core.snapshot import take
@@ -92,6 +93,7 @@ def decide(state: State, request: Request, now_ns: int) -> tuple[list[Fact], Rep
         )
         return turn.facts, turn.reply(error=error)
     reply = _VERBS[type(request)](turn, request)
+    grow(turn)
     _snapshot(turn, state.config.snapshot_facts)
     return turn.facts, reply
 
@@ -101,6 +103,7 @@ def tick(state: State, now_ns: int) -> list[Fact]:
     turn = RequestTurn(state, now_ns)
     expire(turn)
     _forget(turn)
+    grow(turn)
     _snapshot(turn, state.config.snapshot_facts)
     return turn.facts
 
@@ -261,6 +264,7 @@ def _next(turn: RequestTurn, request: Next) -> Reply:
         end_attempt(turn, lease, "released", "the reply with the lease did not arrive")
     held = own(state, request.worker, request.held)
     gone = lost(state, request.worker, request.held)
+    grow(turn)
     leases = _grant(turn, request, worker, held)
     turn.emit(
         seen(

@@ -11,6 +11,9 @@ from typing import Any, Literal, get_args
 from msgspec import Struct
 
 from conductor.core.case_table import CaseTable
+from conductor.core.searching.record import SearchRecord
+from schemas.files.search_result import SearchAnswer
+from schemas.sections.search import Value
 from schemas.wire.control import Release, Reply, Result, Share
 
 SHARED = 0
@@ -55,6 +58,33 @@ class Submitted(_Fact, frozen=True):
     """Campaigns of a higher one are served first."""
     digests: int = 0
     """Version of ``digest``, see :data:`schemas.identity.DIGESTS`."""
+    search: SearchRecord | None = None
+    """In a snapshot: how far its search has come."""
+
+
+class Generation(_Fact, frozen=True):
+    """The latest generation of a search has closed, and the next was proposed; or it ended."""
+
+    campaign: str
+    number: int
+    """Generations before; the first one came with the campaign."""
+    results: list[float | None]
+    """KPI of the cases that have closed, in the order in which they were proposed."""
+    digest: str
+    """Digest of the campaign with the new cases."""
+    answer: SearchAnswer | None = None
+    ended: str = ""
+    """Why the search has ended; empty: it goes on."""
+    u: list[list[float]] = []
+    """Standard normal coordinates of the new cases [cases][parameters]."""
+    values: list[list[Value]] = []
+    """Values of their parameters."""
+    cases: CaseTable | None = None
+    """The new cases; None: the search has ended."""
+    versions: dict[str, str] = {}
+    """Libraries that proposed."""
+    cpu: str = ""
+    """Class of the processor."""
 
 
 class Relocated(_Fact, frozen=True):
@@ -283,6 +313,7 @@ class Draining(_Fact, frozen=True):
 Durable = (
     EpochRaised
     | Submitted
+    | Generation
     | Relocated
     | Pinned
     | WorkerJoined

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 import msgspec
+from msgspec import UNSET
 
 from conductor.core.backlog import Backlog
 from conductor.core.case_table import pack, unpack
@@ -20,6 +21,7 @@ from conductor.core.facts import (
     Draining,
     EpochRaised,
     Fact,
+    Generation,
     Intervention,
     LateAttempt,
     Leased,
@@ -39,7 +41,8 @@ from conductor.core.facts import (
 )
 from conductor.core.lease import token_of
 from conductor.core.relocate import campaign_at, case_at, out_at
-from conductor.core.snapshot import restore
+from conductor.core.searching.record import SearchRecord
+from conductor.core.snapshot import restore, submitted_again
 from conductor.core.state import (
     FAR_NS,
     IMAGE_CASES,
@@ -116,7 +119,7 @@ def _epoch_raised(state: State, fact: EpochRaised) -> None:
         out = out_at(campaign.out, fact.before, fact.folder)
         if out != campaign.out:
             campaign.out = out
-            campaign.submitted = _submitted_again(campaign)
+            campaign.submitted = submitted_again(campaign)
 
 
 def _submitted(state: State, fact: Submitted) -> None:
@@ -133,6 +136,7 @@ def _submitted(state: State, fact: Submitted) -> None:
     for rig, orders in lanes.items():
         backlog.extend(rig, orders, SHARED)
     state.left += len(cases)
+    record = _begun(state, campaign, fact.search)
     state.campaigns[campaign.campaign] = CampaignState(
         campaign=campaign,
         digest=fact.digest,
@@ -146,7 +150,59 @@ def _submitted(state: State, fact: Submitted) -> None:
         priority=fact.priority,
         left=len(cases),
         submitted=fact,
+        search=record,
     )
+
+
+def _begun(state: State, campaign: Campaign, record: SearchRecord | None) -> SearchRecord | None:
+    """How far the search of a campaign has come that is submitted, or restored with ``record``."""
+    search = campaign.search
+    if search is UNSET or search.chosen:
+        return None
+    record = record or SearchRecord(u=[search.first])
+    if not record.ended:
+        state.searches[campaign.campaign] = None
+    return record
+
+
+def _generation(state: State, fact: Generation) -> None:
+    campaign = state.campaigns[fact.campaign]
+    record, search = campaign.search, campaign.campaign.search
+    _expect(record is not None and not record.ended and not campaign.left, fact)
+    assert record is not None
+    assert search is not UNSET
+    _expect(fact.number == len(record.u) and len(fact.results) == len(record.u[-1]), fact)
+    record.results.append(fact.results)
+    if fact.answer is not None:
+        record.answers.append(fact.answer)
+    record.ended, record.versions = fact.ended, fact.versions
+    if fact.cpu not in record.cpus:
+        record.cpus.append(fact.cpu)
+    campaign.grown = True
+    if fact.cases is None:
+        _expect(bool(fact.ended), fact)
+        del state.searches[fact.campaign]
+        return
+    cases = unpack(fact.cases)
+    record.u.append(fact.u)
+    grown = msgspec.structs.replace(search, proposed=[*search.proposed, fact.values])
+    campaign.campaign = msgspec.structs.replace(campaign.campaign, search=grown)
+    campaign.digest = fact.digest
+    campaign.extend(cases, [rig_key(case) for case in cases])
+    state.left += len(cases)
+
+
+def _reopened(state: State, campaign: CampaignState, case: CaseState) -> None:
+    """A search that has ended goes on when a case of its latest generation gets another chance."""
+    record = campaign.search
+    if record is None or not record.ended:
+        return
+    if case.order >= len(campaign.ordered) - len(record.u[-1]):
+        record.ended = ""
+        record.results.pop()
+        record.answers.pop()
+        state.searches[campaign.campaign.campaign] = None
+        campaign.grown = True
 
 
 def _relocated(state: State, fact: Relocated) -> None:
@@ -156,19 +212,7 @@ def _relocated(state: State, fact: Relocated) -> None:
     cases = pack([case_at(case.case, fact.paths) for case in campaign.ordered])
     for case_state, case in zip(campaign.ordered, unpack(cases), strict=True):
         case_state.case = case
-    campaign.submitted = _submitted_again(campaign)
-
-
-def _submitted_again(campaign: CampaignState) -> Submitted:
-    """The fact that would bring a campaign as it is now, for the next snapshot."""
-    return Submitted(
-        campaign=msgspec.to_builtins(campaign.campaign),
-        cases=pack([case.case for case in campaign.ordered]),
-        digest=campaign.digest,
-        digests=campaign.digests,
-        out=campaign.out,
-        priority=campaign.priority,
-    )
+    campaign.submitted = submitted_again(campaign)
 
 
 def _pinned(state: State, fact: Pinned) -> None:
@@ -378,6 +422,7 @@ def _retried(state: State, fact: Retried) -> None:
     campaign.reopen(case.case.variation.batch)
     case.end, case.charges, case.losses, case.lost, case.lost_times = None, (), (), (), 0
     case.group, case.paused = SHARED, False
+    _reopened(state, campaign, case)
     _wait(campaign, case)
 
 
@@ -412,7 +457,7 @@ def _snapshot(state: State, fact: Snapshot) -> None:
     state.tail = -1  # itself is none to be read
     state.dirty.clear()
     for campaign in state.campaigns.values():
-        campaign.submitted = None
+        campaign.submitted, campaign.grown = None, False
 
 
 def _seen(state: State, fact: Seen) -> None:
@@ -445,6 +490,7 @@ def _draining(state: State, _: Draining) -> None:
 _FOLDS: dict[type[Any], Callable[[State, Any], None]] = {
     EpochRaised: _epoch_raised,
     Submitted: _submitted,
+    Generation: _generation,
     Relocated: _relocated,
     Pinned: _pinned,
     WorkerJoined: _worker_joined,

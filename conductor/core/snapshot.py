@@ -13,6 +13,7 @@ import msgspec
 from msgspec import Struct
 
 from conductor.core.backlog import Backlog
+from conductor.core.case_table import pack
 from conductor.core.facts import (
     Charge,
     Image,
@@ -109,14 +110,28 @@ def take(state: State) -> Snapshot:
     """Images of all that changed since the latest snapshot."""
     images = [Image(HEAD, _encode(_head(state)))]
     for campaign in state.campaigns.values():
-        if campaign.submitted is not None:
-            images.append(Image(f"1/{campaign.order:06d}", _encode(campaign.submitted)))
+        brought = submitted_again(campaign) if campaign.grown else campaign.submitted
+        if brought is not None:
+            images.append(Image(f"1/{campaign.order:06d}", _encode(brought)))
     for name, chunk in sorted(state.dirty):
         first = chunk * IMAGE_CASES
         cases = state.campaigns[name].ordered[first : first + IMAGE_CASES]
         rows = [_row(case) for case in cases if _changed(case)]
         images.append(Image(f"2/{name}/{chunk:06d}", _encode(_Cases(name, rows))))
     return Snapshot(images=images)
+
+
+def submitted_again(campaign: CampaignState) -> Submitted:
+    """The fact that would bring a campaign as it is now, for the next snapshot."""
+    return Submitted(
+        campaign=msgspec.to_builtins(campaign.campaign),
+        cases=pack([case.case for case in campaign.ordered]),
+        digest=campaign.digest,
+        digests=campaign.digests,
+        out=campaign.out,
+        priority=campaign.priority,
+        search=campaign.search,
+    )
 
 
 def restore(state: State, snapshot: Snapshot, submit: Any) -> None:
@@ -216,7 +231,7 @@ def _restore_head(state: State, head: _Head) -> None:
     state.departed = dict.fromkeys(head.departed)
     state.deaths = dict(head.deaths)
     for campaign in state.campaigns.values():
-        campaign.submitted = None
+        campaign.submitted, campaign.grown = None, False
     state.workers = {
         worker.joined.worker: WorkerState(
             joined=worker.joined,

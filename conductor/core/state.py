@@ -26,6 +26,7 @@ from conductor.core.facts import (
     Submitted,
     WorkerJoined,
 )
+from conductor.core.searching.record import SearchRecord
 from schemas.campaign import Campaign
 from schemas.case import Case
 from schemas.sections.view_mode import ViewMode
@@ -93,6 +94,8 @@ class Config:
     """A snapshot is taken after this many facts, so that a restart reads no more of them."""
     snapshot_close_facts: int = 2000
     """Fewest facts that are worth a snapshot at a clean end."""
+    cpu: str = ""
+    """Class of the processor that it runs on, which searches note."""
     folder: str = ""
     """State folder, absolute; a campaign without ``out`` gets a folder below it."""
 
@@ -236,6 +239,10 @@ class CampaignState:
     left: int = 0
     """Cases without an outcome."""
 
+    search: SearchRecord | None = None
+    """How far its search has come; None: it is none."""
+    grown: bool = field(default=False, compare=False, repr=False)
+    """Whether generations came since the latest snapshot."""
     submitted: Submitted | None = field(default=None, compare=False, repr=False)
     """The fact that brought it, until a snapshot has it."""
     _lowest: int = _volatile(0)
@@ -245,6 +252,19 @@ class CampaignState:
         if self._lowest not in self.open_batches:
             self._lowest = min(self.open_batches, default=0)
         return self._lowest
+
+    def extend(self, cases: list[Case], keys: list[str]) -> None:
+        """Further cases wait, behind all others; none of the others does. ``keys``: rig keys."""
+        lanes: dict[str, list[int]] = {}
+        for case, rig in zip(cases, keys, strict=True):
+            case_state = CaseState(case=case, order=len(self.ordered), rig=rig)
+            lanes.setdefault(rig, []).append(case_state.order)
+            self.ordered.append(case_state)
+            self.cases[case.id] = case_state
+            self.reopen(case.variation.batch)
+        for rig, orders in lanes.items():
+            self.backlog.extend(rig, orders, SHARED)
+        self.left += len(cases)
 
     def reopen(self, batch: int) -> None:
         """A case of ``batch`` has no outcome any more."""
@@ -291,6 +311,8 @@ class State:
     left: int = 0
     """Cases without an outcome, over all campaigns."""
     campaigns: dict[str, CampaignState] = field(default_factory=dict)
+    searches: dict[str, None] = field(default_factory=dict)
+    """Campaigns that are searches and have not ended."""
     workers: dict[str, WorkerState] = field(default_factory=dict)
     departed: dict[str, None] = field(default_factory=dict)
     """Ids of workers that left, the latest last; an id is one incarnation, never two."""

@@ -2,9 +2,18 @@
 
 from __future__ import annotations
 
+from msgspec import UNSET
+
 from conductor.core.grant import broken, mismatches, present
+from conductor.core.searching.record import SearchRecord
 from conductor.core.state import CampaignState, State, WorkerState
-from schemas.wire.status import CampaignStatus, ConductorStatus, RunningCase, WorkerStatus
+from schemas.wire.status import (
+    CampaignStatus,
+    ConductorStatus,
+    RunningCase,
+    SearchStatus,
+    WorkerStatus,
+)
 
 
 def status(state: State, now_ns: int) -> ConductorStatus:
@@ -58,7 +67,7 @@ def _campaign(campaign: CampaignState) -> CampaignStatus:
     passed = campaign.ended.get("passed", 0)
     not_passed = campaign.ended.get("not_passed", 0)
     failed = campaign.ended.get("failed", 0)
-    return {
+    found: CampaignStatus = {
         "out": campaign.out,
         "digest": campaign.digest,
         "simulator": campaign.campaign.simulator,
@@ -80,6 +89,29 @@ def _campaign(campaign: CampaignState) -> CampaignStatus:
         "software": campaign.software,
         "device_class": campaign.device_class,
     }
+    if campaign.search is not None:
+        found["search"] = _search(campaign, campaign.search)
+    return found
+
+
+def _search(campaign: CampaignState, record: SearchRecord) -> SearchStatus:
+    search = campaign.campaign.search
+    answer = record.answers[-1] if record.answers else None
+    found: SearchStatus = {
+        "generation": len(record.results),
+        "budget": 0 if search is UNSET else search.budget.cases,
+        "answer": answer.line() if answer else "",
+        "ended": record.ended,
+        "cpus": record.cpus,
+    }
+    if answer is not None:
+        found["probability"], found["low"], found["high"] = (
+            answer.probability,
+            answer.low,
+            answer.high,
+        )
+        found["best"], found["best_case"] = answer.best, answer.best_case
+    return found
 
 
 def _worker(state: State, worker: WorkerState, now_ns: int) -> WorkerStatus:

@@ -20,7 +20,7 @@ from schemas.files.json_text import JsonError, decode_json
 from schemas.files.regular_file import RUN_FILE_BYTES_MAX, read_regular
 from schemas.messages import PerceptionCost
 from schemas.sections.autonomy import Told
-from schemas.verdict import Judged
+from schemas.verdict import Judged, no_collision
 from schemas.wire.realtime import Realtime
 from twin.base.errors import (
     EXIT_FAILED,
@@ -130,6 +130,31 @@ def exit_code(*, cases: int, passed: int, unresolved: int, left: int) -> int:
     if unresolved:
         return EXIT_INFRASTRUCTURE
     return EXIT_PASS if passed == cases else EXIT_FAILED
+
+
+def count_outcomes(outcomes: Outcomes) -> dict[str, int]:
+    """Cases, committed, passed, without a collision, failed, unresolved and cancelled."""
+    rows = outcomes.cases.values()
+    return {
+        "cases": len(outcomes.cases),
+        "committed": sum(row.outcome in ("verdict", "failed") for row in rows),
+        "passed": sum(row.passed for row in rows),
+        "no_collision": sum(
+            no_collision(row.outcome, row.verdict, row.scalars) is True for row in rows
+        ),
+        "failed": sum(row.outcome in ("verdict", "failed") and not row.passed for row in rows),
+        "unresolved": sum(row.outcome == "unresolved" for row in rows),
+        "cancelled": sum(row.outcome == "cancelled" for row in rows),
+    }
+
+
+def count_verdicts(outcomes: Outcomes) -> dict[str, int]:
+    """Cases by verdict, or by outcome where there is none."""
+    counts: dict[str, int] = {}
+    for row in outcomes.cases.values():
+        name = row.verdict or row.outcome
+        counts[name] = counts.get(name, 0) + 1
+    return counts
 
 
 def encode_campaign(campaign: CampaignState) -> bytearray:

@@ -27,11 +27,13 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
+from conductor.commands.tables import search_line
 from conductor.core.state import Config
 from conductor.records.failures import told
 from conductor.records.fingerprint import Fingerprint, fingerprint
-from conductor.records.outcomes import Outcomes, read_outcomes
+from conductor.records.outcomes import Outcomes, count_outcomes, count_verdicts, read_outcomes
 from conductor.records.realtime import too_slow
+from conductor.records.search import read_search
 from conductor.run.local_workers import LocalWorkers
 from conductor.run.places import WorkerPlace, WorkersOption, gpu_slots, on_cpu, on_gpus
 from conductor.run.report_preload import ReportPreload
@@ -46,10 +48,10 @@ from conductor.trust.sign_run import (
 )
 from schemas import SCHEMA_VERSION
 from schemas.campaign import Campaign
+from schemas.files.search_result import FILE_NAME as SEARCH_FILE
 from schemas.plan import Plan
 from schemas.sections.autonomy import UNPROTECTED, open_by_nature
 from schemas.sections.view_mode import ViewMode
-from schemas.verdict import no_collision
 from schemas.wire.control import Stop, Submit
 from schemas.wire.status import CampaignStatus
 from schemas.words import counted
@@ -270,6 +272,7 @@ def _work(
     if not row["left"]:
         console.print(_all_ended(options.out, cases), markup=False, soft_wrap=True)
         return
+    cases = row["cases"]  # of a search, all that are proposed so far
     if row["left"] < cases:
         done = cases - row["left"]
         console.print(
@@ -354,7 +357,7 @@ def _wait(
     printed: list[str] = []
     with _progress(console) as progress:
         bar = progress.add_task(campaign.campaign, total=None, note="starting")
-        ended = -1
+        ended, said = -1, ""
         while True:
             signals.release()
             workers.start()
@@ -368,6 +371,11 @@ def _wait(
                         f"{campaign.campaign}: {ended} of {counted(row['cases'], 'case')} done"
                     )
             note = f"{row['passed']} passed, {row['leased']} running"
+            if "search" in row and row["search"]["answer"] != said:
+                said = row["search"]["answer"]
+                progress.console.print(
+                    f"{campaign.campaign}: {search_line(row)}", markup=False, soft_wrap=True
+                )
             progress.update(bar, total=row["cases"], completed=ended, note=note)
             if not row["left"]:
                 return
@@ -455,9 +463,15 @@ def _tell(
         }
         print(json.dumps(shown))
         return code
-    verdicts = ", ".join(f"{n} {verdict}" for verdict, n in sorted(_verdicts(outcomes).items()))
+    verdicts = ", ".join(
+        f"{n} {verdict}" for verdict, n in sorted(count_verdicts(outcomes).items())
+    )
     print(f"{counts['passed']} of {counts['cases']} passed ({verdicts}) in {wall_s:.0f} s")
     print(f"fingerprint {kpi_fingerprint.sha256} {kpi_fingerprint.caveat}".rstrip())
+    if (options.out / SEARCH_FILE).exists():
+        found = read_search(options.out)
+        if found.answer is not None:
+            print(f"search: {found.answer.line()}; {found.ended}")
     if campaign.simulator == "noop":
         print(f"results: {options.out} (simulator noop: nothing was simulated, no report)")
         return code
@@ -466,30 +480,6 @@ def _tell(
         + (AFTER_DEMO if options.out.name == "aeb-demo" else "")
     )
     return code
-
-
-def count_outcomes(outcomes: Outcomes) -> dict[str, int]:
-    """Cases, committed, passed, without a collision, failed, unresolved and cancelled."""
-    rows = outcomes.cases.values()
-    return {
-        "cases": len(outcomes.cases),
-        "committed": sum(row.outcome in ("verdict", "failed") for row in rows),
-        "passed": sum(row.passed for row in rows),
-        "no_collision": sum(
-            no_collision(row.outcome, row.verdict, row.scalars) is True for row in rows
-        ),
-        "failed": sum(row.outcome in ("verdict", "failed") and not row.passed for row in rows),
-        "unresolved": sum(row.outcome == "unresolved" for row in rows),
-        "cancelled": sum(row.outcome == "cancelled" for row in rows),
-    }
-
-
-def _verdicts(outcomes: Outcomes) -> dict[str, int]:
-    counts: dict[str, int] = {}
-    for row in outcomes.cases.values():
-        name = row.verdict or row.outcome
-        counts[name] = counts.get(name, 0) + 1
-    return counts
 
 
 def _row(conductor: Conductor, campaign: Campaign) -> CampaignStatus:

@@ -19,7 +19,7 @@ from schemas.files.assets import ROAD_SUFFIX, asset_digest, file_digest, is_path
 from schemas.files.yaml_file import YamlError, load_yaml
 from schemas.kinds.scenario import kind_of
 from schemas.names import WEATHERS
-from schemas.plan import Plan, examine
+from schemas.plan import Plan, examine, plan_of
 from schemas.sections.autonomy import driver
 from schemas.sections.lidar import Lidar
 from schemas.sections.perception import file_fields, with_absolute_files
@@ -84,6 +84,8 @@ def load(
     path = find(name)
     shown = name if path.parent != _SHIPPED else path.name
     data = read_extended(path, shown, find)
+    if seed is not None and isinstance(data, dict) and data.get("search"):
+        data = {**data, "seed": seed}  # it decides what is proposed first
     if render is not None and isinstance(data, dict):
         data = {**data, "render": render}  # before rates are looked at: a blind camera has any
     if weather and isinstance(data, dict):
@@ -218,8 +220,29 @@ def chosen(plan: Plan, case: str, cases: int | None, rows: str, *, quick: bool) 
     """
     plan = of_rows(plan, rows, quick=quick)
     if case:
-        plan = only_case(plan, case)
-    return plan if cases is None else plan.first(cases)
+        return only_case(plan, case)
+    return begun(plan) if cases is None else plan.first(cases)
+
+
+def begun(plan: Plan) -> Plan:
+    """The plan with the first generation of its search alone, proposed anew: a file that a run has
+    left lists all that were. The plan as it is, if it is no search.
+
+    Raises:
+        UsageError: nothing can be proposed.
+    """
+    search = plan.campaign.search
+    if search is UNSET or search.chosen:
+        return plan
+    # Late: only who searches has the libraries.
+    from conductor.search.driver import first
+
+    try:
+        proposal = first(search, plan.campaign.campaign, plan.campaign.seed)
+    except ValueError as error:
+        raise UsageError(f"search: {error}") from None
+    begun_search = msgspec.structs.replace(search, first=proposal.u, proposed=[proposal.values])
+    return plan_of(msgspec.structs.replace(plan.campaign, search=begun_search))
 
 
 def with_drive(plan: Plan) -> Plan:
@@ -245,6 +268,8 @@ def check(data: Any, folder: Path | None = None) -> tuple[Plan | None, list[Mist
     plan, mistakes = examine(data)
     if plan is None:
         return None, mistakes
+    if plan.campaign.search is not UNSET:
+        plan, mistakes = _searched(plan, mistakes)
     plan = plan.amended(_with_absolute_files(plan.campaign, folder or Path()))
     campaign, cases = plan.campaign, plan.cases
     if not cases:
@@ -259,6 +284,19 @@ def check(data: Any, folder: Path | None = None) -> tuple[Plan | None, list[Mist
     mistakes += stack_mistakes(campaign, cases)
     mistakes += _other_plugins(data.get("plugins") or {}, campaign.plugins)
     return (None, mistakes) if mistakes else (plan, [])
+
+
+def _searched(plan: Plan, mistakes: list[Mistake]) -> tuple[Plan, list[Mistake]]:
+    """The plan of a search that has not begun, with its first generation."""
+    search = plan.campaign.search
+    if search is UNSET or search.proposed or mistakes:
+        return plan, mistakes
+    try:
+        return begun(plan), []
+    except UsageError as error:
+        return plan, [Mistake("", str(error))]
+    except ValueError as error:  # of a point that is proposed
+        return plan, [Mistake("search", str(error))]
 
 
 def _other_plugins(required: dict[str, str], installed: dict[str, str]) -> list[Mistake]:

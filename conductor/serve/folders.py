@@ -21,9 +21,11 @@ from conductor.core.state import CampaignState, State
 from conductor.records.attempts import LOG_FILE, leads_away
 from conductor.records.outcomes import FILE_NAME as OUTCOMES_FILE
 from conductor.records.outcomes import encode_campaign
+from conductor.records.search import encode_search
 from schemas.campaign import Name
 from schemas.escape import escape
 from schemas.files.regular_file import open_regular
+from schemas.files.search_result import FILE_NAME as SEARCH_FILE
 from schemas.files.yaml_file import dump_yaml
 from schemas.wire.control import Submit
 from twin.base.errors import storage_error
@@ -132,8 +134,17 @@ class Folders:
         self._yaml.pop(campaign.campaign.campaign, None)
         self.open_campaign(campaign)
 
+    def grown(self, campaign: str) -> None:
+        """A search has proposed further cases, or ended; its files are due soon."""
+        self._yaml.pop(campaign, None)
+        self.changed(campaign)
+
     def record(self, campaign: CampaignState) -> None:
-        """Write the outcomes as they stand."""
+        """Write the outcomes as they stand; of a search, what it has proposed as well."""
+        if campaign.search is not None:
+            out = Path(campaign.out)
+            self._stale[out / CAMPAIGN_FILE] = self._campaign_yaml(campaign)
+            self._stale[out / SEARCH_FILE] = encode_search(campaign)
         self._stale[Path(campaign.out) / OUTCOMES_FILE] = encode_campaign(campaign)
         self._changed.discard(campaign.campaign.campaign)
 

@@ -22,6 +22,7 @@ from conductor.core.facts import (
     CaseEnded,
     Committed,
     Fact,
+    Generation,
     LateAttempt,
     Pinned,
     Relocated,
@@ -53,7 +54,7 @@ from schemas.wire.control import Reply, Request
 from schemas.wire.delivery import Delivery
 from schemas.wire.status import ConductorStatus
 from twin.base.errors import InfrastructureError, TwinError, UsageError, storage_error
-from twin.base.software import software_digest
+from twin.base.software import device_class, software_digest
 from twin.fabric.address import check_free
 from twin.fabric.bus import Bus
 from twin.fabric.discovery import ConductorFile, find_conductor
@@ -122,7 +123,7 @@ class Conductor:
         self.fabric = ""
         """Name under which its user's own folder has the keys; empty: those that were given."""
         self._listen = to_listen(listen, keyed=key is not None)
-        self._config = replace(config or Config(), folder=str(self.folder))
+        self._config = replace(config or Config(), folder=str(self.folder), cpu=device_class("cpu"))
         self._bus_factory = bus_factory
         self._audit = Audit(self.folder)
         self._inbox = Inbox(self._audit.refused)
@@ -339,6 +340,8 @@ class Conductor:
                     name = fact.campaign["campaign"]
                     self._folders.open_campaign(campaigns[name])
                     self._folders.changed(name)
+                case Generation():
+                    self._folders.grown(fact.campaign)
                 case Relocated():
                     self._folders.relocated(campaigns[fact.campaign])
                 case Pinned():
@@ -376,7 +379,11 @@ class Conductor:
             if not is_durable(fact) or isinstance(fact, Replied | Snapshot):
                 continue
             # The cases of a large campaign do not belong into an event.
-            event = msgspec.structs.replace(fact, cases=[]) if isinstance(fact, Submitted) else fact
+            event: Fact = fact
+            if isinstance(fact, Submitted):
+                event = msgspec.structs.replace(fact, cases=[])
+            elif isinstance(fact, Generation):
+                event = msgspec.structs.replace(fact, cases=None, u=[], values=[])
             try:
                 self._bus.publish(topics.EVENT.key, encode(event))
             except Exception:  # events are a courtesy

@@ -11,6 +11,7 @@ from schemas.kinds.bridge import bridges
 from schemas.kinds.kpi import kpi_kinds
 from schemas.kinds.perception import perception_kinds
 from schemas.kinds.registry import Kinds, Plugin
+from schemas.kinds.sampler import sampler_kinds
 from schemas.kinds.scenario import NamesFamily, kind_of, scenario_kinds
 from schemas.kinds.sensor import sensor_kinds
 
@@ -29,7 +30,11 @@ class ForeignKind(NamedTuple):
 
 
 def foreign_kinds(
-    scenario: NamesFamily, sensors: Iterable[str], bridge: str, perceptions: Iterable[str]
+    scenario: NamesFamily,
+    sensors: Iterable[str],
+    bridge: str,
+    perceptions: Iterable[str],
+    samplers: Iterable[str] = (),
 ) -> Iterator[ForeignKind]:
     """The kinds of other distributions that a campaign names; what is merely installed is not among
     them.
@@ -39,6 +44,7 @@ def foreign_kinds(
         sensors: names of those of the vehicle's own sensors that it has a section of.
         bridge: its name.
         perceptions: types of its perception variants.
+        samplers: name of what proposes its cases, if it is a search.
 
     """
     named: list[tuple[Kinds[Any], str, Iterable[str]]] = [
@@ -47,6 +53,7 @@ def foreign_kinds(
         (sensor_kinds(), "sensors", sorted(sensors)),
         (bridges(), "autonomy.bridge", (bridge,)),
         (perception_kinds(), "autonomy.perception", perceptions),
+        (sampler_kinds(), "search.sampler", samplers),
     ]
     for kinds, key, names in named:
         for name in names:
@@ -71,6 +78,7 @@ def _broken() -> Iterator[tuple[Plugin, str]]:
     tables: tuple[Kinds[Any], ...] = (
         *(scenario_kinds(), kpi_kinds(), sensor_kinds()),
         *(bridges(), batch_systems(), perception_kinds()),
+        sampler_kinds(),
     )
     for kinds in tables:
         for name, why in kinds.broken.items():

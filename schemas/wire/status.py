@@ -8,6 +8,28 @@ from __future__ import annotations
 from typing import TypedDict
 
 
+class SearchStatus(TypedDict, total=False):
+    """How far a search has come."""
+
+    generation: int
+    """Generations that have closed."""
+    budget: int
+    """Most cases."""
+    answer: str
+    """What is known, in a line; empty: nothing yet."""
+    probability: int | float | None
+    low: int | float | None
+    """Ends of its 95 % interval."""
+    high: int | float | None
+    best: int | float | None
+    """Worst value of the KPI so far."""
+    best_case: str
+    ended: str
+    """Why it has ended; empty: it goes on."""
+    cpus: list[str]
+    """Classes of the processors that proposed."""
+
+
 class CampaignStatus(TypedDict, total=False):
     """Counts of one campaign."""
 
@@ -35,6 +57,8 @@ class CampaignStatus(TypedDict, total=False):
     """95th percentile of what a case took [s]; None: too few have ended."""
     software: str
     device_class: str
+    search: SearchStatus
+    """Missing: it is no search."""
 
 
 def counts_of(campaign: CampaignStatus) -> dict[str, int]:

@@ -18,8 +18,10 @@ from conductor.report.reading.resources import read_resources
 from conductor.report.reading.resources_use import Resources, no_resources, resources_of
 from conductor.report.reading.speedup import SpeedUp, speed_up
 from conductor.report.rulebook.results import rulebook_result
+from conductor.report.searching.section import read_shown_search
 from conductor.trust.sign_run import require_fit
 from schemas.files.rulebook_result import RulebookResult
+from schemas.files.search_result import SearchFile
 from schemas.words import counted
 from twin.base.errors import InfrastructureError
 
@@ -53,6 +55,8 @@ class Content:
     """Words about who has signed the run, or that nobody has."""
     rulebook: RulebookResult | None
     """Result of its rulebook; None: it has none."""
+    search: SearchFile | None
+    """Its search; None: it is none."""
 
     @property
     def unchanged(self) -> int:
@@ -107,6 +111,7 @@ def read_content(
         as_of=_as_of(dossier),
         signature=origin.words,
         rulebook=rulebook_result(dossier, known.sha256 if known else ""),
+        search=read_shown_search(dossier.folder),
     )
 
 

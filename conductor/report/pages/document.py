@@ -149,6 +149,7 @@ def tables_of(content: Content) -> dict[str, Any]:
             for row in dossier.rows
         ],
         "rulebook": msgspec.to_builtins(content.rulebook),
+        "search": msgspec.to_builtins(content.search),
         "perception": [asdict(line) for line in perception_costs(dossier)],
         "resources": _resources(content.resources) if ran else None,
         "speed": _speed(content.speed_up) if ran else None,

@@ -1,0 +1,1 @@
+"""Searches in a conductor: what it knows of them, and how they grow."""

@@ -1,0 +1,85 @@
+"""``search.json``, as a conductor writes it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import msgspec
+from msgspec import UNSET
+
+from conductor.core.state import CampaignState
+from schemas.files.json_text import JsonError, decode_json
+from schemas.files.regular_file import read_regular
+from schemas.files.search_result import FILE_NAME, SearchCluster, SearchFile, SearchGeneration
+from schemas.kinds.sampler import sampler_kinds
+from schemas.sections.search import Search, name_of
+from twin.base.errors import InfrastructureError, UsageError
+
+SEARCH_BYTES_MAX = 256 << 20
+"""Largest file that is read: ten thousand cases of forty parameters take a tenth."""
+
+
+def encode_search(campaign: CampaignState) -> bytes:
+    """A search as it stands: the same facts, the same bytes."""
+    return msgspec.json.format(msgspec.json.encode(search_file(campaign)), indent=1) + b"\n"
+
+
+def read_search(folder: Path) -> SearchFile:
+    """The search of a campaign folder.
+
+    Raises:
+        UsageError: there is none.
+        InfrastructureError: its file is damaged.
+    """
+    path = folder / FILE_NAME
+    try:
+        return decode_json(read_regular(path, SEARCH_BYTES_MAX), SearchFile)
+    except OSError as error:
+        raise UsageError(f"{path}: {error.strerror or error}; no search was run there") from None
+    except JsonError as error:
+        raise InfrastructureError(f"{path}: damaged: {error}") from None
+
+
+def search_file(campaign: CampaignState) -> SearchFile:
+    """A search as it stands."""
+    search, record = campaign.campaign.search, campaign.search
+    assert search is not UNSET
+    assert record is not None
+    objective = search.objective
+    generations = []
+    for number, (u, values) in enumerate(zip(record.u, search.proposed, strict=True)):
+        closed = number < len(record.results)
+        generations.append(
+            SearchGeneration(
+                cases=[name_of(number, index) for index in range(len(u))],
+                values=values,
+                u=u,
+                results=record.results[number] if closed else [],
+                answer=record.answers[number] if number < len(record.answers) else None,
+            )
+        )
+    return SearchFile(
+        campaign=campaign.campaign.campaign,
+        sampler=search.sampler,
+        title=sampler_kinds().find(search.sampler).title,
+        kpi=objective.kpi,
+        fails_below=None if objective.fails_below is UNSET else objective.fails_below,
+        fails_above=None if objective.fails_above is UNSET else objective.fails_above,
+        parameters=list(search.parameters),
+        ended=record.ended,
+        answer=record.answers[-1] if record.answers else None,
+        clusters=_clusters(search, campaign) if record.ended else [],
+        versions=record.versions,
+        cpus=record.cpus,
+        generations=generations,
+    )
+
+
+def _clusters(search: Search, campaign: CampaignState) -> list[SearchCluster]:
+    from conductor.search.driver import Closed, clusters
+
+    record = campaign.search
+    assert record is not None
+    if search.objective.goal is not UNSET:
+        return []
+    return clusters(search, Closed(record.u[: len(record.results)], record.results))

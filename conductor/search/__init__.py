@@ -1,0 +1,1 @@
+"""Searches: from results of closed generations to the next proposals, and to an answer."""

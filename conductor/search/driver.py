@@ -1,0 +1,272 @@
+"""One step of a search: from closed generations to an answer and the next proposals.
+
+Nothing but the section, the campaign's name and seed, and the results in the order in which cases
+were proposed decides a step: neither a clock, nor who was first, nor earlier calls.
+"""
+
+from __future__ import annotations
+
+import functools
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from msgspec import UNSET, convert
+
+from conductor.search.protocol import Array, Estimate, History, Problem, Sampler
+from conductor.search.space import values_of
+from schemas.files.search_result import SearchAnswer, SearchCluster
+from schemas.identity import stream_key
+from schemas.kinds.registry import implementation
+from schemas.kinds.sampler import SamplerKind, sampler_kinds
+from schemas.sections.search import Objective, Search, Value, name_of
+
+EXTRA = "pip install 'drivetwin[search]'"
+"""What brings the libraries of the samplers."""
+LIBRARIES = ("numpy", "scipy", "cma")
+"""Libraries whose versions are kept with every generation."""
+REACH = 1.0
+"""Distance of a failure from the mildest one of its cluster, in units of the square root of the
+number of parameters."""
+
+
+@dataclass(frozen=True, slots=True)
+class Proposal:
+    """One generation."""
+
+    u: list[list[float]]
+    """Standard normal coordinates [cases][parameters]."""
+    values: list[list[Value]]
+    """Values of the parameters [cases][parameters]."""
+
+
+@dataclass(frozen=True, slots=True)
+class SearchStep:
+    """What follows from the closed generations."""
+
+    answer: SearchAnswer
+    proposal: Proposal | None
+    """The next generation; None: the search has ended."""
+    ended: str
+    """Why it has ended; empty: it goes on."""
+
+
+@dataclass(frozen=True, slots=True)
+class Closed:
+    """The closed generations: coordinates and KPI of every case."""
+
+    u: Sequence[Sequence[Sequence[float]]]
+    results: Sequence[Sequence[float | None]]
+
+
+def first(search: Search, campaign: str, seed: int) -> Proposal:
+    """The first generation.
+
+    Raises:
+        ValueError: it cannot be proposed; one line.
+    """
+    sampler = _sampler(search)
+    with _one_thread(search.sampler):
+        u = sampler.propose(History([], []), _Streams(campaign, seed))
+    if not len(u):
+        cases = search.budget.cases
+        raise ValueError(f"{cases} cases are too few for one generation of {search.sampler}")
+    return _proposal(search, u)
+
+
+def follow(search: Search, campaign: str, seed: int, closed: Closed) -> SearchStep:
+    """What follows from the closed generations; at least one.
+
+    Raises:
+        ValueError: a library is missing; one line.
+    """
+    sampler = _sampler(search)
+    with _one_thread(search.sampler):
+        return _follow(search, sampler, _Streams(campaign, seed), closed)
+
+
+def _follow(search: Search, sampler: Sampler, streams: _Streams, closed: Closed) -> SearchStep:
+    objective = search.objective
+    if objective.missing == "ends" and (name := _first_missing(closed)):
+        answer = _answer(search, closed, Estimate(method="none: a value is missing"))
+        why = f"{name} has no {objective.kpi}; see its outcome, retry it, or say in "
+        return SearchStep(answer, None, f"{why}search.objective.missing what that means")
+    history = _history(search, closed)
+    estimate = sampler.answer(history)
+    answer = _answer(search, closed, estimate)
+    if estimate.settled:
+        return SearchStep(answer, None, "the sampler has its answer")
+    if _narrow(search, estimate, answer):
+        return SearchStep(answer, None, "the interval asked for is reached")
+    u = sampler.propose(history, streams)
+    if not len(u) or history.cases + len(u) > search.budget.cases:
+        return SearchStep(answer, None, f"the budget of {search.budget.cases} cases is spent")
+    return SearchStep(answer, _proposal(search, u), "")
+
+
+def clusters(search: Search, closed: Closed) -> list[SearchCluster]:
+    """The failures by cluster, the largest cluster first.
+
+    From the mildest failure to the worst, each joins the cluster whose mildest failure is nearest,
+    if it is near enough, or begins one.
+    """
+    history = _history(search, closed)
+    if not history.g:
+        return []
+    names = [name_of(i, j) for i, g in enumerate(history.g) for j in range(len(g))]
+    g, u = np.concatenate(history.g), np.concatenate(history.u)
+    kpis = [value for results in closed.results for value in results]
+    failed = [int(i) for i in np.argsort(-g, kind="stable") if g[i] < 0 and kpis[i] is not None]
+    reach = REACH * float(np.sqrt(u.shape[1]))
+    groups: list[list[int]] = []
+    for index in failed:
+        apart = [float(np.sqrt(np.sum((u[index] - u[group[0]]) ** 2))) for group in groups]
+        nearest = int(np.argmin(apart)) if apart else -1
+        if nearest >= 0 and apart[nearest] <= reach:
+            groups[nearest].append(index)
+        else:
+            groups.append([index])
+    groups.sort(key=lambda group: (-len(group), group[0]))
+    values = values_of(search, u)
+    return [
+        SearchCluster(
+            mildest=names[group[0]],
+            kpi=float(kpis[group[0]] or 0.0),
+            values=values[group[0]],
+            cases=[names[index] for index in group],
+        )
+        for group in groups
+    ]
+
+
+def versions() -> dict[str, str]:
+    """Versions of the libraries that are loaded: whoever proposed has done that."""
+    loaded = {name: sys.modules.get(name) for name in LIBRARIES}
+    return {name: str(module.__version__) for name, module in loaded.items() if module is not None}
+
+
+def sampler_kind(search: Search) -> SamplerKind:
+    """The declaration of the sampler of a search."""
+    return sampler_kinds().find(search.sampler)
+
+
+class _Streams:
+    """Random numbers of a search by name, keyed as those of cases are."""
+
+    def __init__(self, campaign: str, seed: int) -> None:
+        self._campaign, self._seed = campaign, seed
+
+    def __call__(self, name: str) -> np.random.Generator:
+        key = stream_key(self._seed, self._campaign, f"search/{name}")
+        return np.random.Generator(np.random.Philox(key=[key, 0]))
+
+
+def _sampler(search: Search) -> Sampler:
+    kind = sampler_kind(search)
+    try:
+        made: Any = implementation(kind.implementation)
+    except ValueError as error:
+        raise ValueError(f"sampler {kind.name}: {error}; {EXTRA}") from None
+    budget = search.budget
+    problem = Problem(
+        dimension=len(search.parameters),
+        cases=budget.cases,
+        generation=budget.generation,
+        repeats=budget.half_width is not UNSET or budget.relative_half_width is not UNSET,
+    )
+    sampler: Sampler = made(convert(search.options, kind.options), problem)
+    return sampler
+
+
+def _proposal(search: Search, u: Array) -> Proposal:
+    assert np.all(np.isfinite(u)), "a sampler proposed a point that is not finite"
+    return Proposal(u.tolist(), values_of(search, u))
+
+
+def _first_missing(closed: Closed) -> str:
+    for generation, results in enumerate(closed.results):
+        for number, value in enumerate(results):
+            if value is None:
+                return name_of(generation, number)
+    return ""
+
+
+def _history(search: Search, closed: Closed) -> History:
+    dimension = len(search.parameters)
+    return History(
+        [np.array(rows, np.float64).reshape(-1, dimension) for rows in closed.u],
+        [_margins(search.objective, results) for results in closed.results],
+    )
+
+
+def _margins(objective: Objective, results: Sequence[float | None]) -> Array:
+    """Margins of a generation: below 0 is a failure; a missing value is as bad, or as good, as the
+    worst or the best of the others."""
+    kpis = np.array([np.nan if value is None else value for value in results], np.float64)
+    if objective.fails_below is not UNSET:
+        g = kpis - objective.fails_below
+    elif objective.fails_above is not UNSET:
+        g = objective.fails_above - kpis
+    else:
+        g = kpis if objective.goal == "least" else -kpis
+    known = g[~np.isnan(g)]
+    if objective.missing == "fails":
+        stand_in = min(-1.0, float(np.min(known, initial=0.0)))
+    else:
+        stand_in = max(1.0, float(np.max(known, initial=0.0)))
+    return np.where(np.isnan(g), stand_in, g)
+
+
+def _answer(search: Search, closed: Closed, estimate: Estimate) -> SearchAnswer:
+    history = _history(search, closed)
+    g = np.concatenate(history.g)
+    kpis = [value for results in closed.results for value in results]
+    defined = search.objective.goal is UNSET
+    known = np.array([value is not None for value in kpis])
+    best: float | None = None
+    best_case = ""
+    if np.any(known):
+        place = int(np.argmin(np.where(known, g, np.inf)))
+        names = [name_of(i, j) for i, part in enumerate(history.g) for j in range(len(part))]
+        best, best_case = kpis[place], names[place]
+    return SearchAnswer(
+        method=estimate.method,
+        cases=len(g),
+        failures=int(np.count_nonzero(g < 0)) if defined else 0,
+        missing=int(np.count_nonzero(~known)),
+        probability=estimate.probability,
+        low=estimate.low,
+        high=estimate.high,
+        best=best,
+        best_case=best_case,
+    )
+
+
+def _narrow(search: Search, estimate: Estimate, answer: SearchAnswer) -> bool:
+    """Whether the interval is as narrow as was asked for; without a failure none is."""
+    if estimate.probability is None or estimate.low is None or estimate.high is None:
+        return False
+    half, budget = (estimate.high - estimate.low) / 2, search.budget
+    if budget.half_width is not UNSET and half <= budget.half_width:
+        return True
+    if budget.relative_half_width is UNSET or not answer.failures:
+        return False
+    return half <= budget.relative_half_width * estimate.probability
+
+
+def _one_thread(sampler: str) -> Any:
+    """Linear algebra on one thread: sums over threads end in other bits. Call it when what
+    ``sampler`` needs is loaded."""
+    return _libraries(sampler).limit(limits=1)
+
+
+@functools.cache
+def _libraries(_sampler: str) -> Any:
+    """The libraries with threads that are loaded; looking for them takes 30 ms."""
+    try:
+        from threadpoolctl import ThreadpoolController
+    except ImportError as error:
+        raise ValueError(f"a search needs further libraries ({error}); {EXTRA}") from None
+    return ThreadpoolController()

@@ -1,0 +1,38 @@
+"""95 % intervals of probabilities."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from scipy.special import stdtrit
+
+from conductor.search.protocol import Array
+
+Z = 1.959963984540054
+"""Quantile of the normal distribution at 97.5 %."""
+
+
+def wilson(hits: int, total: int) -> tuple[float, float]:
+    """Interval of a share, by Wilson's score (Journal of the American Statistical Association 22,
+    1927)."""
+    share, square = hits / total, Z * Z
+    middle = (share + square / (2 * total)) / (1 + square / total)
+    spread = share * (1 - share) / total + square / (4 * total * total)
+    half = Z * math.sqrt(spread) / (1 + square / total)
+    return (max(0.0, middle - half) if hits else 0.0), min(1.0, middle + half)
+
+
+def of_means(means: Array) -> tuple[float, float]:
+    """Interval of the mean of independent estimates, by Student's distribution."""
+    count = len(means)
+    mean = float(np.mean(means))
+    half = float(stdtrit(count - 1, 0.975)) * float(np.std(means, ddof=1)) / math.sqrt(count)
+    return max(0.0, mean - half), min(1.0, mean + half)
+
+
+def lognormal(probability: float, relative: float) -> tuple[float, float]:
+    """Interval of an estimate with a relative standard error, taken as lognormal: such estimates
+    are positive and skewed."""
+    half = Z * math.sqrt(math.log1p(relative * relative))
+    return probability * math.exp(-half), min(1.0, probability * math.exp(half))

@@ -1,0 +1,73 @@
+"""What a sampler is: a pure function of closed generations and keyed random numbers.
+
+Samplers work on standard normal coordinates ``u``, one per parameter, independent of each other;
+:mod:`conductor.search.space` makes values of them. A margin ``g`` is negative where a case failed,
+and smaller where it is worse.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+Streams = Callable[[str], np.random.Generator]
+"""Random numbers by the name of what they are for: the same name, the same numbers."""
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """What a sampler is made for."""
+
+    dimension: int
+    """Parameters."""
+    cases: int
+    """Most cases."""
+    generation: int
+    """Cases of a generation, where the sampler does not say otherwise."""
+    repeats: bool = False
+    """Whether an interval is asked for: a sampler that has its answer goes on for a better one."""
+
+
+@dataclass(frozen=True, slots=True)
+class History:
+    """The closed generations, in order; cases in the order in which they were proposed."""
+
+    u: Sequence[Array]
+    """Coordinates [cases, parameters] per generation."""
+    g: Sequence[Array]
+    """Margins [cases] per generation."""
+
+    @property
+    def cases(self) -> int:
+        """Number of cases of all generations."""
+        return sum(len(rows) for rows in self.g)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Estimate:
+    """What a sampler makes of a history."""
+
+    method: str
+    """How probability and interval were obtained, in words."""
+    probability: float | None = None
+    """Probability of failure; None: none yet, or none at all."""
+    low: float | None = None
+    """Lower end of its 95 % interval."""
+    high: float | None = None
+    settled: bool = False
+    """Whether the sampler has nothing more to propose."""
+
+
+class Sampler(Protocol):
+    """Proposes cases and answers; it keeps nothing between two calls."""
+
+    def propose(self, history: History, streams: Streams, /) -> Array:
+        """Coordinates of the next generation [cases, parameters]; no row: nothing more."""
+
+    def answer(self, history: History, /) -> Estimate:
+        """What is known after ``history``."""

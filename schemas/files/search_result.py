@@ -1,0 +1,93 @@
+"""``search.json``: everything that a search proposed, what came of it, and its answer."""
+
+from __future__ import annotations
+
+from msgspec import Struct
+
+from schemas.sections.search import Value
+
+FILE_NAME = "search.json"
+
+
+class SearchAnswer(Struct, frozen=True, kw_only=True):
+    """What is known after the closed generations."""
+
+    method: str
+    """How probability and interval were obtained, in words."""
+    cases: int
+    """Cases that it is about."""
+    failures: int
+    """Cases that failed among those that were proposed; no probability."""
+    missing: int
+    """Cases without the KPI."""
+    probability: float | None = None
+    """Probability of failure; None: none yet, or the sampler gives none."""
+    low: float | None = None
+    """Lower end of its 95 % interval."""
+    high: float | None = None
+    best: float | None = None
+    """Worst value of the KPI, which the search looks for; None: no case had one."""
+    best_case: str = ""
+
+    def line(self) -> str:
+        """The answer in a line."""
+        parts = []
+        if self.probability is not None:
+            parts.append(f"probability of failure {self.probability:.3g}")
+        if self.low is not None and self.high is not None:
+            parts.append(f"95 % interval {self.low:.3g} to {self.high:.3g}")
+        parts.append(f"{self.failures} of {self.cases} proposed cases failed")
+        if self.best is not None:
+            parts.append(f"worst {self.best:.4g} in {self.best_case}")
+        return ", ".join(parts)
+
+
+class SearchCluster(Struct, frozen=True, kw_only=True):
+    """Failures that lie beside each other."""
+
+    mildest: str
+    """The case whose KPI is nearest to the limit."""
+    kpi: float
+    """Its KPI."""
+    values: list[Value]
+    """Its parameters."""
+    cases: list[str]
+    """All of them, the mildest first."""
+
+
+class SearchGeneration(Struct, frozen=True, kw_only=True):
+    """One generation."""
+
+    cases: list[str]
+    values: list[list[Value]]
+    """Parameters [cases][parameters]."""
+    u: list[list[float]]
+    """Standard normal coordinates behind them."""
+    results: list[float | None]
+    """KPI per case; None: missing. Empty: the generation runs."""
+    answer: SearchAnswer | None = None
+    """What was known when it had closed."""
+
+
+class SearchFile(Struct, frozen=True, kw_only=True):
+    """Content of ``search.json``."""
+
+    schema: int = 1
+    campaign: str
+    sampler: str
+    title: str
+    """The sampler's name in sentences."""
+    kpi: str
+    fails_below: float | None = None
+    fails_above: float | None = None
+    parameters: list[str]
+    ended: str
+    """Why it ended; empty: it runs."""
+    answer: SearchAnswer | None
+    clusters: list[SearchCluster]
+    """Failures by cluster, the largest first."""
+    versions: dict[str, str]
+    """Libraries that proposed."""
+    cpus: list[str]
+    """Classes of the processors that proposed; more than one: it went on on another."""
+    generations: list[SearchGeneration]

@@ -1,0 +1,191 @@
+"""The section ``search`` of a campaign: parameters with distributions, an objective, a budget.
+
+The cases of a search are proposed by a sampler (:mod:`schemas.kinds.sampler`), a generation at a
+time; :mod:`schemas.search_points` says what is wrong with a section.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from msgspec import UNSET, Meta, Struct, UnsetType
+
+SEARCH_CASES_MAX = 10_000
+"""Most cases of a search: its campaign file lists them all."""
+GENERATION_CASES_MAX = 5000
+"""Most cases of one generation."""
+PARAMETERS_MAX = 40
+"""Most parameters of a search."""
+CHOICES_MAX = 1000
+"""Most values that a parameter chooses from."""
+
+Value = bool | int | float | str
+Positive = Annotated[float, Meta(gt=0)]
+
+
+class _Distribution(
+    Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="distribution"
+):
+    """Base of the distributions of a parameter."""
+
+
+class Uniform(_Distribution, frozen=True, kw_only=True, tag="uniform"):
+    """Every value of a range is as likely as any other."""
+
+    low: float
+    """Smallest value."""
+    high: float
+    """Largest value."""
+    whole: bool = False
+    """Rounded to a whole number."""
+
+
+class Normal(_Distribution, frozen=True, kw_only=True, tag="normal"):
+    """The bell curve."""
+
+    mean: float
+    """Mean."""
+    sd: Positive
+    """Standard deviation."""
+    whole: bool = False
+    """Rounded to a whole number."""
+
+
+class TruncatedNormal(_Distribution, frozen=True, kw_only=True, tag="truncated_normal"):
+    """The bell curve between two limits."""
+
+    mean: float
+    """Mean."""
+    sd: Positive
+    """Standard deviation before it is cut."""
+    low: float
+    """Smallest value."""
+    high: float
+    """Largest value."""
+    whole: bool = False
+    """Rounded to a whole number."""
+
+
+class LogNormal(_Distribution, frozen=True, kw_only=True, tag="lognormal"):
+    """The logarithm of the value is normal."""
+
+    median: Positive
+    """Median."""
+    sigma: Positive
+    """Standard deviation of the logarithm."""
+    whole: bool = False
+    """Rounded to a whole number."""
+
+
+class Exponential(_Distribution, frozen=True, kw_only=True, tag="exponential"):
+    """Waiting times: ``low`` and what an exponential distribution adds."""
+
+    mean: Positive
+    """Mean of what is added."""
+    low: float = 0.0
+    """Smallest value."""
+    whole: bool = False
+    """Rounded to a whole number."""
+
+
+class Triangular(_Distribution, frozen=True, kw_only=True, tag="triangular"):
+    """Straight up from ``low`` to ``mode``, straight down to ``high``."""
+
+    low: float
+    """Smallest value."""
+    mode: float
+    """Likeliest value."""
+    high: float
+    """Largest value."""
+    whole: bool = False
+    """Rounded to a whole number."""
+
+
+class Integers(_Distribution, frozen=True, kw_only=True, tag="integers"):
+    """Every whole number of a range, both ends included, is as likely as any other."""
+
+    low: int
+    """Smallest value."""
+    high: int
+    """Largest value."""
+
+
+class Choices(_Distribution, frozen=True, kw_only=True, tag="choices"):
+    """One of a list of values."""
+
+    values: Annotated[list[Value], Meta(min_length=1, max_length=CHOICES_MAX)]
+    """Values."""
+    weights: list[Annotated[float, Meta(ge=0)]] = []
+    """How likely each is, in any unit; empty: all the same."""
+
+
+Distribution = (
+    Uniform | Normal | TruncatedNormal | LogNormal | Exponential | Triangular | Integers | Choices
+)
+
+
+class _Part(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Base of the other parts of the section."""
+
+
+class Correlation(_Part, frozen=True, kw_only=True):
+    """Two parameters that depend on each other, by a Gaussian copula."""
+
+    between: list[str]
+    """The two axes."""
+    rho: Annotated[float, Meta(gt=-1, lt=1)]
+    """Correlation of the two normal variables behind them."""
+
+
+class Objective(_Part, frozen=True, kw_only=True):
+    """The KPI that is searched, and which of its values are failures."""
+
+    kpi: str
+    """A scalar of the scenario, such as ``dtc_min_m``."""
+    fails_below: float | UnsetType = UNSET
+    """Smaller values are failures."""
+    fails_above: float | UnsetType = UNSET
+    """Larger values are failures."""
+    goal: Literal["least", "most"] | UnsetType = UNSET
+    """Extreme that is looked for where no failure is defined."""
+    missing: Literal["ends", "fails", "holds"] = "ends"
+    """Meaning of a case without the KPI: the search ends there, the case is a failure, or it is
+    none."""
+
+
+class SearchBudget(_Part, frozen=True, kw_only=True):
+    """When a search ends."""
+
+    cases: Annotated[int, Meta(ge=1, le=SEARCH_CASES_MAX)]
+    """Most cases."""
+    generation: Annotated[int, Meta(ge=1, le=GENERATION_CASES_MAX)] = 50
+    """Cases of one generation, all of which end before the next is proposed."""
+    half_width: Positive | UnsetType = UNSET
+    """The search ends when half of the 95 % interval is no wider than this."""
+    relative_half_width: Positive | UnsetType = UNSET
+    """The same as a share of the probability."""
+
+
+class Search(_Part, frozen=True, kw_only=True):
+    """A search for failures, or for their probability."""
+
+    parameters: Annotated[dict[str, Distribution], Meta(min_length=1, max_length=PARAMETERS_MAX)]
+    """Axis -> distribution; the axes of a matrix."""
+    correlations: list[Correlation] = []
+    objective: Objective
+    budget: SearchBudget
+    sampler: str = "monte_carlo"
+    """What proposes the cases, see `docs/search.md`."""
+    options: dict[str, bool | int | float | str] = {}
+    """Options of the sampler."""
+    first: list[list[float]] = []
+    """Standard normal coordinates of the first generation's cases; filled in at submission."""
+    proposed: list[list[list[Value]]] = []
+    """Generation -> case -> values of the parameters; filled in at submission and as it runs."""
+    chosen: list[str] = []
+    """Cases of `proposed` that are run again by name; nothing is searched then."""
+
+
+def name_of(generation: int, number: int) -> str:
+    """The name of a case: ``g0003-0017``."""
+    return f"g{generation:04d}-{number:04d}"
