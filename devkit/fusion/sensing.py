@@ -155,7 +155,7 @@ class Sensing:
         for slot in slots:
             self._echoed[slot] = self.has_radar[slot] = True
             count = int(observation.counts[RADAR][slot])
-            rows = np.asarray(observation.sensors[RADAR][slot])[:count]
+            rows = on_host(observation.sensors[RADAR])[slot, :count]
             speed, turn = float(ego.speed_mps[slot]), float(ego.yaw_rate_radps[slot])
             bend = float(ego.curvature_per_m[slot])
             health.echoed(slot)

@@ -1,9 +1,10 @@
 """Radar on a GPU: the same bytes as on the CPU, and measurements per second.
 
 ``python tests/device/radar_check.py [--device cuda:0] [--slots 256]`` compares the detections of
-the first eight of ``--slots`` slots of every shipped profile on both devices, then times all slots
-and says how long each kernel takes. Exit code 1 where bytes differ or the rate of the long-range
-radar is below its target. About half a minute, half of it compiling.
+the first eight of ``--slots`` slots of every shipped profile on both devices. Where they differ it
+says in which arrays of the sensor they do, in the order in which these are made. Then it times all
+slots and says how long each kernel takes. Exit code 1 where bytes differ or the rate of the
+long-range radar is below its target. About half a minute, half of it compiling.
 """
 
 from __future__ import annotations
@@ -11,16 +12,48 @@ from __future__ import annotations
 import argparse
 import sys
 import time
+from typing import Any
 
 from twin.world.kernel_cache import prepare_kernels
 
 prepare_kernels()
+
+import numpy as np  # noqa: E402
 
 from schemas.kinds.sensors.radar import PROFILES  # noqa: E402
 from twin.bench.radar import TARGET, RadarBench  # noqa: E402
 
 COMPARED = 8
 """Slots whose bytes are compared."""
+
+MADE = ("_poses", "_walls", "echoes", "touched", "signals", "power", "alarm", "_near", "_by_speed")
+"""Arrays of a sensor with the slots in front, in the order in which kernels write them."""
+
+
+def differences(host: RadarBench, other: RadarBench) -> list[str]:
+    """What differs in the arrays of two sensors after the same measurement."""
+    lines = []
+    for name in (*MADE, "_peaks", "found"):
+        one, two = (_fields(getattr(bench.sensor, name), bench.slots) for bench in (host, other))
+        for field, mine in one.items():
+            theirs = two[field][:COMPARED]
+            unequal = mine != theirs
+            count = int(unequal.sum())
+            if count:
+                at = tuple(int(i[0]) for i in np.nonzero(unequal))
+                lines.append(
+                    f"  {name}{field}: {count:,} of {mine.size:,} differ, first at {at}: "
+                    f"{mine[at]!r} and {theirs[at]!r}"
+                )
+    return lines
+
+
+def _fields(array: Any, slots: int) -> dict[str, np.ndarray]:
+    """Columns of an array by name, each [slots, ...]."""
+    values = array.numpy()
+    names = values.dtype.names
+    columns = {f".{n}": values[n] for n in names} if names else {"": values}
+    return {name: column.reshape(slots, -1) for name, column in columns.items()}
 
 
 def main() -> int:
@@ -32,12 +65,15 @@ def main() -> int:
     args = parser.parse_args()
     good, started = True, time.perf_counter()
     for profile in args.profile or PROFILES:
-        host, _ = RadarBench("cpu", COMPARED, profile).detections(COMPARED)
+        reference = RadarBench("cpu", COMPARED, profile)
+        host, _ = reference.detections(COMPARED)
         bench = RadarBench(args.device, args.slots, profile)
         other, _ = bench.detections(COMPARED)
         good = good and host == other
         same = "the same bytes" if host == other else "OTHER BYTES"
         print(f"{profile}: cpu {host[:16]}, {args.device} {other[:16]}: {same}", flush=True)
+        if host != other:
+            print("\n".join(differences(reference, bench)), flush=True)
         rate, target = bench.rate(), TARGET[args.device.partition(":")[0]]
         print(f"{profile}: {rate:,.0f} measurements/s at {args.slots} slots", flush=True)
         if profile == PROFILES[0]:

@@ -7,6 +7,7 @@ relative impact speed is the difference of their longitudinal speeds at the cont
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -352,12 +353,13 @@ def _switched(rows: Rows, name: str) -> np.ndarray:
 
 def _lateral_m(course: _Course, row: int) -> float | None:
     """Offset of the target to the left where it and the ego's front would meet, as both move at a
-    row; None: they do not close in."""
+    row; None: they do not close in, or the target is not there."""
     closing_mps = float(course.closing_mps[row])
     if closing_mps <= 0.0 or course.middle_m[row] < 0.0:
         return None
     meets_s = float(course.middle_m[row]) / closing_mps
-    return float(course.left_m[row]) + float(course.left_mps[row]) * meets_s
+    offset_m = float(course.left_m[row]) + float(course.left_mps[row]) * meets_s
+    return offset_m if math.isfinite(offset_m) else None
 
 
 def _strange(contact: FirstContact) -> str:

@@ -129,6 +129,11 @@ def test_a_crossing_target_has_no_speed_ahead() -> None:
     assert scalars["trial_lateral_m"] == pytest.approx(0.15, abs=1e-6)
 
 
+def test_a_target_that_is_not_there_is_met_nowhere() -> None:
+    _, scalars = judged(AVOID, NEVER.changed(target=(math.nan, math.nan)))
+    assert scalars["trial_lateral_m"] is None
+
+
 def test_the_test_begins_at_its_time_to_collision() -> None:
     _, scalars = judged(AVOID, NEVER.changed(target=(122.0, 0.0)))
     assert scalars["trial_begin_s"] == pytest.approx(2.0, abs=0.021)
