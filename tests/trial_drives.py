@@ -32,6 +32,10 @@ class HandRows:
         """The same with other columns."""
         return HandRows(self.rows, **{**self._columns, **columns})
 
+    def as_files_have_them(self) -> HandRows:
+        """The same as a reader of KPI files sees them: what is missing is NaN, not 0."""
+        return _FileRows(self.rows, **self._columns)
+
     def column(self, name: str) -> np.ndarray:
         values = self._columns.get(name, np.zeros(self.rows))
         return np.where(np.isnan(values), 0.0, values)
@@ -41,6 +45,11 @@ class HandRows:
 
     def name(self, column: str, row: int) -> str:
         return ""
+
+
+class _FileRows(HandRows):
+    def column(self, name: str) -> np.ndarray:
+        return self._columns.get(name, np.full(self.rows, np.nan))
 
 
 @dataclass(frozen=True)

@@ -129,16 +129,16 @@ class TrialRun:
         ground = self._ground
         assert ground.target is not None, "a trial has a target"
         half_length_m, half_width_m = ground.target[3:].tolist()
-        yaw, target_yaw = rows.column("yaw_rad"), rows.column("target_yaw_rad")
+        yaw = rows.column("yaw_rad")
+        target_x_m, target_y_m, target_yaw, vx, vy = (_there(rows, n) for n in TARGET_COLUMNS)
         c, s = cosine(yaw), sine(yaw)
         turned = target_yaw - yaw
         extent_m = half_length_m * np.abs(cosine(turned))
         extent_m += half_width_m * np.abs(sine(turned))
-        east_m = rows.column("target_x_m") - rows.column("x_m")
-        north_m = rows.column("target_y_m") - rows.column("y_m")
+        east_m = target_x_m - rows.column("x_m")
+        north_m = target_y_m - rows.column("y_m")
         front_m = ground.centre_offset_m + ground.half_length_m
         middle_m = east_m * c + north_m * s - front_m
-        vx, vy = rows.column("target_vx_mps"), rows.column("target_vy_mps")
         speed_mps = rows.column("speed_mps")
         return _Course(
             time_s=rows.column("sim_time_ns") / 1e9,
@@ -191,8 +191,9 @@ class TrialRun:
         assert contact is not None
         yaw = rows.column("yaw_rad")[last]
         c, s = cosine(yaw), sine(yaw)
-        along = rows.column("target_vx_mps") * c + rows.column("target_vy_mps") * s
+        along = _there(rows, "target_vx_mps") * c + _there(rows, "target_vy_mps") * s
         after = min(last + 1, rows.rows - 1)
+        after = after if math.isfinite(along[after]) else last
         span_s = float(course.time_s[after] - course.time_s[last])
         share = (contact.time_s - float(course.time_s[last])) / span_s if span_s > 0.0 else 0.0
         target_mps = float(along[last]) + share * float(along[after] - along[last])
@@ -341,6 +342,11 @@ class TrialRun:
                     f"{before_s:.2f} s before it braked; needed: {trial.warn_before_braking_s:g} s"
                 )
         return Verdict("fail" if late else "pass", ["; ".join([told, *late])])
+
+
+def _there(rows: Rows, name: str) -> np.ndarray:
+    """A column of the target [rows]; NaN, in memory as in files, where the target is not there."""
+    return np.where(rows.valid(name), rows.column(name), np.nan)
 
 
 def _switched(rows: Rows, name: str) -> np.ndarray:

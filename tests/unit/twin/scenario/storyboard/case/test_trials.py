@@ -13,6 +13,7 @@ from schemas.kinds.scenarios.storyboard import StoryboardConfig
 from schemas.sections.trial import Trial
 from twin.scenario.protocol import Scalars, Verdict
 from twin.scenario.storyboard.case.family import StoryboardFamily
+from twin.scenario.storyboard.case.trial import TARGET_COLUMNS
 
 AVOID = Trial(rule="avoid", speed_kmh=72)
 LIMIT = Trial(rule="limit", speed_kmh=72, impact_kmh=[[60, 0], [72, 36]])
@@ -129,9 +130,17 @@ def test_a_crossing_target_has_no_speed_ahead() -> None:
     assert scalars["trial_lateral_m"] == pytest.approx(0.15, abs=1e-6)
 
 
-def test_a_target_that_is_not_there_is_met_nowhere() -> None:
-    _, scalars = judged(AVOID, NEVER.changed(target=(math.nan, math.nan)))
+def test_a_target_that_has_left_is_met_nowhere_whoever_judges() -> None:
+    drive = NEVER.changed(target=(100.0, 3.5))
+    rows, contact = drive.rows()
+    left = np.where(np.arange(rows.rows) < rows.rows - 5, 0.0, np.nan)
+    rows = rows.changed(**{name: rows.column(name) + left for name in TARGET_COLUMNS})
+    config = StoryboardConfig(storyboard="s", driver="robot", trial=AVOID)
+    run = StoryboardFamily(config, hand_ground(drive), 0.0, 0.0)
+    scalars = run.trial_scalars(rows, contact)
     assert scalars["trial_lateral_m"] is None
+    assert scalars["trial_begin_s"] is not None
+    assert run.trial_scalars(rows.as_files_have_them(), contact) == scalars
 
 
 def test_the_test_begins_at_its_time_to_collision() -> None:
