@@ -53,7 +53,10 @@ HOMONYMS = {
         "devkit/fusion/stack.py",
     ),
     "gnss": ("schemas/messages.py",),
-    "radar": ("devkit/fusion/sensing.py", "twin/bench/radar.py"),
+    "radar": (
+        *("devkit/fusion/sensing.py", "twin/bench/radar.py"),
+        *("twin/validate/command.py", "twin/validate/radar_truth.py"),
+    ),
     "storyboard": (
         *("twin/scenario/storyboard/native/compiler.py", "twin/play/report.py"),
         *("twin/bench/storyboard_traffic.py", "viewer/playing/story.py"),
@@ -66,9 +69,9 @@ HOMONYMS = {
     ),
 }
 """Files in which a bridge or a stack says where each reading goes, in which columns have their
-public names, that measure how fast a sensor is, or in which the same word means something else: the
-outermost element of a scenario file, weather families, rules of the planner, and the simulator of
-imported logs, which are called after AutoDRIVE, too."""
+public names, that measure how fast or how true a sensor is, or in which the same word means
+something else: the outermost element of a scenario file, weather families, rules of the planner,
+and the simulator of imported logs, which are called after AutoDRIVE, too."""
 
 
 def home(kind) -> str:
