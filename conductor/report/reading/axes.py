@@ -81,12 +81,17 @@ def axis_value(case: Case, axis: str, *, drawn: bool = False) -> Any:
     return value
 
 
+_ORDER = re.compile(r"^events\.[^.]+\.do\.")
+"""What stands before a number of an order that an event of a scenario gives to an actor."""
+
+
 def axis_label(axis: str) -> str:
     """Title of an axis with its unit: ``scenario.ego_start_m`` -> ``Ego start [m]``."""
     if axis in _LABELS:
         return _LABELS[axis]
     suffix = next((s for s in _UNITS if axis.endswith(s)), "")
     name = axis.removeprefix(PARAMETER_AXES).split(".", 1)[-1]
+    name = _ORDER.sub("", name)
     if suffix.startswith("_"):
         name = name.removesuffix(suffix)
     unit = f" [{_UNITS[suffix]}]" if suffix else ""

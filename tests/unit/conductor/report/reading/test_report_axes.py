@@ -87,6 +87,7 @@ def test_values_of_several_types_are_texts_in_the_summary(tmp_path):
         ("objects.parked.car.offset_m", "Parked car offset [m]"),
         ("scenario.ego_start_m", "Ego start [m]"),
         ("sensors.imu.hz", "Imu hz"),
+        ("storyboard.events.cross.do.target.arrive.speed_kmh", "Target arrive speed [km/h]"),
     ],
 )
 def test_labels_say_the_unit(axis, label):
