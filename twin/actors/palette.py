@@ -19,7 +19,7 @@ from twin.actors.lamps import AMBER, VehicleLamp
 from twin.actors.motion import ObjectKind, Placement
 from twin.actors.person import PHASES, add_person, random_looks
 from twin.world.meshes import materials
-from twin.world.meshes.mesh import Color, MeshBuilder
+from twin.world.meshes.mesh import DECAL, Color, MeshBuilder
 from twin.world.street.parking import PAINTS
 
 CLASS_OF = {
@@ -45,6 +45,12 @@ _CHILD_M = 1.2
 _RIDER_M = 1.72
 _ANIMALS = ((0.8, 0.3, 0.6), (1.7, 0.5, 1.4))
 _OBSTACLES = ((0.3, 0.3, 0.15), (0.6, 0.6, 0.6), (1.2, 0.8, 0.8), (2.0, 1.5, 1.2), (4.0, 1.8, 1.4))
+_BOARD = (0.3, 1.0, 1.2)
+_PLATES = ((0.7, 0.7, 0.02), (3.7, 2.4, 0.025))
+_STEEL: Color = (0.34, 0.33, 0.32)
+FLAT_M = 0.1
+"""What is no higher lies on the road and is driven over, as a plate of steel; it looks like one,
+and nothing takes it for an object [m]."""
 _TRAILERS = ((3.0, 1.7, 1.6), (7.2, 2.4, 3.2), (13.0, 2.5, 3.8))
 
 
@@ -72,14 +78,16 @@ class Palette:
 
     def look(self, sort: str, size_m: Sequence[float], number: int) -> PaletteLook:
         """The look of body ``number`` of a case: of its sort the one of the nearest size, of
-        equally near ones as the number says.
+        equally near ones as the number says. What is flat looks flat, and nothing else does.
 
         Args:
             sort: key of :data:`CLASS_OF`.
             size_m: length, width, height.
             number: counts the bodies of a case.
         """
-        alike = [look for look in self.looks if look.sort == sort]
+        of_sort = [look for look in self.looks if look.sort == sort]
+        flat = size_m[2] <= FLAT_M
+        alike = [look for look in of_sort if (look.size_m[2] <= FLAT_M) == flat] or of_sort
         off = [
             sum((a - b) * (a - b) for a, b in zip(look.size_m, size_m, strict=True))
             for look in alike
@@ -158,8 +166,10 @@ def build_palette() -> Palette:
     palette.riders("motorcycle", 5, _DARK, 0)
     for size in _ANIMALS:
         palette.vehicle("animal", size, lambda mesh, size=size: _add_animal(mesh, size))
-    for size in _OBSTACLES:
+    for size in (*_OBSTACLES, _BOARD):
         palette.vehicle("obstacle", size, lambda mesh, size=size: _add_block(mesh, size))
+    for size in _PLATES:
+        palette.vehicle("obstacle", size, lambda mesh, size=size: _add_plate(mesh, size))
     return Palette(tuple(palette.kinds), tuple(palette.looks))
 
 
@@ -249,6 +259,14 @@ def _add_block(mesh: MeshBuilder, size: tuple[float, float, float]) -> None:
     with mesh.label("unlabelled"):
         mesh.box((0.0, -width / 2, 0.0), (length, width / 2, height), materials.PLAIN, _GREY)
     car_body.add_shade(mesh, (0.0, length), width / 2)
+
+
+def _add_plate(mesh: MeshBuilder, size: tuple[float, float, float]) -> None:
+    """A part of the road, to the box sensor too."""
+    length, width, height = size
+    with mesh.label("road", instance=-1):
+        corners = (0.0, -width / 2, 0.0), (length, width / 2, height)
+        mesh.box(*corners, materials.PLAIN, _STEEL, DECAL)
 
 
 def class_index(sort: str) -> int:

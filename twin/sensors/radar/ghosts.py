@@ -180,7 +180,7 @@ def ghost_kernel_of(features: Features) -> wp.Kernel:
         else:
             m = (number - reflectors) / _ROWS
             thing = scene.objects[slot, m]
-            if thing.root == 0:
+            if thing.root == 0 or thing.half[0] <= 0.0:
                 return
             item = templates[classes[thing.instance], number - reflectors - m * _ROWS]
             if item.shape < 0:

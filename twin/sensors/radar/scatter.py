@@ -306,7 +306,7 @@ def scatter_kernel_of(features: Features) -> wp.Kernel:
         else:
             m = (number - count) / _ROWS
             thing = scene.objects[slot, m]
-            if thing.root != 0:
+            if thing.root != 0 and thing.half[0] > 0.0:  # what lies flat has no hull
                 item = templates[classes[thing.instance], (number - count) - m * _ROWS]
                 if item.shape >= 0:
                     body = point_of_body(item, thing)

@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 
-from twin.actors.palette import CLASS_OF, build_palette, class_index
+from twin.actors.palette import CLASS_OF, FLAT_M, build_palette, class_index
 from twin.scenario.storyboard.case.files import LoadedStoryboard
 from twin.scenario.storyboard.program.entities import EntityCategory
 from twin.world.things import Thing, named
@@ -28,8 +28,6 @@ _SORTS = {
     EntityCategory.ANIMAL: "animal",
     EntityCategory.OBSTACLE: "obstacle",
 }
-FLAT_M = 0.1
-"""A body no higher than this has no hull: it is driven over, as a plate on the road [m]."""
 _LIT = ("car", "van", "truck", "trailer", "bus", "motorcycle", "bicycle")
 """Sorts with lamps."""
 _LEANS = {

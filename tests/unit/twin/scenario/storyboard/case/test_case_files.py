@@ -19,6 +19,7 @@ from twin.scenario.storyboard.case.checks import case_mistakes
 from twin.scenario.storyboard.case.files import load_storyboard
 from twin.scenario.storyboard.program.entities import EntityCategory
 from twin.vehicle.vehicle_file import load_vehicle
+from twin.world.meshes.mesh import DECAL
 
 SCENARIO = """scenario: own
 road: {road}
@@ -262,3 +263,16 @@ def test_a_look_is_the_nearest_in_size_and_others_differ_in_colour():
     assert palette.look("car", (4.62, 1.9, 1.72), 1).kind != suv.kind
     assert palette.look("car", (4.62, 1.9, 1.72), 4).kind == suv.kind
     assert palette.look("trailer", (12.0, 2.5, 4.0), 0).size_m[0] == 13.0
+
+
+def test_what_lies_flat_looks_flat_and_is_no_object():
+    palette = build_palette()
+    plate = palette.look("obstacle", (3.7, 2.4, 0.025), 0)
+    assert plate.size_m == (3.7, 2.4, 0.025)
+    mesh = palette.kinds[plate.kind].mesh
+    assert float(mesh.points_m[:, 2].max()) == pytest.approx(0.025, abs=1e-4)
+    assert (mesh.tag == DECAL).all()
+    assert palette.look("obstacle", (0.6, 0.6, 0.012), 0).size_m[2] <= 0.02
+    assert palette.look("obstacle", (0.3, 0.3, 0.15), 0).size_m == (0.3, 0.3, 0.15)
+    assert palette.look("obstacle", (0.3, 1.0, 1.2), 0).size_m == (0.3, 1.0, 1.2)
+    assert palette.look("car", (4.6, 1.8, 0.05), 0).sort == "car", "no car is flat"
