@@ -30,6 +30,9 @@ BRAKES_MPS2 = 1.5
 """Who slows down less does not count as braking [m/s^2]."""
 SIGHTINGS_MIN = 3
 """Fewest sightings by one sensor of what counts: two give no speed."""
+WALKS_SIGHTINGS = 6
+"""LiDAR has to see so often what is taken for walking, though no camera names it: where radar saw
+it first, LiDAR corrects its direction, which looks like a step aside."""
 RIPE_S = 0.6
 """A younger track whose speed is not known might be as fast as the car [s]."""
 RECENT_S = 0.5
@@ -193,7 +196,7 @@ def _crosses(
     enters = np.where(leftwards, -half - left, right - half) / safe
     leaves = np.where(leftwards, half - right, left + half) / safe
     # Networks miss people; what LiDAR and radar see walk is one.
-    walks = (tracks.lidar.hits > 0.0) & (tracks.radar.hits >= SIGHTINGS_MIN)
+    walks = (tracks.lidar.hits >= WALKS_SIGHTINGS) & (tracks.radar.hits >= SIGHTINGS_MIN)
     # Of what is wide another part is seen while the car goes by: its middle wanders.
     walks &= (tracks.left_m - tracks.right_m < NARROW_M) & (speed > WALKS_MPS)
     person = (_is_any(tracks.label, _PERSONS) | ((tracks.label == 0) & walks)) & (vy_mps != 0.0)
