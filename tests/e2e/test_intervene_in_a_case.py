@@ -1,6 +1,7 @@
 """A hand on running cases of a real rig: what it changes, and that nobody else notices."""
 
 import asyncio
+import contextlib
 import json
 import math
 import os
@@ -8,9 +9,10 @@ import pty
 import signal
 import subprocess
 import sys
+import threading
 
 import pytest
-from processes import MARK, PATIENCE_S, committed, complete, outcomes, wait_for
+from processes import MARK, PATIENCE_S, committed, complete, outcomes, suspended, wait_for
 from test_conductor_restart import serve
 
 from conductor.records.fingerprint import fingerprint
@@ -48,6 +50,26 @@ def caught(state, but=(), before_tick=math.inf):
     return wait_for(catch, "a case to be caught")
 
 
+@contextlib.contextmanager
+def slowed(stack):
+    """A stack gets a tenth of the time during the block: its cases, which take a fraction of a
+    second, can be caught on a busy machine too."""
+    done = threading.Event()
+
+    def brake():
+        while not done.wait(0.005):
+            with suspended([stack]):
+                done.wait(0.05)
+
+    thread = threading.Thread(target=brake)
+    thread.start()
+    try:
+        yield
+    finally:
+        done.set()
+        thread.join()
+
+
 def reached(case, tick):
     wait_for(lambda: case.look().tick >= tick, f"tick {tick} of {case.state.case}")
     return case.state
@@ -59,10 +81,11 @@ def test_one_case_is_steered_another_paused_and_all_verdicts_stay(marked, quiet,
     conductor = serve(marked, state)
     marked.run("conductor", "submit", "chaos-16", "--state", str(state))
     worker = marked.start("twin", "worker", "--state", str(state), "--slots", "2")
-    with (
-        caught(state, before_tick=EARLY_TICK) as case,
-        caught(state, but=[case.state.case]) as other,
-    ):
+    stack = marked.one("devkit", "host")
+    with contextlib.ExitStack() as held:
+        with slowed(stack):
+            case = held.enter_context(caught(state, before_tick=EARLY_TICK))
+            other = held.enter_context(caught(state, but=[case.state.case]))
         name, still = case.state.case, other.state.case
         before, held = case.look(), other.look()
         assert before.paused
