@@ -82,10 +82,10 @@ def test_one_case_is_steered_another_paused_and_all_verdicts_stay(marked, quiet,
     marked.run("conductor", "submit", "chaos-16", "--state", str(state))
     worker = marked.start("twin", "worker", "--state", str(state), "--slots", "2")
     stack = marked.one("devkit", "host")
-    with contextlib.ExitStack() as held:
+    with contextlib.ExitStack() as hands:
         with slowed(stack):
-            case = held.enter_context(caught(state, before_tick=EARLY_TICK))
-            other = held.enter_context(caught(state, but=[case.state.case]))
+            case = hands.enter_context(caught(state, before_tick=EARLY_TICK))
+            other = hands.enter_context(caught(state, but=[case.state.case]))
         name, still = case.state.case, other.state.case
         before, held = case.look(), other.look()
         assert before.paused

@@ -44,8 +44,10 @@ _DARK: Color = (0.03, 0.03, 0.035)
 _CHILD_M = 1.2
 _RIDER_M = 1.72
 _ANIMALS = ((0.8, 0.3, 0.6), (1.7, 0.5, 1.4))
-_OBSTACLES = ((0.3, 0.3, 0.15), (0.6, 0.6, 0.6), (1.2, 0.8, 0.8), (2.0, 1.5, 1.2), (4.0, 1.8, 1.4))
-_BOARD = (0.3, 1.0, 1.2)
+_OBSTACLES = (
+    *((0.3, 0.3, 0.15), (0.6, 0.6, 0.6), (1.2, 0.8, 0.8), (2.0, 1.5, 1.2), (4.0, 1.8, 1.4)),
+    (0.3, 1.0, 1.2),  # a board
+)
 _PLATES = ((0.7, 0.7, 0.02), (3.7, 2.4, 0.025))
 _STEEL: Color = (0.34, 0.33, 0.32)
 FLAT_M = 0.1
@@ -166,7 +168,7 @@ def build_palette() -> Palette:
     palette.riders("motorcycle", 5, _DARK, 0)
     for size in _ANIMALS:
         palette.vehicle("animal", size, lambda mesh, size=size: _add_animal(mesh, size))
-    for size in (*_OBSTACLES, _BOARD):
+    for size in _OBSTACLES:
         palette.vehicle("obstacle", size, lambda mesh, size=size: _add_block(mesh, size))
     for size in _PLATES:
         palette.vehicle("obstacle", size, lambda mesh, size=size: _add_plate(mesh, size))
