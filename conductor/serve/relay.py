@@ -7,8 +7,6 @@ it is back.
 
 from __future__ import annotations
 
-import signal
-import threading
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
@@ -16,6 +14,7 @@ from pathlib import Path
 
 from conductor.serve.audit import log_event
 from twin.base.errors import TwinError, UsageError
+from twin.base.stop_signal import StopSignal
 from twin.fabric.discovery import Target, find_target
 from twin.fabric.endpoint import to_listen
 from twin.fabric.front.router import Fronted
@@ -44,9 +43,7 @@ def relay(target: Target, listen: str, state: Path | None) -> int:
             f"{Role.conductor}, this one is of role {target.key.role}; give --key keys/ or --state "
             "of the conductor"
         )
-    stop = threading.Event()
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: stop.set())
+    stop = StopSignal()
     way = _open(target, to_listen(listen, keyed=target.key is not None))
     try:
         here = way.endpoint

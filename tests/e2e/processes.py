@@ -24,6 +24,26 @@ MARK = "LC_TWIN_TEST_MARK"
 """Variables of this beginning pass into the sandboxes of stacks."""
 
 
+END_S = 3 * PATIENCE_S
+"""Longest time a child may take to its end; less than a whole test may [s]."""
+
+
+class Child(subprocess.Popen[str]):
+    """One that says where it stands if it does not end."""
+
+    def communicate(
+        self,
+        input: str | None = None,  # noqa: A002
+        timeout: float | None = None,
+    ) -> tuple[str, str]:
+        try:
+            return super().communicate(input, timeout or END_S)
+        except subprocess.TimeoutExpired:
+            self.send_signal(signal.SIGABRT)
+            out, err = super().communicate()
+            raise AssertionError(f"{self.args} did not end\n{out}\n{err}") from None
+
+
 class Marked:
     """Everything started through it, and what that started, carries one mark."""
 
@@ -31,7 +51,7 @@ class Marked:
         self.mark = uuid.uuid4().hex
         self.temporary = Path(tempfile.mkdtemp(prefix="marked-"))
         """Their folder for temporary files; nothing may stay in it."""
-        self.children: list[subprocess.Popen[str]] = []
+        self.children: list[Child] = []
 
     def start(
         self,
@@ -39,17 +59,22 @@ class Marked:
         prefix: tuple[str, ...] = (),
         folder: Path | None = None,
         log: IO[str] | None = None,
-    ) -> subprocess.Popen[str]:
+    ) -> Child:
         """Start ``python -m ARGUMENTS`` in the background, in ``folder``.
 
         What it says goes to ``log``, or into pipes: for children that say little, or are read.
         """
-        child = subprocess.Popen(
+        child = Child(
             [*prefix, sys.executable, "-m", *arguments],
             stdout=log or subprocess.PIPE,
             stderr=log or subprocess.PIPE,
             text=True,
-            env={**os.environ, MARK: self.mark, "TMPDIR": str(self.temporary)},
+            env={
+                **os.environ,
+                MARK: self.mark,
+                "TMPDIR": str(self.temporary),
+                "PYTHONFAULTHANDLER": "1",
+            },
             start_new_session=True,
             cwd=folder,
         )

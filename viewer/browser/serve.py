@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import signal
 import subprocess
 import sys
 import threading
@@ -15,6 +14,7 @@ from urllib.parse import quote, urlsplit
 
 from twin.base.errors import TwinError
 from twin.base.process import end, spawn
+from twin.base.stop_signal import StopSignal
 from viewer.browser.assets import web_viewer
 from viewer.browser.desk import Desk
 from viewer.browser.front import BrowserFront, ShownSite, SingleRecording
@@ -60,9 +60,7 @@ class HubError(TwinError):
 
 def run_web(options: WebOptions) -> int:
     """Serve until Ctrl-C, or until the hub ends; the exit code."""
-    stop = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stop.set())
+    stop = StopSignal()
     if not options.live:
         single = None
         if options.file is not None:
@@ -88,7 +86,7 @@ def run_web(options: WebOptions) -> int:
 def _serve(
     site: ShownSite,
     options: WebOptions,
-    stop: threading.Event,
+    stop: StopSignal,
     child: subprocess.Popen[bytes] | None,
 ) -> None:
     with BrowserFront(options.port, site) as front:
@@ -112,7 +110,7 @@ def _live(arguments: Sequence[str]) -> Iterator[subprocess.Popen[bytes]]:
         end(child, END_GRACE_S)
 
 
-def _hub_address(child: subprocess.Popen[bytes], stop: threading.Event) -> tuple[str, int] | None:
+def _hub_address(child: subprocess.Popen[bytes], stop: StopSignal) -> tuple[str, int] | None:
     """Host and port of the child's hub; None: we were told to stop.
 
     Raises:

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import json
 import queue
-import signal
 import sys
-import threading
 import time
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -17,6 +15,7 @@ from schemas.wire.codec import ATTACHMENT_BYTES_MAX, WireError, decode
 from schemas.wire.view import Thumbnail
 from schemas.words import counted
 from twin.base.errors import UnreachableError, UsageError
+from twin.base.stop_signal import StopSignal
 from twin.fabric.bus import Sample
 from twin.fabric.discovery import Target, choose_target, find_target, refuse_ended
 from twin.fabric.endpoint import check_protected
@@ -142,9 +141,7 @@ def run_live(options: LiveOptions) -> int:
         # What is wrong with the endpoint or the key is said at once.
         target = options.target()
         check_protected(target.endpoint, keyed=target.key is not None)
-    stop = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stop.set())
+    stop = StopSignal()
     live = Live(options, open_hub(options.port, say=say), tunnel)
     with ExitStack() as stack:
         stack.callback(live.close)

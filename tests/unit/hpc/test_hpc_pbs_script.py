@@ -111,7 +111,7 @@ def test_the_gpus_that_pbs_names_are_used(tmp_path):
 def test_stacks_run_on_the_last_tasks(tmp_path):
     job = PbsJob(tmp_path, workers=1, remote_stacks=True, remote_commands=True)
     (tmp_path / "hold").touch()
-    with job.start() as child:
+    with job.start(STAY="1") as child:  # a worker that ends takes its stack along
         wait_for(lambda: job.said("devkit"), "the stack")
         (tmp_path / "hold").unlink()
         child.communicate(timeout=PATIENCE_S)
