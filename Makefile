@@ -3,12 +3,12 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN = $(VENV)/bin
 
-.PHONY: help install install-test install-test-all install-train install-bench demo driving test test-all faults redteam fuzz soak offline planted mutation check lock models ablation frozen clean
+.PHONY: help install install-test install-test-all install-train install-bench demo driving test test-all test-rest faults redteam fuzz soak offline planted mutation check lock models ablation frozen clean
 
 help:
 	@echo "make demo     install, then run the eight-case demo campaign (again: resume)"
 	@echo "make test     install what the quick tests need, then run them: some minutes"
-	@echo "make test-all everything: processes, faults, clusters, browsers, torch (half an hour)"
+	@echo "make test-all that, then processes, faults, clusters, browsers, torch (half an hour)"
 	@echo "make driving  100 km of free driving on a GPU: PART=1 to 10, COMMIT= the one that froze the stack"
 	@echo "make install  create $(VENV) with the pinned dependencies"
 	@echo "make faults   the table of docs/reliability.md: a thousand faults on real processes (root)"
@@ -70,8 +70,11 @@ TESTERS = $(shell expr $$(nproc) + $$(nproc) / 2 + 1)
 test: install-test
 	$(BIN)/pytest $(if $(ARGS),$(ARGS),--lane quick --numprocesses $(TESTERS) --dist loadgroup)
 
-test-all: install-test-all
-	$(BIN)/pytest $(if $(ARGS),$(ARGS),--numprocesses auto --dist loadgroup)
+# Every test once.
+test-all: test test-rest
+
+test-rest: install-test-all
+	$(BIN)/pytest $(if $(ARGS),$(ARGS),--lane rest --numprocesses auto --dist loadgroup)
 
 # More than a thousand faults; goes on where it was stopped. `make test-all` injects each once.
 faults: install-test

@@ -52,30 +52,39 @@ def marks_of(path: Path) -> set[str]:
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """``--lane quick``: what ``make test`` runs."""
+    """``--lane quick`` is what ``make test`` runs."""
     parser.addoption(
         "--lane",
-        choices=("quick", "all"),
+        choices=("quick", "rest", "all"),
         default="all",
         help="quick: neither processes and clusters nor browsers and torch, but one run of every "
-        "command; all: everything (default)",
+        "command; rest: what the quick lane leaves out; all: both (default)",
     )
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
     """The quick lane does not even import files of the other, whose packages may be missing."""
-    if config.getoption("lane") == "all" or not collection_path.name.startswith("test_"):
+    if config.getoption("lane") != "quick" or not collection_path.name.startswith("test_"):
         return None
-    quick = "pytest.mark.quick" in collection_path.read_text()
-    return True if marks_of(collection_path) and not quick else None
+    return None if in_quick_lane(collection_path) else True
+
+
+@cache
+def in_quick_lane(path: Path) -> bool:
+    """Whether the quick lane runs a file's tests, but for slow ones."""
+    return not marks_of(path) or "pytest.mark.quick" in path.read_text()
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Long ones come first: whoever begins one of them last keeps the other cores waiting."""
-    if config.getoption("lane") == "quick":
-        slow = [item for item in items if item.get_closest_marker("slow")]
-        config.hook.pytest_deselected(items=slow)
-        items[:] = [item for item in items if item not in slow]
+    if (lane := config.getoption("lane")) != "all":
+        lanes: dict[str, list[pytest.Item]] = {"quick": [], "rest": []}
+        for item in items:
+            slow = item.get_closest_marker("slow") or not in_quick_lane(Path(item.path))
+            lanes["rest" if slow else "quick"].append(item)
+        items[:] = lanes.pop(lane)
+        for others in lanes.values():
+            config.hook.pytest_deselected(items=others)
     first = {name: place for place, name in enumerate((*CLUSTER, *LONG, *APART))}
     items.sort(key=lambda item: first.get(Path(item.path).stem, len(first)))
     for item in items:
