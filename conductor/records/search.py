@@ -47,6 +47,7 @@ def search_file(campaign: CampaignState) -> SearchFile:
     assert record is not None
     objective = search.objective
     generations = []
+    forks = [] if search.forks is UNSET else search.forks
     for number, (u, values) in enumerate(zip(record.u, search.proposed, strict=True)):
         closed = number < len(record.results)
         generations.append(
@@ -55,6 +56,7 @@ def search_file(campaign: CampaignState) -> SearchFile:
                 values=values,
                 u=u,
                 results=record.results[number] if closed else [],
+                forks=forks[number] if number < len(forks) else [],
                 answer=record.answers[number] if number < len(record.answers) else None,
             )
         )
