@@ -264,6 +264,9 @@ def _sampler_mistakes(search: Search) -> list[Mistake]:
     if len(search.parameters) < kind.parameters_min:
         least = f"{len(search.parameters)} given, sampler {kind.name} needs {kind.parameters_min}"
         mistakes.append(Mistake("search.parameters", least))
+    if budget.cases > kind.cases_max:
+        most = f"given {budget.cases}, sampler {kind.name} takes at most {kind.cases_max}"
+        mistakes.append(Mistake("search.budget.cases", most))
     if kind.gives == "extreme" and not (
         budget.half_width is UNSET and budget.relative_half_width is UNSET
     ):

@@ -134,6 +134,10 @@ def test_a_good_one_has_no_mistake() -> None:
             ),
             "search.parameters: 1 given, sampler cma_es needs 2",
         ),
+        (
+            section("bayesian", budget={"cases": 501}),
+            "budget.cases: given 501, sampler bayesian takes at most 500",
+        ),
         (section("annealing"), "sampler: no 'annealing'; there: monte_carlo"),
         (section("subset", options={"level": 1}), "options.level: given 1, allowed"),
         (section("subset", options={"levels": 50}), "options.levels: unknown key"),
