@@ -12,7 +12,6 @@ from msgspec import UNSET, Meta, Struct, UnsetType
 from msgspec.structs import force_setattr
 
 from schemas.kinds.kpis.formula import ROBUSTNESS
-
 from schemas.sections.fork import Branch
 
 SEARCH_CASES_MAX = 10_000
