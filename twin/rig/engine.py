@@ -24,6 +24,7 @@ from twin.render.light.ground_light import GroundLight
 from twin.rig.command_delay import put_in_force
 from twin.rig.running.case_run import CaseRun
 from twin.rig.running.forking import Forking
+from twin.rig.running.saving import Keeps, SlotSaver
 from twin.rig.slot import Finished
 from twin.scenario import families
 from twin.scenario.case_files import check_files
@@ -362,6 +363,16 @@ class Engine:
         run = self._run(slot)
         run.scenario = families.begin(run.case.variation.scenario, run.ground, x_m, y_m)
         self._exteroceptive.moved(slot)
+
+    def saver(self) -> SlotSaver:
+        """Saves slots between two ticks, and goes on with them in others."""
+        parts: dict[str, Keeps] = {
+            "vehicles": self._vehicles,
+            "winds": self._winds,
+            "own": self._suite,
+        }
+        parts |= {"rays": self._exteroceptive, "rows": self._recorder, "forks": self._forking}
+        return SlotSaver(self, self._runs, parts, moved=self._motion is not None)
 
     def sensors_mistake(self, errors: SensorErrors) -> str:
         """What is wrong with changed errors, or an empty string."""
