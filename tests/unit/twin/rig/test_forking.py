@@ -241,6 +241,50 @@ def test_the_way_along_a_lane_is_saved() -> None:
     engine.close()
 
 
+def _storyboard_case(storyboard: str, **scenario: object) -> Case:
+    data = {
+        "campaign": "test",
+        "seed": 4,
+        "control_hz": 20,
+        "render": False,
+        "sensors": {"imu": {"hz": 20}, "radar": {"hz": 20}},
+        "scenario": {
+            "type": "storyboard",
+            "storyboard": storyboard,
+            "scene": "motorway",
+            "numbers": {"end.after_s": 9.0},
+            **scenario,
+        },
+        "autonomy": {"stack": "devkit.idle:IdleStack"},
+        "matrix": {"weather": ["heavy_rain"]},
+    }
+    campaign, mistakes = parse_campaign(data)
+    assert campaign is not None, mistakes
+    return changed(expand(campaign)[0], id=storyboard)
+
+
+@pytest.mark.parametrize("driver", ["stack", "robot"])
+def test_a_scenario_and_its_bodies_are_saved(driver: str) -> None:
+    case, other = (_storyboard_case(name, driver=driver) for name in ("cut-in", "cut-out"))
+    engine, elsewhere = Engine(case, 1), Engine(other, 2)
+    for ticks in (3, 14, 60):
+        engine.reset(0, case)
+        for _ in range(ticks):
+            engine.sense()
+            assert not engine.step([_command(engine, 0)])
+        saved = engine.saver().save(0)
+        here = _read(engine, 0, 5)
+        straight = _to_the_end(engine, 0, 400)
+        elsewhere.reset(0, other)
+        elsewhere.saver().restore(1, saved)
+        assert _read(elsewhere, 1, 5) == here
+        assert _bytes(_to_the_end(elsewhere, 1, 400)) == _bytes(straight)
+        elsewhere.clear(0)
+    assert straight.scalars["events_started"]
+    engine.close()
+    elsewhere.close()
+
+
 def test_what_is_no_fork_of_a_saved_case_is_refused_in_a_line(engine: Engine) -> None:
     case = noisy_case()
     engine.reset(0, case)
