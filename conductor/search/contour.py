@@ -12,9 +12,6 @@ import numpy as np
 
 from conductor.search.protocol import Array
 
-EDGE = 0.001
-"""Share that the grid leaves out at each end of a parameter."""
-
 
 @dataclass(slots=True)
 class Bracket:
@@ -47,7 +44,7 @@ class Contour:
 
     def __init__(self, cells: int, width: float) -> None:
         self._cells = cells
-        self._width = width * cells / (1.0 - 2.0 * EDGE)
+        self._width = width * cells
         self._margins = np.full((cells + 1) ** 2, np.nan)
         self._asked: list[tuple[Bracket, float]] = []
         self.brackets: list[Bracket] = []
@@ -67,9 +64,8 @@ class Contour:
 
     @property
     def widest(self) -> float:
-        """Width of the widest bracket, as a share of a parameter's distribution."""
-        widths = [bracket.width for bracket in self.brackets]
-        return max(widths, default=0.0) * (1.0 - 2.0 * EDGE) / self._cells
+        """Width of the widest bracket, as a share of the plane's side."""
+        return max((bracket.width for bracket in self.brackets), default=0.0) / self._cells
 
     @property
     def fails(self) -> bool:
@@ -77,7 +73,7 @@ class Contour:
         return bool(self._margins[0] < 0)
 
     def want(self, count: int) -> Array:
-        """Up to ``count`` places to look at next, shares [cases, 2]."""
+        """Up to ``count`` places to look at next, shares of the plane's sides [cases, 2]."""
         self._asked = []
         if not self.complete:
             numbers = np.arange(self._cases, min(self._cases + count, len(self._margins)))
@@ -128,7 +124,7 @@ class Contour:
         return lines
 
     def _shares(self, corners: Array | np.ndarray) -> Array:
-        return np.asarray(EDGE + (1.0 - 2.0 * EDGE) * corners / self._cells, np.float64)
+        return np.asarray(corners / self._cells, np.float64)
 
     def _margin(self, i: int, j: int) -> float:
         return float(self._margins[i * (self._cells + 1) + j])

@@ -29,7 +29,7 @@ from schemas.files.search_result import SearchAnswer, SearchCluster
 from schemas.identity import stream_key
 from schemas.kinds.registry import implementation
 from schemas.kinds.sampler import SamplerKind, sampler_kinds
-from schemas.sections.search import Objective, Search, Value, name_of
+from schemas.sections.search import WITH_TAILS, Objective, Search, Value, name_of
 
 EXTRA = "pip install 'drivetwin[search]'"
 """What brings the libraries of the samplers."""
@@ -187,6 +187,7 @@ def _sampler(search: Search) -> Sampler:
     problem = Problem(
         dimension=len(search.parameters),
         names=list(search.parameters),
+        tails=[isinstance(d, WITH_TAILS) for d in search.parameters.values()],
         cases=budget.cases,
         generation=budget.generation,
         repeats=budget.half_width is not UNSET or budget.relative_half_width is not UNSET,

@@ -31,6 +31,8 @@ class Problem:
     """Cases of a generation, where the sampler does not say otherwise."""
     names: Sequence[str] = ()
     """Their names."""
+    tails: Sequence[bool] = ()
+    """Which of them thin out towards their ends, as a normal one does."""
     repeats: bool = False
     """Whether an interval is asked for: a sampler that has its answer goes on for a better one."""
 
@@ -86,7 +88,7 @@ class Crossing:
     share: float
     """Where the boundary is likely between them: 0 at the one that holds, 1 at the other."""
     width: float
-    """Distance between them, as a share of the parameter's distribution."""
+    """Distance between them, as a share of the plane's side."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -82,7 +82,7 @@ class BoundaryPoint(Struct, frozen=True, kw_only=True):
     """The nearest case that fails."""
     fails_at: list[float]
     width: float
-    """Distance between the two, as a share of the parameter's distribution."""
+    """Distance between the two, as a share of the plane's side."""
 
 
 class SearchBoundary(Struct, frozen=True, kw_only=True):

@@ -21,7 +21,7 @@ class BoundaryOptions(Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     grid: Annotated[int, Meta(ge=2, le=50)] = 8
     """Cells of the first grid along each side; what is smaller than a cell may be missed."""
     width: Annotated[float, Meta(gt=0, le=0.5)] = 0.02
-    """Widest bracket of a point of the boundary, as a share of the parameter's distribution."""
+    """Widest bracket of a point of the boundary, as a share of the plane's side."""
 
 
 def plane_of(names: list[str], options: BoundaryOptions) -> tuple[str, str]:

@@ -47,7 +47,9 @@ def _cases(figure: go.Figure, file: SearchFile, boundary: SearchBoundary) -> Non
     figure.add_scatter(
         x=[place[0] for place in places],
         y=[place[1] for place in places],
-        text=[f"<b>{name}</b><br>{file.kpi} {kpi:.4g}" for name, kpi in zip(names, kpis)],
+        text=[
+            f"<b>{name}</b><br>{file.kpi} {kpi:.4g}" for name, kpi in zip(names, kpis, strict=True)
+        ],
         hovertemplate="%{text}<br>%{x:.6g}, %{y:.6g}<extra></extra>",
         mode="markers",
         marker={"size": 5, "color": [_FAILED if file.fails(kpi) else _HELD for kpi in kpis]},

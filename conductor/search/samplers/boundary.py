@@ -17,6 +17,9 @@ from conductor.search.protocol import (
 )
 from schemas.kinds.boundary import BoundaryOptions, plane_of
 
+EDGE = 0.001
+"""Probability that the plane leaves out at each end of a parameter."""
+
 
 class Boundary:
     """Looks at a grid, then halves every bracket between two of its neighbours of which one holds
@@ -43,7 +46,7 @@ class Boundary:
             what = "fail" if contour.fails else "hold"
             return Estimate(method=f"{method}; none: all places of the grid {what}", settled=True)
         count, widest = len(contour.brackets), contour.widest
-        method = f"{method}; {count} points, known to {widest:.2g} of a parameter's distribution"
+        method = f"{method}; {count} points, known to {widest:.2g} of its sides"
         return Estimate(method=method, settled=not contour.open)
 
     def trace(self, history: History) -> Traced:
@@ -70,6 +73,12 @@ class Boundary:
         return contour
 
     def _coordinates(self, shares: Array) -> Array:
+        """Of shares of the plane's sides, which are even in the values of most distributions."""
         u = np.zeros((len(shares), self._problem.dimension))
-        u[:, self._plane] = ndtri(shares)
+        for column, index in enumerate(self._plane):
+            share = shares[:, column]
+            if self._problem.tails[index]:
+                u[:, index] = float(-ndtri(EDGE)) * (2.0 * share - 1.0)
+            else:
+                u[:, index] = ndtri(EDGE + (1.0 - 2.0 * EDGE) * share)
         return u
