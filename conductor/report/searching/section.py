@@ -114,7 +114,7 @@ def _cases(figure: go.Figure, file: SearchFile) -> None:
         text=[f"<b>{names[index]}</b>" for index in places],
         hovertemplate="%{text}<br>%{y:.4g}<extra></extra>",
         mode="markers",
-        marker={"size": 5, "color": [_FAILED if _fails(file, kpis[i]) else _HELD for i in places]},
+        marker={"size": 5, "color": [_FAILED if file.fails(kpis[i]) else _HELD for i in places]},
         row=1,
         col=1,
     )
@@ -128,14 +128,6 @@ def _cases(figure: go.Figure, file: SearchFile) -> None:
             row=1,
             col=1,
         )
-
-
-def _fails(file: SearchFile, value: float | None) -> bool:
-    if value is None:
-        return False
-    if file.fails_below is not None:
-        return value < file.fails_below
-    return file.fails_above is not None and value > file.fails_above
 
 
 def _answers(figure: go.Figure, file: SearchFile) -> None:
