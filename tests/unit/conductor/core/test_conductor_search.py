@@ -39,7 +39,7 @@ def _sections() -> list[dict]:
 @pytest.mark.parametrize("search", _sections(), ids=lambda search: search["sampler"])
 def test_crews_of_any_size_leave_the_same_trace(search: dict) -> None:
     alone = searched(search)
-    for workers, slots, seed in ((4, 1, 1), (16, 4, 3)):
+    for workers, slots, seed in ((4, 1, 1), (16, 4, 3), (64, 1, 5)):
         assert trace(searched(search, workers=workers, slots=slots, seed=seed).state) == trace(
             alone.state
         )
