@@ -252,6 +252,9 @@ def _sampler_mistakes(search: Search) -> list[Mistake]:
     _, wrong = convert_all(search.options, kind.options)
     mistakes = [Mistake(f"search.options.{m.path}".rstrip("."), m.message) for m in wrong]
     objective, budget = search.objective, search.budget
+    if search.chains > 1 and kind.chains == "none":
+        alone = f"given {search.chains}, sampler {kind.name} has one chain"
+        mistakes.append(Mistake("search.chains", alone))
     if kind.gives == "probability" and objective.goal is not UNSET:
         limit = f"sampler {kind.name} gives a probability; say fails_below or fails_above"
         mistakes.append(Mistake("search.objective.goal", limit))

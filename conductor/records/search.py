@@ -56,12 +56,14 @@ def search_file(campaign: CampaignState) -> SearchFile:
                 u=u,
                 results=record.results[number] if closed else [],
                 answer=record.answers[number] if number < len(record.answers) else None,
+                chain=record.chains[number],
             )
         )
     return SearchFile(
         campaign=campaign.campaign.campaign,
         sampler=search.sampler,
         title=sampler_kinds().find(search.sampler).title,
+        chains=search.chains,
         kpi=objective.kpi,
         fails_below=None if objective.fails_below is UNSET else objective.fails_below,
         fails_above=None if objective.fails_above is UNSET else objective.fails_above,

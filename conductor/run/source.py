@@ -225,8 +225,8 @@ def chosen(plan: Plan, case: str, cases: int | None, rows: str, *, quick: bool) 
 
 
 def begun(plan: Plan) -> Plan:
-    """The plan with the first generation of its search alone, proposed anew: a file that a run has
-    left lists all that were. The plan as it is, if it is no search.
+    """The plan with the first generation of each chain of its search alone, proposed anew: a file
+    that a run has left lists all that were. The plan as it is, if it is no search.
 
     Raises:
         UsageError: nothing can be proposed.
@@ -237,11 +237,16 @@ def begun(plan: Plan) -> Plan:
     # Late: only who searches has the libraries.
     from conductor.search.driver import first
 
+    name, seed = plan.campaign.campaign, plan.campaign.seed
     try:
-        proposal = first(search, plan.campaign.campaign, plan.campaign.seed)
+        begun = [first(search, name, seed, chain) for chain in range(search.chains)]
     except ValueError as error:
         raise UsageError(f"search: {error}") from None
-    begun_search = msgspec.structs.replace(search, first=proposal.u, proposed=[proposal.values])
+    begun_search = msgspec.structs.replace(
+        search,
+        first=[row for proposal in begun for row in proposal.u],
+        proposed=[proposal.values for proposal in begun],
+    )
     return plan_of(msgspec.structs.replace(plan.campaign, search=begun_search))
 
 

@@ -26,11 +26,13 @@ class Problem:
     dimension: int
     """Parameters."""
     cases: int
-    """Most cases."""
+    """Most cases; of a chain, where there are several."""
     generation: int
     """Cases of a generation, where the sampler does not say otherwise."""
     repeats: bool = False
     """Whether an interval is asked for: a sampler that has its answer goes on for a better one."""
+    chain: int = 0
+    """Which of the chains side by side it proposes for."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -42,6 +42,15 @@ class SearchAnswer(Struct, frozen=True, kw_only=True):
         return ", ".join(parts)
 
 
+class ChainEstimate(Struct, frozen=True, array_like=True):
+    """What one of several chains knows after a generation of it has closed."""
+
+    method: str = ""
+    probability: float | None = None
+    low: float | None = None
+    high: float | None = None
+
+
 class SearchCluster(Struct, frozen=True, kw_only=True):
     """Failures that lie beside each other."""
 
@@ -66,7 +75,9 @@ class SearchGeneration(Struct, frozen=True, kw_only=True):
     results: list[float | None]
     """KPI per case; None: missing. Empty: the generation runs."""
     answer: SearchAnswer | None = None
-    """What was known when it had closed."""
+    """What was known when it had closed, by all that had closed before."""
+    chain: int = 0
+    """The chain that proposed it."""
 
 
 class SearchFile(Struct, frozen=True, kw_only=True):
@@ -80,6 +91,8 @@ class SearchFile(Struct, frozen=True, kw_only=True):
     kpi: str
     fails_below: float | None = None
     fails_above: float | None = None
+    chains: int = 1
+    """Searches side by side."""
     parameters: list[str]
     ended: str
     """Why it ended; empty: it runs."""

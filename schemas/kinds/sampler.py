@@ -68,6 +68,9 @@ class SamplerKind:
     options: type[Struct] = NoOptions
     parameters_min: int = 1
     """Fewest parameters with which it works."""
+    chains: Literal["none", "pooled", "mean", "best"] = "none"
+    """What is made of chains side by side: they are refused; all their generations are one history;
+    their probabilities have a mean; their worst case is the answer."""
 
 
 KINDS = (
@@ -76,24 +79,28 @@ KINDS = (
         title="Monte Carlo",
         gives="probability",
         implementation="conductor.search.samplers.random_points:MonteCarlo",
+        chains="pooled",
     ),
     SamplerKind(
         name="latin_hypercube",
         title="Latin hypercube",
         gives="probability",
         implementation="conductor.search.samplers.spread_points:LatinHypercube",
+        chains="pooled",
     ),
     SamplerKind(
         name="sobol",
         title="scrambled Sobol points",
         gives="probability",
         implementation="conductor.search.samplers.spread_points:Sobol",
+        chains="pooled",
     ),
     SamplerKind(
         name="cma_es",
         title="CMA-ES",
         gives="extreme",
         implementation="conductor.search.samplers.evolution:CmaEs",
+        chains="best",
         options=CmaOptions,
         parameters_min=2,
     ),
@@ -102,6 +109,7 @@ KINDS = (
         title="cross-entropy importance sampling",
         gives="probability",
         implementation="conductor.search.samplers.importance:Importance",
+        chains="mean",
         options=ImportanceOptions,
     ),
     SamplerKind(
@@ -109,6 +117,7 @@ KINDS = (
         title="subset simulation",
         gives="probability",
         implementation="conductor.search.samplers.subset:Subset",
+        chains="mean",
         options=SubsetOptions,
     ),
 )

@@ -16,6 +16,8 @@ GENERATION_CASES_MAX = 5000
 """Most cases of one generation."""
 PARAMETERS_MAX = 40
 """Most parameters of a search."""
+CHAINS_MAX = 64
+"""Most chains of a search."""
 CHOICES_MAX = 1000
 """Most values that a parameter chooses from."""
 
@@ -159,7 +161,7 @@ class SearchBudget(_Part, frozen=True, kw_only=True):
     cases: Annotated[int, Meta(ge=1, le=SEARCH_CASES_MAX)]
     """Most cases."""
     generation: Annotated[int, Meta(ge=1, le=GENERATION_CASES_MAX)] = 50
-    """Cases of one generation, all of which end before the next is proposed."""
+    """Cases of one generation, all of which end before the next of its chain is proposed."""
     half_width: Positive | UnsetType = UNSET
     """The search ends when half of the 95 % interval is no wider than this."""
     relative_half_width: Positive | UnsetType = UNSET
@@ -176,10 +178,14 @@ class Search(_Part, frozen=True, kw_only=True):
     budget: SearchBudget
     sampler: str = "monte_carlo"
     """What proposes the cases, see `docs/search.md`."""
+    chains: Annotated[int, Meta(ge=1, le=CHAINS_MAX)] = 1
+    """Searches side by side, each with random numbers and a share of the budget of its own, so that
+    workers do not wait for the last cases of a generation."""
     options: dict[str, bool | int | float | str] = {}
     """Options of the sampler."""
     first: list[list[float]] = []
-    """Standard normal coordinates of the first generation's cases; filled in at submission."""
+    """Standard normal coordinates of the cases of every chain's first generation, in the order of
+    `proposed`; filled in at submission."""
     proposed: list[list[list[Value]]] = []
     """Generation -> case -> values of the parameters; filled in at submission and as it runs."""
     chosen: list[str] = []

@@ -28,9 +28,10 @@ from schemas.wire.control import Lease, Reply, Request, Submit
 SEARCH = section(
     "cma_es",
     objective={"kpi": "dtc_min_m", "goal": "least"},
-    budget={"cases": 300, "generation": 12},
+    chains=3,
+    budget={"cases": 300, "generation": 10},
 )
-"""The search: each generation follows from the one before."""
+"""The search: each generation follows from those before of its chain."""
 REQUESTS = (5, 14)
 """Fewest and most requests of a process before it is killed; the first four begin its work."""
 
