@@ -17,6 +17,7 @@ from schemas.kinds.perception import perception_kind
 from schemas.kinds.scenario import kind_of
 from schemas.sections.perception import Perception, file_fields
 from schemas.sections.scenario import Scenario
+from schemas.sections.search import rows_of
 from schemas.sections.stack_identity import StackIdentity, StackSource
 
 DIGESTS = 1
@@ -92,7 +93,7 @@ def campaign_digest(campaign: Campaign, cases: Iterable[Case]) -> str:
     digest of its section and the first generation of its chains, and every later one is added to
     it."""
     if campaign.search is not UNSET and not campaign.search.chosen:
-        listed, sizes = list(cases), [len(rows) for rows in campaign.search.proposed]
+        listed, sizes = list(cases), [len(rows_of(rows)) for rows in campaign.search.proposed]
         begin = sum(sizes[: campaign.search.chains])
         whole = _digest_of(campaign, listed[:begin])
         for size in sizes[campaign.search.chains :]:

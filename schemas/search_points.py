@@ -25,6 +25,7 @@ from schemas.sections.search import (
     Uniform,
     Value,
     name_of,
+    rows_of,
 )
 from schemas.validation import Mistake, convert_all, suggest
 
@@ -42,7 +43,7 @@ def search_grid(
     """Where each proposed case stands in the file, its name, and its values."""
     fixed = {axis: values[0] for axis, values in base.items()}
     chosen = set(search.chosen)
-    for generation, rows in enumerate(search.proposed):
+    for generation, rows in enumerate(_proposed(search)):
         for number, row in enumerate(rows):
             name = name_of(generation, number)
             if chosen and name not in chosen:
@@ -53,7 +54,16 @@ def search_grid(
 
 def proposed_count(search: Search) -> int:
     """Number of cases that are proposed so far."""
-    return sum(map(len, search.proposed))
+    return sum(map(len, _proposed(search)))
+
+
+def _proposed(search: Search) -> Iterator[list[list[Value]]]:
+    """The values of every generation; none of one that cannot be read, which is told elsewhere."""
+    for rows in search.proposed:
+        try:
+            yield rows_of(rows)
+        except ValueError:
+            yield []
 
 
 def probes(search: Search, base: dict[str, list[Value]]) -> Iterator[tuple[str, dict[str, Value]]]:
@@ -113,19 +123,23 @@ def search_mistakes(
     mistakes += _correlation_mistakes(search)
     mistakes += _objective_mistakes(search, scenario)
     mistakes += _sampler_mistakes(search)
-    for generation, rows in enumerate(search.proposed):
+    for generation, given in enumerate(search.proposed):
+        where = f"search.proposed[{generation}]"
+        try:
+            rows = rows_of(given)
+        except ValueError as error:
+            return [*mistakes, Mistake(where, str(error))]
         for number, row in enumerate(rows):
             if len(row) != len(search.parameters):
-                where = f"search.proposed[{generation}][{number}]"
                 problem = f"{len(row)} values for {len(search.parameters)} parameters"
-                return [*mistakes, Mistake(where, problem)]
+                return [*mistakes, Mistake(f"{where}[{number}]", problem)]
     if search.chosen and not {*_names(search)} & {*search.chosen}:
         mistakes.append(Mistake("search.chosen", "names no proposed case"))
     return mistakes
 
 
 def _names(search: Search) -> Iterator[str]:
-    for generation, rows in enumerate(search.proposed):
+    for generation, rows in enumerate(_proposed(search)):
         yield from (name_of(generation, number) for number in range(len(rows)))
 
 

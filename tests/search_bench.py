@@ -136,10 +136,11 @@ def searched(
     seed: int = 0,
     form: LimitState = plane,
     config: Config = CONFIG,
+    out: str = "",
 ) -> Bench:
     """A search that was run to its end."""
     bench = Unchecked(config)
-    reply = bench.ask(submission(search))
+    reply = bench.ask(msgspec.structs.replace(submission(search), out=out))
     assert not reply.error, reply.error
     Crew(bench, workers, slots, seed, form).work()
     bench.verify()

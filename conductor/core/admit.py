@@ -16,6 +16,7 @@ from schemas.campaign import CASES_MAX, Campaign, cases_given
 from schemas.escape import escape
 from schemas.identity import DIGESTS, campaign_digest
 from schemas.plan import parse_plan
+from schemas.search_points import proposed_count
 from schemas.sections.autonomy import open_by_nature
 from schemas.sections.stack_identity import difference
 from schemas.wire.control import Submit
@@ -148,7 +149,7 @@ def _unbegun(campaign: Campaign) -> str:
     if search is UNSET or search.chosen:
         return ""
     given = len(search.proposed)
-    if given != search.chains or len(search.first) != sum(map(len, search.proposed)):
+    if given != search.chains or len(search.first) != proposed_count(search):
         wanted = "one" if search.chains == 1 else f"one in each of {search.chains} chains"
         return (
             f"search.proposed: {counted(given, 'generation')} given, a search begins with "

@@ -13,7 +13,6 @@ from msgspec import Struct
 from conductor.core.case_table import CaseTable
 from conductor.core.searching.record import SearchRecord
 from schemas.files.search_result import ChainEstimate, SearchAnswer
-from schemas.sections.search import Value
 from schemas.wire.control import Release, Reply, Result, Share
 
 SHARED = 0
@@ -79,10 +78,10 @@ class Generation(_Fact, frozen=True):
     ended: str = ""
     """Why the search proposes nothing more since this generation has closed; empty: it does, or it
     was said before."""
-    u: list[list[float]] = []
-    """Standard normal coordinates of the new cases [cases][parameters]."""
-    values: list[list[Value]] = []
-    """Values of their parameters."""
+    u: bytes = b""
+    """Standard normal coordinates of the new cases: float64, little-endian, cases by parameters."""
+    values: str = ""
+    """Values of their parameters, JSON of the same shape."""
     cases: CaseTable | None = None
     """The new cases; None: there are none."""
     versions: dict[str, str] = {}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import importlib.util
 from collections.abc import Iterator
 from pathlib import Path
@@ -23,6 +24,7 @@ from schemas.plan import Plan, examine, plan_of
 from schemas.sections.autonomy import driver
 from schemas.sections.lidar import Lidar
 from schemas.sections.perception import file_fields, with_absolute_files
+from schemas.sections.search import Search
 from schemas.sections.stack_identity import StackIdentity
 from schemas.validation import Mistake, suggest
 from twin.base.errors import InfrastructureError, UsageError
@@ -234,20 +236,30 @@ def begun(plan: Plan) -> Plan:
     search = plan.campaign.search
     if search is UNSET or search.chosen:
         return plan
+    asked = msgspec.structs.replace(search, first=[], proposed=[])
+    try:
+        begun_search = _begun(
+            msgspec.msgpack.encode(asked), plan.campaign.campaign, plan.campaign.seed
+        )
+    except ValueError as error:
+        raise UsageError(f"search: {error}") from None
+    return plan_of(msgspec.structs.replace(plan.campaign, search=begun_search))
+
+
+@functools.lru_cache(maxsize=1)
+def _begun(asked: bytes, campaign: str, seed: int) -> Search:
+    """A search, packed, with the first generation of each chain; a command needs it when it checks
+    a campaign and when it submits it."""
     # Late: only who searches has the libraries.
     from conductor.search.driver import first
 
-    name, seed = plan.campaign.campaign, plan.campaign.seed
-    try:
-        begun = [first(search, name, seed, chain) for chain in range(search.chains)]
-    except ValueError as error:
-        raise UsageError(f"search: {error}") from None
-    begun_search = msgspec.structs.replace(
+    search = msgspec.msgpack.decode(asked, type=Search)
+    proposals = [first(search, campaign, seed, chain) for chain in range(search.chains)]
+    return msgspec.structs.replace(
         search,
-        first=[row for proposal in begun for row in proposal.u],
-        proposed=[proposal.values for proposal in begun],
+        first=[row for proposal in proposals for row in proposal.u],
+        proposed=[proposal.values for proposal in proposals],
     )
-    return plan_of(msgspec.structs.replace(plan.campaign, search=begun_search))
 
 
 def with_drive(plan: Plan) -> Plan:

@@ -61,7 +61,8 @@ class SearchStep:
 class Closed:
     """The closed generations in their order: coordinates and KPI of every case."""
 
-    u: Sequence[Sequence[Sequence[float]]]
+    u: Sequence[bytes | Sequence[Sequence[float]]]
+    """Per generation as rows, or packed: float64, little-endian, cases by parameters."""
     results: Sequence[Sequence[float | None]]
     chains: Sequence[int] = ()
     """Chain of each; empty: there is one."""
@@ -237,9 +238,13 @@ def _first_missing(closed: Closed) -> str:
 def _history(search: Search, closed: Closed) -> History:
     dimension = len(search.parameters)
     return History(
-        [np.array(rows, np.float64).reshape(-1, dimension) for rows in closed.u],
+        [_rows(rows).reshape(-1, dimension) for rows in closed.u],
         [_margins(search.objective, results) for results in closed.results],
     )
+
+
+def _rows(u: bytes | Sequence[Sequence[float]]) -> Array:
+    return np.frombuffer(u, "<f8") if isinstance(u, bytes) else np.array(u, np.float64)
 
 
 def _margins(objective: Objective, results: Sequence[float | None]) -> Array:

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
+import msgspec
 from msgspec import UNSET, Meta, Struct, UnsetType
 
-SEARCH_CASES_MAX = 10_000
-"""Most cases of a search: its campaign file lists them all."""
+SEARCH_CASES_MAX = 100_000
+"""Most cases of a search."""
 GENERATION_CASES_MAX = 5000
 """Most cases of one generation."""
 PARAMETERS_MAX = 40
@@ -22,6 +23,9 @@ CHOICES_MAX = 1000
 """Most values that a parameter chooses from."""
 
 Value = bool | int | float | str
+Rows = str | list[list[Value]]
+"""Values of a generation's parameters [cases][parameters], or the same as JSON: a hundred thousand
+rows take a tenth of the memory so."""
 Positive = Annotated[float, Meta(gt=0)]
 
 
@@ -186,10 +190,33 @@ class Search(_Part, frozen=True, kw_only=True):
     first: list[list[float]] = []
     """Standard normal coordinates of the cases of every chain's first generation, in the order of
     `proposed`; filled in at submission."""
-    proposed: list[list[list[Value]]] = []
-    """Generation -> case -> values of the parameters; filled in at submission and as it runs."""
+    proposed: list[Rows] = []
+    """Generation -> case -> values of the parameters, a generation also as JSON text; filled in at
+    submission and as it runs. The file of a run names `proposed.jsonl` here, which has them."""
     chosen: list[str] = []
     """Cases of `proposed` that are run again by name; nothing is searched then."""
+
+
+def rows_of(rows: Rows) -> list[list[Value]]:
+    """The values of a generation.
+
+    Raises:
+        ValueError: they are text and no JSON of rows.
+    """
+    if not isinstance(rows, str):
+        return rows
+    try:
+        return _decoder.decode(rows)
+    except msgspec.MsgspecError as error:
+        raise ValueError(f"no rows of values: {error}") from None
+
+
+_decoder = msgspec.json.Decoder(list[list[Value]])
+
+
+def text_of(rows: Rows) -> str:
+    """The values of a generation as JSON on one line."""
+    return rows if isinstance(rows, str) else msgspec.json.encode(rows).decode()
 
 
 def name_of(generation: int, number: int) -> str:

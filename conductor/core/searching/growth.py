@@ -16,6 +16,7 @@ from msgspec import UNSET
 
 from conductor.core.case_table import pack
 from conductor.core.facts import CaseEnded, Committed, Generation
+from conductor.core.searching.record import packed
 from conductor.core.state import CampaignState, CaseState
 from conductor.core.turn import RequestTurn
 from schemas.case import Case
@@ -24,7 +25,7 @@ from schemas.files.search_result import SearchAnswer
 from schemas.identity import grown_digest
 from schemas.plan import Plan
 from schemas.points import points_of
-from schemas.sections.search import Search, Value
+from schemas.sections.search import Rows, Search, Value, text_of
 
 WHY_CHARS_MAX = 500
 """Longest reason why a search ended that is kept [characters]."""
@@ -87,8 +88,8 @@ def next_generation(campaign: CampaignState, cpu: str) -> Generation:
         return replace(fact, ended=f"a proposed case is not allowed: {mistake}")
     return replace(
         fact,
-        u=step.proposal.u,
-        values=step.proposal.values,
+        u=packed(step.proposal.u),
+        values=text_of(step.proposal.values),
         cases=pack(cases),
         digest=grown_digest(campaign.digest, cases),
     )
@@ -98,7 +99,7 @@ def _cases(
     campaign: CampaignState, search: Search, number: int, values: list[list[Value]]
 ) -> tuple[list[Case], str]:
     """The cases of a generation; or none, and what is wrong with one of them in a line."""
-    proposed: list[list[list[Value]]] = [[] for _ in range(number)]
+    proposed: list[Rows] = [[] for _ in range(number)]
     alone = msgspec.structs.replace(search, proposed=[*proposed, values])
     whole = msgspec.structs.replace(campaign.campaign, search=alone)
     points, mistakes = points_of(whole)

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import struct
+from collections.abc import Sequence
+
 from msgspec import Struct
 
 from schemas.files.search_result import ChainEstimate, SearchAnswer
-from schemas.sections.search import Search
+from schemas.sections.search import Search, rows_of
 
 
 class SearchRecord(Struct):
@@ -15,8 +18,8 @@ class SearchRecord(Struct):
     it, so nothing here depends on which case ended first.
     """
 
-    u: list[list[list[float]]]
-    """Standard normal coordinates [generations][cases][parameters]."""
+    u: list[bytes]
+    """Standard normal coordinates per generation, see :func:`packed`."""
     results: list[list[float | None]] = []
     """KPI per case of the generations that have closed, as it was then."""
     answers: list[SearchAnswer] = []
@@ -82,7 +85,22 @@ class SearchRecord(Struct):
 
 def begun(search: Search) -> SearchRecord:
     """The record of a search that begins: a generation of every chain."""
-    sizes = [len(rows) for rows in search.proposed]
+    sizes = [len(rows_of(rows)) for rows in search.proposed]
     ends = [sum(sizes[: number + 1]) for number in range(len(sizes))]
-    u = [search.first[end - size : end] for end, size in zip(ends, sizes, strict=True)]
-    return SearchRecord(u=u, chains=list(range(len(sizes))), sizes=sizes)
+    parts = [search.first[end - size : end] for end, size in zip(ends, sizes, strict=True)]
+    return SearchRecord(
+        u=[packed(part) for part in parts], chains=list(range(len(sizes))), sizes=sizes
+    )
+
+
+def packed(u: Sequence[Sequence[float]]) -> bytes:
+    """Coordinates [cases][parameters] as float64, little-endian: a hundred thousand rows as lists
+    are most of what a conductor remembers of a search."""
+    flat = [value for row in u for value in row]
+    return struct.pack(f"<{len(flat)}d", *flat)
+
+
+def unpacked(u: bytes, parameters: int) -> list[list[float]]:
+    """Coordinates [cases][parameters] of :func:`packed`."""
+    flat = struct.unpack(f"<{len(u) // 8}d", u)
+    return [list(flat[at : at + parameters]) for at in range(0, len(flat), parameters)]

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import msgspec
 import pytest
 from conductor_bench import CONFIG, Bench, hello, result
+from msgspec import UNSET
 from search_bench import KPI, Crew, measured, plane, searched, section, submission, trace
 
 from conductor.commands.tables import search_line
@@ -15,11 +18,14 @@ from conductor.core.searching import growth
 from conductor.core.snapshot import take
 from conductor.core.state import Config
 from conductor.journal.store import Journal
+from conductor.serve.folders import Folders
 from schemas import SCHEMA_VERSION as V
+from schemas.files.proposals import FILE_NAME
 from schemas.files.yaml_file import dump_yaml, parse_yaml
 from schemas.identity import campaign_digest, case_digest
 from schemas.plan import parse_plan
 from schemas.wire.control import StatusRequest, Submit
+from twin.records.campaign_file import read_plan
 
 SUBSET = {"level": 24, "share": 0.25}
 
@@ -325,6 +331,27 @@ def test_the_campaign_file_gives_the_digest_and_every_case_by_name(chains: int) 
     assert not fresh.ask(Submit(v=V, campaign=content)).error
     assert fresh.state.campaigns["again"].search is None
     assert fresh.state.left == 1
+
+
+def test_the_folder_of_a_run_has_every_case_by_name(tmp_path: Path) -> None:
+    """Values lie beside the campaign file, which is small however many there are."""
+    bench = searched(section(chains=3, budget={"cases": 90}), out=str(tmp_path))
+    state = bench.state.campaigns["searched"]
+    folders = Folders(tmp_path)
+    folders.record(state)
+    folders.flush()
+    assert len((tmp_path / FILE_NAME).read_text().splitlines()) == 9
+    assert "proposed:\n    generations: 9\n" in (tmp_path / "campaign.yaml").read_text()
+    plan = read_plan(tmp_path / "campaign.yaml")
+    assert campaign_digest(plan.campaign, plan.cases) == state.digest
+    assert plan.cases == [case.case for case in state.ordered]
+    alone = plan.only("g0007-0003")
+    assert alone is not None
+    assert alone.campaign.search is not UNSET
+    assert [len(rows) > 0 for rows in alone.campaign.search.proposed] == [i == 7 for i in range(9)]
+    again, mistakes = parse_plan(msgspec.to_builtins(alone.campaign))
+    assert again is not None, mistakes
+    assert case_digest(again.cases[0]) == case_digest(state.cases["g0007-0003"].case)
 
 
 def test_a_file_with_many_generations_does_not_begin_a_search() -> None:
