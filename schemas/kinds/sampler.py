@@ -101,6 +101,9 @@ class SamplerKind:
     and its objective a KPI that is the extreme of a column."""
     cases_max: int = SEARCH_CASES_MAX
     """Most cases with which it works."""
+    chains: Literal["none", "pooled", "mean", "best"] = "none"
+    """What is made of chains side by side: they are refused; all their generations are one history;
+    their probabilities have a mean; their worst case is the answer."""
 
 
 KINDS = (
@@ -109,24 +112,28 @@ KINDS = (
         title="Monte Carlo",
         gives="probability",
         implementation="conductor.search.samplers.random_points:MonteCarlo",
+        chains="pooled",
     ),
     SamplerKind(
         name="latin_hypercube",
         title="Latin hypercube",
         gives="probability",
         implementation="conductor.search.samplers.spread_points:LatinHypercube",
+        chains="pooled",
     ),
     SamplerKind(
         name="sobol",
         title="scrambled Sobol points",
         gives="probability",
         implementation="conductor.search.samplers.spread_points:Sobol",
+        chains="pooled",
     ),
     SamplerKind(
         name="cma_es",
         title="CMA-ES",
         gives="extreme",
         implementation="conductor.search.samplers.evolution:CmaEs",
+        chains="best",
         options=CmaOptions,
         parameters_min=2,
     ),
@@ -135,6 +142,7 @@ KINDS = (
         title="Bayesian search",
         gives="extreme",
         implementation="conductor.search.samplers.bayesian:Bayesian",
+        chains="best",
         options=BayesianOptions,
         cases_max=PROCESS_CASES_MAX,
     ),
@@ -152,6 +160,7 @@ KINDS = (
         title="cross-entropy importance sampling",
         gives="probability",
         implementation="conductor.search.samplers.importance:Importance",
+        chains="mean",
         options=ImportanceOptions,
     ),
     SamplerKind(
@@ -159,6 +168,7 @@ KINDS = (
         title="subset simulation",
         gives="probability",
         implementation="conductor.search.samplers.subset:Subset",
+        chains="mean",
         options=SubsetOptions,
     ),
     SamplerKind(
