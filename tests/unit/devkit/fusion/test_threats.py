@@ -3,7 +3,6 @@
 import math
 from types import SimpleNamespace
 
-import numpy as np
 import pytest
 
 from devkit.fusion.ego_motion import EgoMotion
@@ -115,10 +114,19 @@ def test_who_leaves_the_path_at_the_last_moment_counts_as_long_as_he_is_there():
     middle were in the path a moment ago."""
     tracks = TrackStore(1, TrackingParameters())
     for name, value in {
-        "live": True, "x_m": 30.0, "y_m": 1.5, "vx_mps": 1.5, "vy_mps": 8.0, "p_vv": 0.1, "q_vv": 0.1,
-        "right_m": -2.2, "left_m": 2.2, "probability": 0.999, "age_s": 3.0,
+        "live": True,
+        "x_m": 30.0,
+        "y_m": 1.5,
+        "vx_mps": 1.5,
+        "vy_mps": 8.0,
+        "p_vv": 0.1,
+        "q_vv": 0.1,
+        "right_m": -2.2,
+        "left_m": 2.2,
+        "probability": 0.999,
+        "age_s": 3.0,
         "label": LABELS.index("car"),
-    }.items():  # fmt: skip
+    }.items():
         getattr(tracks, name)[0, 0] = value
     for memory in (tracks.camera, tracks.radar):
         memory.age_s[0, 0], memory.hits[0, 0], memory.inside[0, 0] = 0.0, 20, 1.0
