@@ -8,7 +8,9 @@ from collections.abc import Iterator
 from msgspec import UNSET
 
 from schemas.axes import axes_allowed, is_axis
+from schemas.formulas.objective import formula_mistakes
 from schemas.kinds.kpi import scalars_by_name
+from schemas.kinds.registry import implementation
 from schemas.kinds.sampler import sampler_kinds
 from schemas.kinds.scenario import kind_of
 from schemas.sections.scenario import Scenario
@@ -229,8 +231,12 @@ def correlation_factor(search: Search) -> list[list[float]]:
 
 def _objective_mistakes(search: Search, scenario: Scenario) -> list[Mistake]:
     objective, kind = search.objective, kind_of(scenario)
+    if objective.formula is not UNSET:
+        return formula_mistakes(objective, objective.formula, kind)
     known = [scalar.name for scalar in kind.scalars if scalar.type != "name"]
     mistakes = []
+    if not objective.kpi:
+        return [Mistake("search.objective", "give kpi or formula")]
     if objective.kpi not in known:
         other = objective.kpi in scalars_by_name()
         why = f"scenario type {kind.name} does not give it" if other else "unknown"
@@ -249,16 +255,22 @@ def _sampler_mistakes(search: Search) -> list[Mistake]:
         kind = sampler_kinds().find(search.sampler)
     except ValueError as error:
         return [Mistake("search.sampler", str(error))]
-    _, wrong = convert_all(search.options, kind.options)
+    options, wrong = convert_all(search.options, kind.options)
     mistakes = [Mistake(f"search.options.{m.path}".rstrip("."), m.message) for m in wrong]
     objective, budget = search.objective, search.budget
-    if kind.gives == "probability" and objective.goal is not UNSET:
-        limit = f"sampler {kind.name} gives a probability; say fails_below or fails_above"
+    goes_on = objective.goal is not UNSET and objective.formula is UNSET
+    if kind.gives != "extreme" and goes_on:
+        limit = f"sampler {kind.name} gives a {kind.gives}; say fails_below or fails_above"
         mistakes.append(Mistake("search.objective.goal", limit))
     if len(search.parameters) < kind.parameters_min:
         least = f"{len(search.parameters)} given, sampler {kind.name} needs {kind.parameters_min}"
         mistakes.append(Mistake("search.parameters", least))
-    if kind.gives == "extreme" and not (
+    if budget.cases > kind.cases_max:
+        most = f"given {budget.cases}, sampler {kind.name} takes at most {kind.cases_max}"
+        mistakes.append(Mistake("search.budget.cases", most))
+    if kind.checks and options is not None:
+        mistakes += implementation(kind.checks)(search, options)
+    if kind.gives != "probability" and not (
         budget.half_width is UNSET and budget.relative_half_width is UNSET
     ):
         no_interval = f"sampler {kind.name} gives no interval; remove half_width"

@@ -10,7 +10,13 @@ from msgspec import UNSET
 from conductor.core.state import CampaignState
 from schemas.files.json_text import JsonError, decode_json
 from schemas.files.regular_file import read_regular
-from schemas.files.search_result import FILE_NAME, SearchCluster, SearchFile, SearchGeneration
+from schemas.files.search_result import (
+    FILE_NAME,
+    SearchBoundary,
+    SearchCluster,
+    SearchFile,
+    SearchGeneration,
+)
 from schemas.kinds.sampler import sampler_kinds
 from schemas.sections.search import Search, name_of
 from twin.base.errors import InfrastructureError, UsageError
@@ -63,12 +69,14 @@ def search_file(campaign: CampaignState) -> SearchFile:
         sampler=search.sampler,
         title=sampler_kinds().find(search.sampler).title,
         kpi=objective.kpi,
+        formula="" if objective.formula is UNSET else objective.formula,
         fails_below=None if objective.fails_below is UNSET else objective.fails_below,
         fails_above=None if objective.fails_above is UNSET else objective.fails_above,
         parameters=list(search.parameters),
         ended=record.ended,
         answer=record.answers[-1] if record.answers else None,
         clusters=_clusters(search, campaign) if record.ended else [],
+        boundary=_boundary(search, campaign),
         versions=record.versions,
         cpus=record.cpus,
         generations=generations,
@@ -83,3 +91,14 @@ def _clusters(search: Search, campaign: CampaignState) -> list[SearchCluster]:
     if search.objective.goal is not UNSET:
         return []
     return clusters(search, Closed(record.u[: len(record.results)], record.results))
+
+
+def _boundary(search: Search, campaign: CampaignState) -> SearchBoundary | None:
+    record = campaign.search
+    assert record is not None
+    if sampler_kinds().find(search.sampler).gives != "boundary" or not record.results:
+        return None
+    from conductor.search.driver import Closed
+    from conductor.search.traced import boundary_of
+
+    return boundary_of(search, Closed(record.u[: len(record.results)], record.results))

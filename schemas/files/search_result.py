@@ -69,6 +69,35 @@ class SearchGeneration(Struct, frozen=True, kw_only=True):
     """What was known when it had closed."""
 
 
+class BoundaryPoint(Struct, frozen=True, kw_only=True):
+    """A point of a boundary between cases that hold and cases that fail."""
+
+    at: list[float]
+    """x and y, where the boundary is likely if margins are linear in between."""
+    holds: str
+    """The nearest case that holds."""
+    holds_at: list[float]
+    """Its x and y."""
+    fails: str
+    """The nearest case that fails."""
+    fails_at: list[float]
+    width: float
+    """Distance between the two, as a share of the plane's side."""
+
+
+class SearchBoundary(Struct, frozen=True, kw_only=True):
+    """A boundary in the plane of two parameters."""
+
+    x: str
+    """The one parameter."""
+    y: str
+    fixed: dict[str, Value]
+    """All other parameters, at their medians."""
+    points: list[BoundaryPoint]
+    lines: list[list[int]]
+    """Points by number along each part of the boundary; a closed part ends where it began."""
+
+
 class SearchFile(Struct, frozen=True, kw_only=True):
     """Content of ``search.json``."""
 
@@ -78,6 +107,8 @@ class SearchFile(Struct, frozen=True, kw_only=True):
     title: str
     """The sampler's name in sentences."""
     kpi: str
+    formula: str = ""
+    """Formula whose margin the KPI is; empty: it is a KPI of its own."""
     fails_below: float | None = None
     fails_above: float | None = None
     parameters: list[str]
@@ -86,8 +117,18 @@ class SearchFile(Struct, frozen=True, kw_only=True):
     answer: SearchAnswer | None
     clusters: list[SearchCluster]
     """Failures by cluster, the largest first."""
+    boundary: SearchBoundary | None = None
+    """Boundary that it traced; None: it traces none, or no point is known yet."""
     versions: dict[str, str]
     """Libraries that proposed."""
     cpus: list[str]
     """Classes of the processors that proposed; more than one: it went on on another."""
     generations: list[SearchGeneration]
+
+    def fails(self, kpi: float | None) -> bool:
+        """Whether a value of the KPI is a failure; a missing one is none."""
+        if kpi is None:
+            return False
+        if self.fails_below is not None:
+            return kpi < self.fails_below
+        return self.fails_above is not None and kpi > self.fails_above

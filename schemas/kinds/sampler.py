@@ -8,10 +8,15 @@ from typing import Annotated, Literal
 
 from msgspec import Meta, Struct
 
+from schemas.kinds.boundary import BoundaryOptions
 from schemas.kinds.registry import Kinds, read_kinds
+from schemas.sections.search import SEARCH_CASES_MAX
 
 GROUP = "drivetwin.samplers"
 """Entry points that bring samplers."""
+
+PROCESS_CASES_MAX = 500
+"""Most cases of a search by a Gaussian process, whose effort grows with their third power."""
 
 OURS = {"shipped": "schemas.kinds.sampler:KINDS"}
 """Samplers that are shipped; the same as in pyproject.toml."""
@@ -52,6 +57,15 @@ class CmaOptions(_Options, frozen=True, kw_only=True):
     """First step size, in standard deviations of the parameters."""
 
 
+class BayesianOptions(_Options, frozen=True, kw_only=True):
+    """Options of Bayesian search."""
+
+    first: Annotated[int, Meta(ge=0, le=500)] = 0
+    """Cases that are spread evenly before the first fit; 0: as many as the parameters want."""
+    explore: Annotated[float, Meta(ge=0, le=1)] = 0.25
+    """Share of a generation that is far from all cases, however good others look."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SamplerKind:
     """Declaration of a sampler."""
@@ -60,14 +74,19 @@ class SamplerKind:
     """The word in ``search.sampler``."""
     title: str
     """The name in sentences."""
-    gives: Literal["probability", "extreme"]
-    """What it answers; a probability needs an objective with a limit."""
+    gives: Literal["probability", "extreme", "boundary"]
+    """What it answers; a probability and a boundary need an objective with a limit."""
     implementation: str
     """``module:attribute`` of its :class:`conductor.search.protocol.Sampler`, made of options and
     a :class:`conductor.search.protocol.Problem`."""
     options: type[Struct] = NoOptions
+    checks: str = ""
+    """``module:attribute`` of a function that says what else is wrong with a section: the section
+    and the options -> list of :class:`schemas.validation.Mistake`."""
     parameters_min: int = 1
     """Fewest parameters with which it works."""
+    cases_max: int = SEARCH_CASES_MAX
+    """Most cases with which it works."""
 
 
 KINDS = (
@@ -95,6 +114,23 @@ KINDS = (
         gives="extreme",
         implementation="conductor.search.samplers.evolution:CmaEs",
         options=CmaOptions,
+        parameters_min=2,
+    ),
+    SamplerKind(
+        name="bayesian",
+        title="Bayesian search",
+        gives="extreme",
+        implementation="conductor.search.samplers.bayesian:Bayesian",
+        options=BayesianOptions,
+        cases_max=PROCESS_CASES_MAX,
+    ),
+    SamplerKind(
+        name="boundary",
+        title="Boundary tracing",
+        gives="boundary",
+        implementation="conductor.search.samplers.boundary:Boundary",
+        options=BoundaryOptions,
+        checks="schemas.kinds.boundary:boundary_mistakes",
         parameters_min=2,
     ),
     SamplerKind(

@@ -568,8 +568,7 @@ class Engine:
         hit = self._hit(slot)
         result = judging.judge(rows, state, run.scenario, hit)
         reasons = [*result.reasons, *([CARRIED] if run.carried else [])]
-        kinds = kind_of(run.case.variation.scenario).scalars
-        scalars = judging.scalars(rows, state, run.scenario, hit, kinds)
+        scalars = judging.case_scalars(run.case.variation, rows, state, run.scenario, hit)
         names = judging.names(rows, state, hit)
         table = rows.table()
         record = judge_record(run.case, state, run.ground, hit)
@@ -588,9 +587,9 @@ class Engine:
 
     def _fail(self, slot: int, reason: str) -> Finished:
         run, rows = self._run(slot), self._recorder.of(slot)
-        kinds = kind_of(run.case.variation.scenario).scalars
-        scalars = judging.scalars(rows, self.state[slot], run.scenario, kinds=kinds)
+        case, state = run.case.variation, self.state[slot]
+        scalars = judging.case_scalars(case, rows, state, run.scenario)
         table = rows.table()
-        record = judge_record(run.case, self.state[slot], run.ground, None)
+        record = judge_record(run.case, state, run.ground, None)
         self.clear(slot)
         return Finished(slot, "failed", "", [reason], scalars, table, record=record)

@@ -27,6 +27,8 @@ SUBSET = {"level": 24, "share": 0.25}
 def _sections() -> list[dict]:
     rare = {"kpi": KPI, "fails_below": -1.0}
     return [
+        section("bayesian", objective={"kpi": KPI, "goal": "least"}),
+        section("boundary", budget={"cases": 40}, options={"grid": 4}),
         section(),
         section("latin_hypercube"),
         section("sobol", budget={"generation": 8}),
