@@ -26,7 +26,7 @@ class Problem:
     dimension: int
     """Parameters."""
     cases: int
-    """Most cases."""
+    """Most cases; of a chain, where there are several."""
     generation: int
     """Cases of a generation, where the sampler does not say otherwise."""
     names: Sequence[str] = ()
@@ -35,6 +35,8 @@ class Problem:
     """Which of them thin out towards their ends, as a normal one does."""
     repeats: bool = False
     """Whether an interval is asked for: a sampler that has its answer goes on for a better one."""
+    chain: int = 0
+    """Which of the chains side by side it proposes for."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +77,25 @@ class Sampler(Protocol):
 
     def answer(self, history: History, /) -> Estimate:
         """What is known after ``history``."""
+
+
+@dataclass(frozen=True, slots=True)
+class Forks:
+    """What the cases of a generation are forks of."""
+
+    parents: npt.NDArray[np.int64]
+    """Case of the history [cases], counted over all generations; -1: it is no fork."""
+    margins: Array
+    """Margin below which the parent's had fallen when the fork goes its own way [cases]."""
+
+
+@runtime_checkable
+class Forker(Sampler, Protocol):
+    """A sampler whose cases may go on from the middle of others: they have their coordinates, and
+    other random numbers from there on."""
+
+    def forks(self, history: History, streams: Streams, /) -> Forks:
+        """What the cases of :meth:`propose` are forks of, for the same arguments."""
 
 
 @dataclass(frozen=True, slots=True)

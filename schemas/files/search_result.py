@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from msgspec import Struct
 
+from schemas.sections.fork import Branch
 from schemas.sections.search import Value
 
 FILE_NAME = "search.json"
@@ -42,6 +43,15 @@ class SearchAnswer(Struct, frozen=True, kw_only=True):
         return ", ".join(parts)
 
 
+class ChainEstimate(Struct, frozen=True, array_like=True):
+    """What one of several chains knows after a generation of it has closed."""
+
+    method: str = ""
+    probability: float | None = None
+    low: float | None = None
+    high: float | None = None
+
+
 class SearchCluster(Struct, frozen=True, kw_only=True):
     """Failures that lie beside each other."""
 
@@ -65,8 +75,13 @@ class SearchGeneration(Struct, frozen=True, kw_only=True):
     """Standard normal coordinates behind them."""
     results: list[float | None]
     """KPI per case; None: missing. Empty: the generation runs."""
+    forks: list[Branch | None] = []
+    """Per case the case that it is a fork of, and the margin below which the other's had fallen
+    there; empty: none is one."""
     answer: SearchAnswer | None = None
-    """What was known when it had closed."""
+    """What was known when it had closed, by all that had closed before."""
+    chain: int = 0
+    """The chain that proposed it."""
 
 
 class BoundaryPoint(Struct, frozen=True, kw_only=True):
@@ -111,6 +126,8 @@ class SearchFile(Struct, frozen=True, kw_only=True):
     """Formula whose margin the KPI is; empty: it is a KPI of its own."""
     fails_below: float | None = None
     fails_above: float | None = None
+    chains: int = 1
+    """Searches side by side."""
     parameters: list[str]
     ended: str
     """Why it ended; empty: it runs."""

@@ -50,6 +50,17 @@ class ImportanceOptions(_Options, frozen=True, kw_only=True):
     """Normal densities of the mixture that is fitted."""
 
 
+class SplittingOptions(_Options, frozen=True, kw_only=True):
+    """Options of multilevel splitting."""
+
+    particles: Annotated[int, Meta(ge=10, le=5000)] = 50
+    """Cases that a run begins with."""
+    runs: Annotated[int, Meta(ge=4, le=100)] = 10
+    """Runs side by side, independent of each other."""
+    share: Annotated[float, Meta(ge=0.02, le=0.8)] = 0.5
+    """Share of a run's cases that a generation replaces by forks of the others."""
+
+
 class CmaOptions(_Options, frozen=True, kw_only=True):
     """Options of CMA-ES."""
 
@@ -85,8 +96,14 @@ class SamplerKind:
     and the options -> list of :class:`schemas.validation.Mistake`."""
     parameters_min: int = 1
     """Fewest parameters with which it works."""
+    forks: bool = False
+    """Whether it proposes forks: its implementation is a :class:`conductor.search.protocol.Forker`,
+    and its objective a KPI that is the extreme of a column."""
     cases_max: int = SEARCH_CASES_MAX
     """Most cases with which it works."""
+    chains: Literal["none", "pooled", "mean", "best"] = "none"
+    """What is made of chains side by side: they are refused; all their generations are one history;
+    their probabilities have a mean; their worst case is the answer."""
 
 
 KINDS = (
@@ -95,24 +112,28 @@ KINDS = (
         title="Monte Carlo",
         gives="probability",
         implementation="conductor.search.samplers.random_points:MonteCarlo",
+        chains="pooled",
     ),
     SamplerKind(
         name="latin_hypercube",
         title="Latin hypercube",
         gives="probability",
         implementation="conductor.search.samplers.spread_points:LatinHypercube",
+        chains="pooled",
     ),
     SamplerKind(
         name="sobol",
         title="scrambled Sobol points",
         gives="probability",
         implementation="conductor.search.samplers.spread_points:Sobol",
+        chains="pooled",
     ),
     SamplerKind(
         name="cma_es",
         title="CMA-ES",
         gives="extreme",
         implementation="conductor.search.samplers.evolution:CmaEs",
+        chains="best",
         options=CmaOptions,
         parameters_min=2,
     ),
@@ -121,6 +142,7 @@ KINDS = (
         title="Bayesian search",
         gives="extreme",
         implementation="conductor.search.samplers.bayesian:Bayesian",
+        chains="best",
         options=BayesianOptions,
         cases_max=PROCESS_CASES_MAX,
     ),
@@ -138,6 +160,7 @@ KINDS = (
         title="cross-entropy importance sampling",
         gives="probability",
         implementation="conductor.search.samplers.importance:Importance",
+        chains="mean",
         options=ImportanceOptions,
     ),
     SamplerKind(
@@ -145,7 +168,17 @@ KINDS = (
         title="subset simulation",
         gives="probability",
         implementation="conductor.search.samplers.subset:Subset",
+        chains="mean",
         options=SubsetOptions,
+    ),
+    SamplerKind(
+        name="splitting",
+        title="adaptive multilevel splitting",
+        gives="probability",
+        implementation="conductor.search.samplers.splitting:Splitting",
+        options=SplittingOptions,
+        parameters_min=0,
+        forks=True,
     ),
 )
 """The samplers that are shipped."""
