@@ -157,6 +157,11 @@ def stream_key(campaign_seed: int, case_id: str, stream: str) -> int:
     return int.from_bytes(bytes.fromhex(digest(parts))[:8], "little")
 
 
+def case_stream(case: Case, stream: str) -> int:
+    """Key of a random stream of a case, see :func:`stream_key`."""
+    return stream_key(case.variation.seed, case.id, stream)
+
+
 def stack_name(case: Case) -> str:
     """What a stack knows ``case`` by: the same in every attempt and on every worker, and without
     the campaign's seed nobody tells which case it is. Its name, if the campaign says so."""
@@ -174,7 +179,7 @@ def stack_seed(case: Case) -> int:
     simulator's numbers again. The campaign's, if the campaign says so."""
     if "seed" in case.variation.tell:
         return case.variation.seed
-    return stream_key(case.variation.seed, case.id, "stack") >> 1
+    return case_stream(case, "stack") >> 1
 
 
 def is_told_truth(case: Case) -> bool:

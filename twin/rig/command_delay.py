@@ -14,7 +14,7 @@ from typing import Protocol
 import numpy as np
 
 from schemas.case import Case
-from schemas.identity import stream_key
+from schemas.identity import case_stream
 from schemas.messages import Command, Lights
 from twin.vehicle.fleet import Fleet
 from twin.vehicle.model import PHYSICS_STEP_NS
@@ -30,9 +30,7 @@ class Delays:
         self._jitter_ns = case.variation.latency_jitter_ms * 1_000_000
         self._every = case.rig.control_hz // case.variation.rate_hz if case.variation.rate_hz else 1
         self._drop = int(case.variation.drop * _ONE)
-        self._keys = {
-            name: stream_key(case.variation.seed, case.id, name) for name in ("latency", "drop")
-        }
+        self._keys = {name: case_stream(case, name) for name in ("latency", "drop")}
 
     def send(
         self, pending: deque[tuple[int, Command]], first_step: int, tick: int, command: Command

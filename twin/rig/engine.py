@@ -11,7 +11,7 @@ import numpy as np
 import warp as wp
 
 from schemas.case import Case
-from schemas.identity import stream_key
+from schemas.identity import case_stream
 from schemas.kinds.scenario import kind_of
 from schemas.messages import Command, Lights, Pose, SensorErrors, command_mistake
 from schemas.wire.interventions import PlaceEgo
@@ -234,9 +234,7 @@ class Engine:
         self._surveyed = False
         self._vehicles.active[slot] = 1
         self._exteroceptive.reset(slot, case)
-        self._winds.reset(
-            slot, stream_key(case.variation.seed, case.id, "wind"), environment.wind_towards
-        )
+        self._winds.reset(slot, case_stream(case, "wind"), environment.wind_towards)
         self._suite.reset(slot, case)
         run = families.begin(case.variation.scenario, ground, x_m, y_m)
         self._runs[slot] = _Run(case, environment, run, ground)

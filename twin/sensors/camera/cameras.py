@@ -8,7 +8,7 @@ import numpy as np
 
 from schemas.campaign import Camera
 from schemas.case import Case
-from schemas.identity import stream_key
+from schemas.identity import case_stream
 from schemas.kinds.picture import MAIN, OUTPUTS_BY_NAME
 from schemas.messages import CameraSite, Lights
 from twin.fabric.frames import FrameChannel
@@ -126,9 +126,9 @@ class MountedCamera:
         """Begin a case; :meth:`light` must follow."""
         row = self.camera.lights.host[slot]
         row["noise"] = int(self._spec.noise)
-        row["key"] = stream_key(case.variation.seed, case.id, f"camera/{self._spec.name}")
+        row["key"] = case_stream(case, f"camera/{self._spec.name}")
         row["active"] = 1
-        begin_sky(row, stream_key(case.variation.seed, case.id, "clouds"))
+        begin_sky(row, case_stream(case, "clouds"))
         self.camera.reset(slot)
 
     def light(

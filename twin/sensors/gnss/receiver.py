@@ -13,7 +13,7 @@ import numpy as np
 import warp as wp
 
 from schemas.case import Case
-from schemas.identity import stream_key
+from schemas.identity import case_stream
 from schemas.kinds.sensors.gnss import COLUMNS
 from schemas.messages import SensorErrors
 from twin.sensors.gnss.geodesy import Datum, datum_of, geodetic
@@ -121,7 +121,7 @@ class SatelliteReceiver:
             row["bias"] = [*[gnss.bias_horizontal_m] * 2, gnss.bias_vertical_m]
             row["lose"] = -math.expm1(-period_s * gnss.dropouts_per_min / 60.0)
         row["wander"] = wander_numbers(period_s, gnss.bias_time_s)
-        row["key"] = stream_key(case.variation.seed, case.id, "gnss")
+        row["key"] = case_stream(case, "gnss")
         row["noise_factor"] = row["bias_factor"] = 1.0
         row["blocked"] = 0
         row["active"] = 1

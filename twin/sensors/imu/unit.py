@@ -14,7 +14,7 @@ import numpy as np
 import warp as wp
 
 from schemas.case import Case
-from schemas.identity import stream_key
+from schemas.identity import case_stream
 from schemas.kinds.sensors.imu import COLUMNS
 from schemas.messages import SensorErrors
 from twin.sensors.mount import SensorMount
@@ -105,7 +105,7 @@ class InertialUnit:
         for name, *pair in zip(("noise", "bias", "scale"), accel, gyro, strict=True):
             row[name] = pair if imu.noise else 0.0
         row["wander"] = wander_numbers(1.0 / self._hz, imu.bias_time_s)
-        row["key"] = stream_key(case.variation.seed, case.id, "imu")
+        row["key"] = case_stream(case, "imu")
         row["noise_factor"] = row["bias_factor"] = 1.0
         row["active"] = 1
 

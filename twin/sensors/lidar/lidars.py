@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from schemas.case import Case
-from schemas.identity import stream_key
+from schemas.identity import case_stream
 from schemas.messages import LidarSite
 from schemas.sections.lidar import lidar_columns
 from twin.fabric.frames import FrameChannel
@@ -114,7 +114,7 @@ class MountedLidar:
 
     def reset(self, slot: int, case: Case) -> None:
         """Begin a case."""
-        key = stream_key(case.variation.seed, case.id, f"lidar/{self._site.name}")
+        key = case_stream(case, f"lidar/{self._site.name}")
         self._sensor.reset(slot, key)
 
     def light(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from schemas.case import Case
-from schemas.identity import stream_key
+from schemas.identity import case_stream
 from schemas.kinds.sensors.radar import COLUMNS, DETECTIONS_MAX, PROFILES
 from twin.sensors.data import SensorData
 from twin.sensors.radar.profile import load_radar_profile
@@ -61,7 +61,7 @@ class RadarUnit:
         self._profile[slot] = config.profile
         self._active[slot] = True
         self._weather[slot] = config.weather
-        key = stream_key(case.variation.seed, case.id, "radar")
+        key = case_stream(case, "radar")
         sensor.reset(slot, key, noise=config.noise)
         row = sensor.state.host[slot]
         row["multipath"], row["clutter"] = int(config.multipath), int(config.clutter)
