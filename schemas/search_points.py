@@ -252,12 +252,17 @@ def _sampler_mistakes(search: Search) -> list[Mistake]:
     _, wrong = convert_all(search.options, kind.options)
     mistakes = [Mistake(f"search.options.{m.path}".rstrip("."), m.message) for m in wrong]
     objective, budget = search.objective, search.budget
-    if kind.gives == "probability" and objective.goal is not UNSET:
-        limit = f"sampler {kind.name} gives a probability; say fails_below or fails_above"
+    answers = {"probability": "a probability", "indices": "indices of failures"}
+    if kind.gives in answers and objective.goal is not UNSET:
+        answer = answers[kind.gives]
+        limit = f"sampler {kind.name} gives {answer}; say fails_below or fails_above"
         mistakes.append(Mistake("search.objective.goal", limit))
     if len(search.parameters) < kind.parameters_min:
         least = f"{len(search.parameters)} given, sampler {kind.name} needs {kind.parameters_min}"
         mistakes.append(Mistake("search.parameters", least))
+    if kind.gives == "indices" and search.correlations:
+        apart = f"sampler {kind.name} needs independent parameters; remove them"
+        mistakes.append(Mistake("search.correlations", apart))
     if kind.gives == "extreme" and not (
         budget.half_width is UNSET and budget.relative_half_width is UNSET
     ):

@@ -10,7 +10,13 @@ from msgspec import UNSET
 from conductor.core.state import CampaignState
 from schemas.files.json_text import JsonError, decode_json
 from schemas.files.regular_file import read_regular
-from schemas.files.search_result import FILE_NAME, SearchCluster, SearchFile, SearchGeneration
+from schemas.files.search_result import (
+    FILE_NAME,
+    SearchCluster,
+    SearchFile,
+    SearchGeneration,
+    SearchIndices,
+)
 from schemas.kinds.sampler import sampler_kinds
 from schemas.sections.search import Search, name_of
 from twin.base.errors import InfrastructureError, UsageError
@@ -69,6 +75,7 @@ def search_file(campaign: CampaignState) -> SearchFile:
         ended=record.ended,
         answer=record.answers[-1] if record.answers else None,
         clusters=_clusters(search, campaign) if record.ended else [],
+        indices=_indices(search, campaign) if record.ended else None,
         versions=record.versions,
         cpus=record.cpus,
         generations=generations,
@@ -83,3 +90,17 @@ def _clusters(search: Search, campaign: CampaignState) -> list[SearchCluster]:
     if search.objective.goal is not UNSET:
         return []
     return clusters(search, Closed(record.u[: len(record.results)], record.results))
+
+
+def _indices(search: Search, campaign: CampaignState) -> SearchIndices | None:
+    from conductor.search.answers.case_rows import case_rows
+    from conductor.search.answers.indices import search_indices
+    from conductor.search.driver import Closed
+
+    record = campaign.search
+    assert record is not None
+    if not record.results:
+        return None
+    rows = case_rows(search, Closed(record.u[: len(record.results)], record.results))
+    name, seed = campaign.campaign.campaign, campaign.campaign.seed
+    return search_indices(search, name, seed, rows)

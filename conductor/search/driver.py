@@ -141,6 +141,11 @@ def clusters(search: Search, closed: Closed) -> list[SearchCluster]:
     ]
 
 
+def closed_history(search: Search, closed: Closed) -> History:
+    """The closed generations as samplers see them, for who makes further answers of them."""
+    return _history(search, closed)
+
+
 def versions() -> dict[str, str]:
     """Versions of the libraries that are loaded: whoever proposed has done that."""
     loaded = {name: sys.modules.get(name) for name in LIBRARIES}

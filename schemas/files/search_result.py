@@ -69,6 +69,33 @@ class SearchGeneration(Struct, frozen=True, kw_only=True):
     """What was known when it had closed."""
 
 
+class SensitivityIndex(Struct, frozen=True, kw_only=True):
+    """How much of a variance is due to one parameter, as a share of it, with 95 % intervals."""
+
+    parameter: str
+    first: float
+    """Share that goes when the parameter alone is fixed."""
+    first_low: float
+    first_high: float
+    total: float | None = None
+    """Share that stays when all other parameters are fixed; None: not known."""
+    total_low: float | None = None
+    total_high: float | None = None
+
+
+class SearchIndices(Struct, frozen=True, kw_only=True):
+    """Which parameters matter."""
+
+    method: str
+    """How the indices and their intervals were obtained, in words."""
+    cases: int
+    """Cases that they were taken from."""
+    kpi: list[SensitivityIndex]
+    """For the KPI's value, a parameter each; empty: it never varied."""
+    failure: list[SensitivityIndex]
+    """For whether a case fails; empty: no limit, or fewer than ten cases that fail or that hold."""
+
+
 class SearchFile(Struct, frozen=True, kw_only=True):
     """Content of ``search.json``."""
 
@@ -86,6 +113,8 @@ class SearchFile(Struct, frozen=True, kw_only=True):
     answer: SearchAnswer | None
     clusters: list[SearchCluster]
     """Failures by cluster, the largest first."""
+    indices: SearchIndices | None = None
+    """Which parameters matter; None: it has not ended, or has too few cases."""
     versions: dict[str, str]
     """Libraries that proposed."""
     cpus: list[str]

@@ -60,14 +60,17 @@ class SamplerKind:
     """The word in ``search.sampler``."""
     title: str
     """The name in sentences."""
-    gives: Literal["probability", "extreme"]
-    """What it answers; a probability needs an objective with a limit."""
+    gives: Literal["probability", "extreme", "indices"]
+    """What it answers; a probability, and indices, need an objective with a limit."""
     implementation: str
     """``module:attribute`` of its :class:`conductor.search.protocol.Sampler`, made of options and
     a :class:`conductor.search.protocol.Problem`."""
     options: type[Struct] = NoOptions
     parameters_min: int = 1
     """Fewest parameters with which it works."""
+    follows: bool = False
+    """Whether its cases are distributed as the parameters are, so that shares of them say something
+    about the parameters."""
 
 
 KINDS = (
@@ -76,18 +79,21 @@ KINDS = (
         title="Monte Carlo",
         gives="probability",
         implementation="conductor.search.samplers.random_points:MonteCarlo",
+        follows=True,
     ),
     SamplerKind(
         name="latin_hypercube",
         title="Latin hypercube",
         gives="probability",
         implementation="conductor.search.samplers.spread_points:LatinHypercube",
+        follows=True,
     ),
     SamplerKind(
         name="sobol",
         title="scrambled Sobol points",
         gives="probability",
         implementation="conductor.search.samplers.spread_points:Sobol",
+        follows=True,
     ),
     SamplerKind(
         name="cma_es",
@@ -110,6 +116,12 @@ KINDS = (
         gives="probability",
         implementation="conductor.search.samplers.subset:Subset",
         options=SubsetOptions,
+    ),
+    SamplerKind(
+        name="sensitivity",
+        title="Saltelli's design",
+        gives="indices",
+        implementation="conductor.search.samplers.saltelli:Saltelli",
     ),
 )
 """The samplers that are shipped."""

@@ -11,8 +11,10 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from conductor.records.search import read_search
+from conductor.report.searching.indices_figure import indices_figure
 from schemas.files.search_result import FILE_NAME, SearchCluster, SearchFile
 from schemas.kinds.kpi import scalars_by_name
+from schemas.words import counted
 
 CLUSTERS_MAX = 50
 """Most clusters in the table."""
@@ -34,6 +36,8 @@ class SearchShown:
     """How it was obtained."""
     left_out: int
     """Clusters that are not shown."""
+    indices: str
+    """How indices were obtained, in sentences; empty: there are none."""
 
 
 def read_shown_search(folder: Path) -> SearchFile | None:
@@ -66,11 +70,34 @@ def search_shown(file: SearchFile | None) -> SearchShown | None:
         answer=_capital(answer.line()) if answer else "",
         method=_capital(answer.method) if answer else "",
         left_out=len(file.clusters) - len(shown),
+        indices=_indices_text(file),
     )
+
+
+def _indices_text(file: SearchFile) -> str:
+    if file.indices is None:
+        return ""
+    told = (
+        "The share of the variance that is due to each parameter, with 95 % intervals. "
+        f"{_capital(file.indices.method)}; {counted(file.indices.cases, 'case')}."
+    )
+    if not file.indices.failure and (file.fails_below is not None or file.fails_above is not None):
+        told += " For failures there are none: fewer than ten cases failed, or held."
+    return told
 
 
 def _capital(text: str) -> str:
     return text[:1].upper() + text[1:]
+
+
+def search_figures(file: SearchFile | None) -> dict[str, dict[str, Any] | None]:
+    """The figures of a search by the names of their places on the page; None: nothing to draw."""
+    if file is None:
+        return {}
+    return {
+        "searched": search_figure(file),
+        "indexed": indices_figure(file.indices, file.kpi),
+    }
 
 
 def search_figure(file: SearchFile | None) -> dict[str, Any] | None:

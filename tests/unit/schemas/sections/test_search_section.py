@@ -57,6 +57,14 @@ def test_a_good_one_has_no_mistake() -> None:
             section(objective={"kpi": KPI, "goal": "least"}),
             "objective.goal: sampler monte_carlo gives a probability; say fails_below",
         ),
+        (
+            section("sensitivity", objective={"kpi": KPI, "goal": "least"}),
+            "objective.goal: sampler sensitivity gives indices of failures; say fails_below",
+        ),
+        (
+            section("sensitivity", correlations=[{"between": list(NAMES), "rho": 0.5}]),
+            "correlations: sampler sensitivity needs independent parameters; remove them",
+        ),
         (_parameter("objects.a.colour", **UNIFORM), "objects.a.colour: unknown axis; "),
         (_parameter("weather", **UNIFORM), "parameters.weather: is an axis of the matrix as well"),
         (_parameter("repeat", **UNIFORM), "parameters.repeat: unknown axis"),

@@ -9,7 +9,12 @@ import pytest
 from search_bench import KPI, searched, section, trace
 
 from conductor.report.pages.templates import environment
-from conductor.report.searching.section import read_shown_search, search_figure, search_shown
+from conductor.report.searching.section import (
+    read_shown_search,
+    search_figure,
+    search_figures,
+    search_shown,
+)
 from schemas.files.search_result import FILE_NAME, SearchFile
 from twin.base.errors import InfrastructureError
 
@@ -42,7 +47,7 @@ def test_the_page_tells_answer_and_clusters(found: SearchFile) -> None:
         "{% macro count(n, one, many) %}{{ n }} {{ one if n == 1 else many }}{% endmacro %}"
         '{% include "search.html.j2" with context %}'
     )
-    page = template.render(found=shown, search_drawn=True)
+    page = template.render(found=shown, drawn={"searched"})
     assert "3 generations so far" in page
     assert "It ended: the budget of 30 cases is spent." in page
     assert f"<code>{shown.clusters[0].mildest}</code>" in page
@@ -57,3 +62,23 @@ def test_the_figure_has_every_case_and_every_answer(found: SearchFile) -> None:
     assert limit["mode"] == "lines"
     assert len(answers["hovertemplate"]) > 0
     assert len(found.generations) == 3
+
+
+def test_bars_of_a_design_have_intervals_and_a_panel_for_failures() -> None:
+    search = section(
+        "sensitivity",
+        objective={"kpi": KPI, "fails_below": 0.8},
+        budget={"cases": 256, "generation": 128},
+    )
+    found = msgspec.json.decode(trace(searched(search).state), type=SearchFile)
+    figure = search_figures(found)["indexed"]
+    assert figure is not None
+    assert [trace["name"] for trace in figure["data"]] == 2 * [
+        "First order: alone",
+        "Total order: with others",
+    ]
+    assert len(figure["data"][0]["error_x"]["array"]) == 2
+    shown = search_shown(found)
+    assert shown is not None
+    assert "Sobol indices of Saltelli's design with 64 rows" in shown.indices
+    assert shown.indices.endswith("; 256 cases.")
