@@ -113,6 +113,7 @@ def search_mistakes(
     mistakes += _correlation_mistakes(search)
     mistakes += _objective_mistakes(search, scenario)
     mistakes += _sampler_mistakes(search)
+    mistakes += _domain_mistakes(search)
     for generation, rows in enumerate(search.proposed):
         for number, row in enumerate(rows):
             if len(row) != len(search.parameters):
@@ -268,4 +269,20 @@ def _sampler_mistakes(search: Search) -> list[Mistake]:
     ):
         no_interval = f"sampler {kind.name} gives no interval; remove half_width"
         mistakes.append(Mistake("search.budget", no_interval))
+    return mistakes
+
+
+def _domain_mistakes(search: Search) -> list[Mistake]:
+    mistakes = []
+    for axis, cells in ({} if search.domain is UNSET else search.domain).items():
+        where = f"search.domain.{axis}"
+        if axis not in search.parameters:
+            hint = suggest(axis, list(search.parameters))
+            mistakes.append(Mistake(where, f"no parameter '{axis}'; {hint}"))
+        elif isinstance(search.parameters[axis], Choices):
+            mistakes.append(Mistake(where, "each of its choices is a cell; remove it"))
+        elif (cells.bins is UNSET) == (cells.edges is UNSET):
+            mistakes.append(Mistake(where, "give one of bins and edges"))
+        elif cells.edges is not UNSET and sorted(set(cells.edges)) != cells.edges:
+            mistakes.append(Mistake(f"{where}.edges", "do not ascend"))
     return mistakes

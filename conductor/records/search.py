@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import msgspec
 from msgspec import UNSET
 
+from conductor.core.searching.record import SearchRecord
 from conductor.core.state import CampaignState
 from schemas.files.json_text import JsonError, decode_json
 from schemas.files.regular_file import read_regular
 from schemas.files.search_result import (
     FILE_NAME,
     SearchCluster,
+    SearchCoverage,
     SearchFile,
     SearchGeneration,
     SearchIndices,
@@ -20,6 +23,9 @@ from schemas.files.search_result import (
 from schemas.kinds.sampler import sampler_kinds
 from schemas.sections.search import Search, name_of
 from twin.base.errors import InfrastructureError, UsageError
+
+if TYPE_CHECKING:
+    from conductor.search.answers.case_rows import SearchRows
 
 SEARCH_BYTES_MAX = 256 << 20
 """Largest file that is read: ten thousand cases of forty parameters take a tenth."""
@@ -76,6 +82,7 @@ def search_file(campaign: CampaignState) -> SearchFile:
         answer=record.answers[-1] if record.answers else None,
         clusters=_clusters(search, campaign) if record.ended else [],
         indices=_indices(search, campaign) if record.ended else None,
+        coverage=_coverage(search, campaign) if record.ended else None,
         versions=record.versions,
         cpus=record.cpus,
         generations=generations,
@@ -92,15 +99,25 @@ def _clusters(search: Search, campaign: CampaignState) -> list[SearchCluster]:
     return clusters(search, Closed(record.u[: len(record.results)], record.results))
 
 
-def _indices(search: Search, campaign: CampaignState) -> SearchIndices | None:
+def _rows(search: Search, record: SearchRecord) -> SearchRows:
     from conductor.search.answers.case_rows import case_rows
-    from conductor.search.answers.indices import search_indices
     from conductor.search.driver import Closed
+
+    return case_rows(search, Closed(record.u[: len(record.results)], record.results))
+
+
+def _indices(search: Search, campaign: CampaignState) -> SearchIndices | None:
+    from conductor.search.answers.indices import search_indices
 
     record = campaign.search
     assert record is not None
-    if not record.results:
-        return None
-    rows = case_rows(search, Closed(record.u[: len(record.results)], record.results))
     name, seed = campaign.campaign.campaign, campaign.campaign.seed
-    return search_indices(search, name, seed, rows)
+    return search_indices(search, name, seed, _rows(search, record)) if record.results else None
+
+
+def _coverage(search: Search, campaign: CampaignState) -> SearchCoverage | None:
+    from conductor.search.answers.domain import search_coverage
+
+    record = campaign.search
+    assert record is not None
+    return search_coverage(search, _rows(search, record)) if record.results else None

@@ -35,11 +35,13 @@ def values_of(search: Search, u: Array) -> list[list[Value]]:
         for j, weight in enumerate(row[: i + 1]):  # not a product of matrices: in a fixed order
             z[:, i] += weight * u[:, j]
     z = np.clip(z, -Z_MAX, Z_MAX)
-    columns = [_column(d, z[:, i]) for i, d in enumerate(search.parameters.values())]
+    columns = [column_of(d, z[:, i]) for i, d in enumerate(search.parameters.values())]
     return [list(row) for row in zip(*columns, strict=True)]
 
 
-def _column(distribution: Distribution, z: Array) -> list[Value]:
+def column_of(distribution: Distribution, z: Array) -> list[Value]:
+    """Values of one parameter at its normal variable ``z``; they ascend with it, except for
+    choices."""
     match distribution:
         case Choices():
             weights = distribution.weights or [1.0] * len(distribution.values)

@@ -96,6 +96,54 @@ class SearchIndices(Struct, frozen=True, kw_only=True):
     """For whether a case fails; empty: no limit, or fewer than ten cases that fail or that hold."""
 
 
+class CoveredParameter(Struct, frozen=True, kw_only=True):
+    """Which values of one parameter were tried."""
+
+    parameter: str
+    cells: list[str]
+    """Cells of its values, in words."""
+    weights: list[float]
+    """Probability of each."""
+    cases: list[int]
+    """Cases in each."""
+
+
+class CoveredPair(Struct, frozen=True, kw_only=True):
+    """Which values of two parameters were tried together."""
+
+    parameters: list[str]
+    possible: int
+    """Cells that are possible at all."""
+    tried: int
+    """Cells of these with a case."""
+    untried: float
+    """Probability of those without one, all together."""
+    weights: list[list[float]]
+    """Probability [cells of the first][cells of the second]."""
+    cases: list[list[int]]
+    """Cases in each."""
+
+
+class UntriedCell(Struct, frozen=True, kw_only=True):
+    """Values of one or two parameters that were never tried."""
+
+    parameters: list[str]
+    cells: list[str]
+    weight: float
+    """Its probability."""
+
+
+class SearchCoverage(Struct, frozen=True, kw_only=True):
+    """How much of the declared operational domain was tried, by parameters and pairs of them."""
+
+    cases: int
+    parameters: list[CoveredParameter]
+    pairs: list[CoveredPair]
+    """Those with the most untried first."""
+    untried: list[UntriedCell]
+    """The largest cells without a case; a pair's only where each of the two was tried."""
+
+
 class SearchFile(Struct, frozen=True, kw_only=True):
     """Content of ``search.json``."""
 
@@ -115,6 +163,8 @@ class SearchFile(Struct, frozen=True, kw_only=True):
     """Failures by cluster, the largest first."""
     indices: SearchIndices | None = None
     """Which parameters matter; None: it has not ended, or has too few cases."""
+    coverage: SearchCoverage | None = None
+    """What was tried of the domain, and what never; None: it has not ended."""
     versions: dict[str, str]
     """Libraries that proposed."""
     cpus: list[str]

@@ -52,6 +52,14 @@ def indices_figure(indices: SearchIndices | None, kpi: str) -> dict[str, Any] | 
     return plain
 
 
+def ranked(indices: SearchIndices | None) -> list[str]:
+    """Parameters, those that matter most first: for failures, where that is known."""
+    if indices is None:
+        return []
+    part = indices.failure or indices.kpi
+    return [index.parameter for index in sorted(part, key=_weight, reverse=True)]
+
+
 def _weight(index: SensitivityIndex) -> float:
     return index.first if index.total is None else index.total
 

@@ -5,21 +5,44 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from conductor.records.search import read_search
-from conductor.report.searching.indices_figure import indices_figure
-from schemas.files.search_result import FILE_NAME, SearchCluster, SearchFile
+from conductor.report.searching.coverage_figure import coverage_figure
+from conductor.report.searching.indices_figure import indices_figure, ranked
+from conductor.search.answers.coverage import POSSIBLE_MIN
+from schemas.files.search_result import FILE_NAME, SearchCluster, SearchCoverage, SearchFile
 from schemas.kinds.kpi import scalars_by_name
+from schemas.sections.search import Value
 from schemas.words import counted
 
+PAIRS_MAX = 50
+"""Most pairs of parameters in the table of what was tried."""
 CLUSTERS_MAX = 50
 """Most clusters in the table."""
 _FAILED, _HELD, _LIMIT = "#c0392b", "#3a6ea5", "#888888"
 _HEIGHT_PX = 520
+
+
+class ShownCluster(NamedTuple):
+    """Failures that lie beside each other."""
+
+    cluster: SearchCluster
+    spans: list[str]
+    """What each parameter is in them: a value, or the ends of a range."""
+
+
+class CoveredLine(NamedTuple):
+    """Cells of a parameter, or of a pair of them."""
+
+    names: list[str]
+    possible: int
+    tried: int
+    untried: float
+    """Probability of those that were not tried."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +52,7 @@ class SearchShown:
     file: SearchFile
     title: str
     """What it looked for, in a sentence."""
-    clusters: list[SearchCluster]
+    clusters: list[ShownCluster]
     answer: str
     """What is known, in a sentence without its stop; empty: nothing yet."""
     method: str
@@ -38,6 +61,8 @@ class SearchShown:
     """Clusters that are not shown."""
     indices: str
     """How indices were obtained, in sentences; empty: there are none."""
+    covered: list[CoveredLine]
+    """How much of the domain was tried: a line for each parameter, then for pairs."""
 
 
 def read_shown_search(folder: Path) -> SearchFile | None:
@@ -61,17 +86,58 @@ def search_shown(file: SearchFile | None) -> SearchShown | None:
         title = f"A case fails if {file.kpi} is above {file.fails_above:g}{unit}."
     else:
         title = f"The search looked for an extreme of {file.kpi}."
-    shown = file.clusters[:CLUSTERS_MAX]
     answer = file.answer
     return SearchShown(
         file=file,
         title=title,
-        clusters=shown,
+        clusters=_clusters(file)[:CLUSTERS_MAX],
         answer=_capital(answer.line()) if answer else "",
         method=_capital(answer.method) if answer else "",
-        left_out=len(file.clusters) - len(shown),
+        left_out=max(0, len(file.clusters) - CLUSTERS_MAX),
         indices=_indices_text(file),
+        covered=_covered(file.coverage),
     )
+
+
+def _covered(coverage: SearchCoverage | None) -> list[CoveredLine]:
+    if coverage is None:
+        return []
+    lines = []
+    for part in coverage.parameters:
+        cells = [(w, n) for w, n in zip(part.weights, part.cases, strict=True) if w > POSSIBLE_MIN]
+        tried = sum(n > 0 for _, n in cells)
+        left = sum(w for w, n in cells if not n)
+        lines.append(CoveredLine([part.parameter], len(cells), tried, left))
+    for pair in coverage.pairs[:PAIRS_MAX]:
+        lines.append(CoveredLine(pair.parameters, pair.possible, pair.tried, pair.untried))
+    return lines
+
+
+def mildest(file: SearchFile | None) -> list[str]:
+    """The mildest case of each cluster, of the largest cluster first."""
+    return [] if file is None else [cluster.mildest for cluster in file.clusters]
+
+
+def _clusters(file: SearchFile) -> list[ShownCluster]:
+    values = {
+        name: row
+        for generation in file.generations
+        for name, row in zip(generation.cases, generation.values, strict=True)
+    }
+    return [
+        ShownCluster(cluster, [_span(list(column)) for column in columns])
+        for cluster in file.clusters
+        for columns in [zip(*(values[name] for name in cluster.cases), strict=True)]
+    ]
+
+
+def _span(values: list[Value]) -> str:
+    """The value, or the ends of the range; of words, which there are."""
+    if any(isinstance(value, bool | str) for value in values):
+        return ", ".join(dict.fromkeys(map(str, values)))
+    numbers = [float(value) for value in values]
+    low, high = f"{min(numbers):.6g}", f"{max(numbers):.6g}"
+    return low if low == high else f"{low} to {high}"
 
 
 def _indices_text(file: SearchFile) -> str:
@@ -97,6 +163,7 @@ def search_figures(file: SearchFile | None) -> dict[str, dict[str, Any] | None]:
     return {
         "searched": search_figure(file),
         "indexed": indices_figure(file.indices, file.kpi),
+        "covered": coverage_figure(file.coverage, ranked(file.indices)),
     }
 
 

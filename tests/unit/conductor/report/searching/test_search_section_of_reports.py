@@ -10,6 +10,7 @@ from search_bench import KPI, searched, section, trace
 
 from conductor.report.pages.templates import environment
 from conductor.report.searching.section import (
+    mildest,
     read_shown_search,
     search_figure,
     search_figures,
@@ -42,15 +43,31 @@ def test_the_page_tells_answer_and_clusters(found: SearchFile) -> None:
     assert shown is not None
     assert shown.title == f"A case fails if {KPI} is below 0.8 m."
     assert shown.answer.startswith("Probability of failure 0.")
-    assert sum(len(cluster.cases) for cluster in shown.clusters) == found.answer.failures
+    assert found.answer is not None
+    assert sum(len(row.cluster.cases) for row in shown.clusters) == found.answer.failures
     template = environment(autoescape=True).from_string(
         "{% macro count(n, one, many) %}{{ n }} {{ one if n == 1 else many }}{% endmacro %}"
         '{% include "search.html.j2" with context %}'
     )
-    page = template.render(found=shown, drawn={"searched"})
+    page = template.render(found=shown, failures=[], drawn={"searched", "covered"})
+    assert "with the 30 cases in them" in page
+    assert '<div id="covered">' in page
     assert "3 generations so far" in page
     assert "It ended: the budget of 30 cases is spent." in page
-    assert f"<code>{shown.clusters[0].mildest}</code>" in page
+    first = shown.clusters[0]
+    assert f"<code>{first.cluster.mildest}</code> film of {first.cluster.mildest}" in page
+    assert mildest(found)[0] == first.cluster.mildest
+    assert len(first.cluster.cases) > 1
+    assert f'<small class="dim">{first.spans[0]}</small>' in page
+    values = {
+        name: row for g in found.generations for name, row in zip(g.cases, g.values, strict=True)
+    }
+    inside = [float(values[name][0]) for name in first.cluster.cases]
+    low, high = first.spans[0].split(" to ")
+    assert (float(low), float(high)) == (
+        pytest.approx(min(inside), rel=1e-5),
+        pytest.approx(max(inside), rel=1e-5),
+    )
 
 
 def test_the_figure_has_every_case_and_every_answer(found: SearchFile) -> None:
@@ -82,3 +99,16 @@ def test_bars_of_a_design_have_intervals_and_a_panel_for_failures() -> None:
     assert shown is not None
     assert "Sobol indices of Saltelli's design with 64 rows" in shown.indices
     assert shown.indices.endswith("; 256 cases.")
+
+
+def test_maps_show_what_was_tried_and_what_was_not(found: SearchFile) -> None:
+    figure = search_figures(found)["covered"]
+    assert figure is not None
+    tried, missing = (trace["z"] for trace in figure["data"])
+    assert sum(n or 0 for row in tried for n in row) == 30
+    for row, other in zip(tried, missing, strict=True):
+        assert not any(n and w for n, w in zip(row, other, strict=True))
+    shown = search_shown(found)
+    assert shown is not None
+    assert [len(line.names) for line in shown.covered] == [1, 1, 2]
+    assert shown.covered[2].possible == 64
