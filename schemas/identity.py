@@ -110,7 +110,7 @@ def _digest_of(campaign: Campaign, cases: Iterable[Case]) -> str:
     plugins = sorted(campaign.plugins.items())
     section = []
     if campaign.search is not UNSET:
-        asked = msgspec.structs.replace(campaign.search, first=[], proposed=[])
+        asked = msgspec.structs.replace(campaign.search, first=[], proposed=[], forks=UNSET)
         section = [b"search " + _canonical(msgspec.to_builtins(asked))]
     return digest(
         [
@@ -157,9 +157,12 @@ def stream_key(campaign_seed: int, case_id: str, stream: str) -> int:
     return int.from_bytes(bytes.fromhex(digest(parts))[:8], "little")
 
 
-def case_stream(case: Case, stream: str) -> int:
-    """Key of a random stream of a case, see :func:`stream_key`."""
-    return stream_key(case.variation.seed, case.id, stream)
+def case_stream(case: Case, stream: str, name: str = "") -> int:
+    """Key of a random stream of a case, see :func:`stream_key`; of the one that it has from its
+    start, or of that which it has while its numbers are those of ``name``."""
+    forks = case.variation.forks
+    name = name or (case.id if forks is UNSET else forks[0].case)
+    return stream_key(case.variation.seed, name, stream)
 
 
 def stack_name(case: Case) -> str:

@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from msgspec import UNSET
+import msgspec
+from msgspec import UNSET, UnsetType
 
 from schemas.axes import axes_allowed, is_axis
 from schemas.kinds.kpi import scalars_by_name
 from schemas.kinds.sampler import sampler_kinds
 from schemas.kinds.scenario import kind_of
+from schemas.sections.fork import Branch, Fork
 from schemas.sections.scenario import Scenario
 from schemas.sections.search import (
     Choices,
@@ -19,12 +21,14 @@ from schemas.sections.search import (
     Integers,
     LogNormal,
     Normal,
+    Objective,
     Search,
     Triangular,
     TruncatedNormal,
     Uniform,
     Value,
     name_of,
+    place_of,
 )
 from schemas.validation import Mistake, convert_all, suggest
 
@@ -114,6 +118,7 @@ def search_mistakes(
     mistakes += _objective_mistakes(search, scenario)
     mistakes += _sampler_mistakes(search)
     mistakes += _domain_mistakes(search)
+    mistakes += _fork_mistakes(search) if not mistakes else []
     for generation, rows in enumerate(search.proposed):
         for number, row in enumerate(rows):
             if len(row) != len(search.parameters):
@@ -245,6 +250,92 @@ def _objective_mistakes(search: Search, scenario: Scenario) -> list[Mistake]:
     return mistakes
 
 
+def _course_problem(objective: Objective) -> str:
+    """Why cases cannot fork when their KPI reaches a value, or nothing."""
+    scalar = scalars_by_name().get(objective.kpi)
+    if scalar is None:
+        return ""  # said where the KPI is looked at
+    if scalar.course is None:
+        courses = [name for name, kind in scalars_by_name().items() if kind.course is not None]
+        return (
+            f"forks cases on the way to their KPI, and {objective.kpi} is no extreme of a column; "
+            f"such are {', '.join(courses)}"
+        )
+    if scalar.course.extreme == "least" and objective.fails_below is UNSET:
+        return f"needs fails_below with {objective.kpi}, the least value of a case"
+    if scalar.course.extreme == "most" and objective.fails_above is UNSET:
+        return f"needs fails_above with {objective.kpi}, the greatest value of a case"
+    return ""
+
+
+def lineage(search: Search, name: str) -> list[Fork] | UnsetType:
+    """Whose random numbers a proposed case has; unset: its own from start to end.
+
+    A child's margin is smaller than its parent's, so its moments come in this order.
+    """
+    if search.forks is UNSET:
+        return UNSET
+    chain: list[tuple[str, Branch]] = []
+    root = name
+    while (branch := _branch(search.forks, root)) is not None:
+        chain.append((root, branch))
+        root = branch.parent
+    if not chain:
+        return UNSET
+    scalar, objective = scalars_by_name()[search.objective.kpi], search.objective
+    assert scalar.course is not None
+    above = objective.fails_below is UNSET
+    limit = objective.fails_above if above else objective.fails_below
+    assert limit is not UNSET
+    course = scalar.course
+    waits = Fork(case=root, column=course.column, size=course.size, above=above, limit=limit)
+    forks = [
+        msgspec.structs.replace(waits, case=child, margin=branch.margin)
+        for child, branch in reversed(chain)
+    ]
+    return [Fork(case=root), *forks]
+
+
+def with_forks(
+    search: Search, generation: int, forks: list[Branch | None]
+) -> list[list[Branch | None]]:
+    """The forks of a search with those of its next generation."""
+    before = [] if search.forks is UNSET else search.forks
+    gap: list[list[Branch | None]] = [[] for _ in range(generation - len(before))]
+    return [*before, *gap, forks]
+
+
+def _branch(forks: list[list[Branch | None]], name: str) -> Branch | None:
+    generation, number = place_of(name)
+    rows = forks[generation] if generation < len(forks) else []
+    return rows[number] if number < len(rows) else None
+
+
+def _fork_mistakes(search: Search) -> list[Mistake]:
+    """What is wrong with forks, which a campaign file of a run lists."""
+    forks = [] if search.forks is UNSET else search.forks
+    if forks and not sampler_kinds().find(search.sampler).forks:
+        return [Mistake("search.forks", f"sampler {search.sampler} proposes none; remove the key")]
+    for generation, rows in enumerate(forks):
+        where = f"search.forks[{generation}]"
+        size = len(search.proposed[generation]) if generation < len(search.proposed) else 0
+        if len(rows) not in (0, size):
+            return [Mistake(where, f"{len(rows)} forks for {size} cases")]
+        for number, branch in enumerate(rows):
+            if branch is not None and not _earlier(search, branch.parent, generation):
+                problem = f"'{branch.parent}' is no case of an earlier generation"
+                return [Mistake(f"{where}[{number}]", problem)]
+    return []
+
+
+def _earlier(search: Search, parent: str, generation: int) -> bool:
+    try:
+        its, number = place_of(parent)
+    except ValueError:
+        return False
+    return its < min(generation, len(search.proposed)) and number < len(search.proposed[its])
+
+
 def _sampler_mistakes(search: Search) -> list[Mistake]:
     try:
         kind = sampler_kinds().find(search.sampler)
@@ -258,6 +349,8 @@ def _sampler_mistakes(search: Search) -> list[Mistake]:
         answer = answers[kind.gives]
         limit = f"sampler {kind.name} gives {answer}; say fails_below or fails_above"
         mistakes.append(Mistake("search.objective.goal", limit))
+    if kind.forks and (problem := _course_problem(objective)):
+        mistakes.append(Mistake("search.objective", f"sampler {kind.name} {problem}"))
     if len(search.parameters) < kind.parameters_min:
         least = f"{len(search.parameters)} given, sampler {kind.name} needs {kind.parameters_min}"
         mistakes.append(Mistake("search.parameters", least))

@@ -13,6 +13,7 @@ from msgspec import Struct
 from conductor.core.case_table import CaseTable
 from conductor.core.searching.record import SearchRecord
 from schemas.files.search_result import SearchAnswer
+from schemas.sections.fork import Branch
 from schemas.sections.search import Value
 from schemas.wire.control import Release, Reply, Result, Share
 
@@ -79,6 +80,8 @@ class Generation(_Fact, frozen=True):
     """Standard normal coordinates of the new cases [cases][parameters]."""
     values: list[list[Value]] = []
     """Values of their parameters."""
+    forks: list[Branch | None] = []
+    """What the new cases are forks of; empty: of nothing."""
     cases: CaseTable | None = None
     """The new cases; None: the search has ended."""
     versions: dict[str, str] = {}

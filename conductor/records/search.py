@@ -59,6 +59,7 @@ def search_file(campaign: CampaignState) -> SearchFile:
     assert record is not None
     objective = search.objective
     generations = []
+    forks = [] if search.forks is UNSET else search.forks
     for number, (u, values) in enumerate(zip(record.u, search.proposed, strict=True)):
         closed = number < len(record.results)
         generations.append(
@@ -67,6 +68,7 @@ def search_file(campaign: CampaignState) -> SearchFile:
                 values=values,
                 u=u,
                 results=record.results[number] if closed else [],
+                forks=forks[number] if number < len(forks) else [],
                 answer=record.answers[number] if number < len(record.answers) else None,
             )
         )
@@ -111,8 +113,9 @@ def _indices(search: Search, campaign: CampaignState) -> SearchIndices | None:
 
     record = campaign.search
     assert record is not None
+    known = record.results and search.parameters
     name, seed = campaign.campaign.campaign, campaign.campaign.seed
-    return search_indices(search, name, seed, _rows(search, record)) if record.results else None
+    return search_indices(search, name, seed, _rows(search, record)) if known else None
 
 
 def _coverage(search: Search, campaign: CampaignState) -> SearchCoverage | None:
@@ -120,4 +123,5 @@ def _coverage(search: Search, campaign: CampaignState) -> SearchCoverage | None:
 
     record = campaign.search
     assert record is not None
-    return search_coverage(search, _rows(search, record)) if record.results else None
+    known = record.results and search.parameters
+    return search_coverage(search, _rows(search, record)) if known else None

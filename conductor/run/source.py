@@ -241,7 +241,9 @@ def begun(plan: Plan) -> Plan:
         proposal = first(search, plan.campaign.campaign, plan.campaign.seed)
     except ValueError as error:
         raise UsageError(f"search: {error}") from None
-    begun_search = msgspec.structs.replace(search, first=proposal.u, proposed=[proposal.values])
+    begun_search = msgspec.structs.replace(
+        search, first=proposal.u, proposed=[proposal.values], forks=UNSET
+    )
     return plan_of(msgspec.structs.replace(plan.campaign, search=begun_search))
 
 

@@ -9,18 +9,27 @@ from __future__ import annotations
 import functools
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from msgspec import UNSET, convert
 
-from conductor.search.protocol import Array, Estimate, History, Problem, Sampler
+from conductor.search.protocol import (
+    Array,
+    Estimate,
+    Forker,
+    Forks,
+    History,
+    Problem,
+    Sampler,
+)
 from conductor.search.space import values_of
 from schemas.files.search_result import SearchAnswer, SearchCluster
 from schemas.identity import stream_key
 from schemas.kinds.registry import implementation
 from schemas.kinds.sampler import SamplerKind, sampler_kinds
+from schemas.sections.fork import Branch
 from schemas.sections.search import Objective, Search, Value, name_of
 
 EXTRA = "pip install 'drivetwin[search]'"
@@ -40,6 +49,8 @@ class Proposal:
     """Standard normal coordinates [cases][parameters]."""
     values: list[list[Value]]
     """Values of the parameters [cases][parameters]."""
+    forks: list[Branch | None] = field(default_factory=list)
+    """What each case is a fork of; empty: none is one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +114,19 @@ def _follow(search: Search, sampler: Sampler, streams: _Streams, closed: Closed)
     u = sampler.propose(history, streams)
     if not len(u) or history.cases + len(u) > search.budget.cases:
         return SearchStep(answer, None, f"the budget of {search.budget.cases} cases is spent")
-    return SearchStep(answer, _proposal(search, u), "")
+    proposal = _proposal(search, u)
+    if isinstance(sampler, Forker):
+        forks = _branches(sampler.forks(history, streams), history)
+        proposal = replace(proposal, forks=forks)
+    return SearchStep(answer, proposal, "")
+
+
+def _branches(forks: Forks, history: History) -> list[Branch | None]:
+    """Forks by the names of the cases that they are of."""
+    names = [name_of(i, j) for i, g in enumerate(history.g) for j in range(len(g))]
+    pairs = zip(forks.parents.tolist(), forks.margins.tolist(), strict=True)
+    branches = [Branch(names[parent], margin) if parent >= 0 else None for parent, margin in pairs]
+    return branches if any(branches) else []
 
 
 def clusters(search: Search, closed: Closed) -> list[SearchCluster]:
@@ -201,7 +224,7 @@ def _first_missing(closed: Closed) -> str:
 def _history(search: Search, closed: Closed) -> History:
     dimension = len(search.parameters)
     return History(
-        [np.array(rows, np.float64).reshape(-1, dimension) for rows in closed.u],
+        [np.array(rows, np.float64).reshape(len(rows), dimension) for rows in closed.u],
         [_margins(search.objective, results) for results in closed.results],
     )
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -71,3 +71,22 @@ class Sampler(Protocol):
 
     def answer(self, history: History, /) -> Estimate:
         """What is known after ``history``."""
+
+
+@dataclass(frozen=True, slots=True)
+class Forks:
+    """What the cases of a generation are forks of."""
+
+    parents: npt.NDArray[np.int64]
+    """Case of the history [cases], counted over all generations; -1: it is no fork."""
+    margins: Array
+    """Margin below which the parent's had fallen when the fork goes its own way [cases]."""
+
+
+@runtime_checkable
+class Forker(Sampler, Protocol):
+    """A sampler whose cases may go on from the middle of others: they have their coordinates, and
+    other random numbers from there on."""
+
+    def forks(self, history: History, streams: Streams, /) -> Forks:
+        """What the cases of :meth:`propose` are forks of, for the same arguments."""

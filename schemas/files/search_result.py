@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from msgspec import Struct
 
+from schemas.sections.fork import Branch
 from schemas.sections.search import Value
 
 FILE_NAME = "search.json"
@@ -65,6 +66,9 @@ class SearchGeneration(Struct, frozen=True, kw_only=True):
     """Standard normal coordinates behind them."""
     results: list[float | None]
     """KPI per case; None: missing. Empty: the generation runs."""
+    forks: list[Branch | None] = []
+    """Per case the case that it is a fork of, and the margin below which the other's had fallen
+    there; empty: none is one."""
     answer: SearchAnswer | None = None
     """What was known when it had closed."""
 

@@ -45,6 +45,17 @@ class ImportanceOptions(_Options, frozen=True, kw_only=True):
     """Normal densities of the mixture that is fitted."""
 
 
+class SplittingOptions(_Options, frozen=True, kw_only=True):
+    """Options of multilevel splitting."""
+
+    particles: Annotated[int, Meta(ge=10, le=5000)] = 50
+    """Cases that a run begins with."""
+    runs: Annotated[int, Meta(ge=4, le=100)] = 10
+    """Runs side by side, independent of each other."""
+    share: Annotated[float, Meta(ge=0.02, le=0.8)] = 0.5
+    """Share of a run's cases that a generation replaces by forks of the others."""
+
+
 class CmaOptions(_Options, frozen=True, kw_only=True):
     """Options of CMA-ES."""
 
@@ -71,6 +82,9 @@ class SamplerKind:
     follows: bool = False
     """Whether its cases are distributed as the parameters are, so that shares of them say something
     about the parameters."""
+    forks: bool = False
+    """Whether it proposes forks: its implementation is a :class:`conductor.search.protocol.Forker`,
+    and its objective a KPI that is the extreme of a column."""
 
 
 KINDS = (
@@ -122,6 +136,15 @@ KINDS = (
         title="Saltelli's design",
         gives="indices",
         implementation="conductor.search.samplers.saltelli:Saltelli",
+    ),
+    SamplerKind(
+        name="splitting",
+        title="adaptive multilevel splitting",
+        gives="probability",
+        implementation="conductor.search.samplers.splitting:Splitting",
+        options=SplittingOptions,
+        parameters_min=0,
+        forks=True,
     ),
 )
 """The samplers that are shipped."""

@@ -10,6 +10,8 @@ from typing import Annotated, Literal
 
 from msgspec import UNSET, Meta, Struct, UnsetType
 
+from schemas.sections.fork import Branch
+
 SEARCH_CASES_MAX = 10_000
 """Most cases of a search: its campaign file lists them all."""
 GENERATION_CASES_MAX = 5000
@@ -181,7 +183,7 @@ class DomainCells(_Part, frozen=True, kw_only=True):
 class Search(_Part, frozen=True, kw_only=True):
     """A search for failures, or for their probability."""
 
-    parameters: Annotated[dict[str, Distribution], Meta(min_length=1, max_length=PARAMETERS_MAX)]
+    parameters: Annotated[dict[str, Distribution], Meta(max_length=PARAMETERS_MAX)]
     """Axis -> distribution; the axes of a matrix."""
     correlations: list[Correlation] = []
     objective: Objective
@@ -197,6 +199,9 @@ class Search(_Part, frozen=True, kw_only=True):
     """Standard normal coordinates of the first generation's cases; filled in at submission."""
     proposed: list[list[list[Value]]] = []
     """Generation -> case -> values of the parameters; filled in at submission and as it runs."""
+    forks: list[list[Branch | None]] | UnsetType = UNSET
+    """Generation -> case -> what it is a fork of, of generations with forks; filled in as it
+    runs."""
     chosen: list[str] = []
     """Cases of `proposed` that are run again by name; nothing is searched then."""
 
@@ -204,3 +209,16 @@ class Search(_Part, frozen=True, kw_only=True):
 def name_of(generation: int, number: int) -> str:
     """The name of a case: ``g0003-0017``."""
     return f"g{generation:04d}-{number:04d}"
+
+
+def place_of(name: str) -> tuple[int, int]:
+    """Generation and number of the case that :func:`name_of` gives a name.
+
+    Raises:
+        ValueError: it gives nobody this name.
+    """
+    generation, _, number = name.removeprefix("g").partition("-")
+    place = int(generation), int(number)
+    if name_of(*place) != name or min(place) < 0:
+        raise ValueError(f"no name of a proposed case: {name}")
+    return place

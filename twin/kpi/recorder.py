@@ -199,6 +199,13 @@ class KpiRecorder:
         if name in _NULLABLE:
             self._valid[name][which, row] = True if valid is None else valid
 
+    def last(self, slot: int, column: str) -> float | None:
+        """The latest value of a column that comes with every row; None: missing."""
+        row = int(self._rows[slot]) - 1
+        if column in self._valid and not self._valid[column][slot, row]:
+            return None
+        return float(self._values[column][slot, row])
+
     def of(self, slot: int) -> CaseRows:
         """The rows of a slot so far, with the columns that are computed of them."""
         rows = int(self._rows[slot])

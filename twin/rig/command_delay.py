@@ -8,7 +8,7 @@ from __future__ import annotations
 import hashlib
 import struct
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
 import numpy as np
@@ -30,7 +30,11 @@ class Delays:
         self._jitter_ns = case.variation.latency_jitter_ms * 1_000_000
         self._every = case.rig.control_hz // case.variation.rate_hz if case.variation.rate_hz else 1
         self._drop = int(case.variation.drop * _ONE)
-        self._keys = {name: case_stream(case, name) for name in ("latency", "drop")}
+        self.redraw(lambda stream: case_stream(case, stream))
+
+    def redraw(self, key: Callable[[str], int]) -> None:
+        """Draw by other keys, by the names of the streams, from the next command on."""
+        self._keys = {name: key(name) for name in ("latency", "drop")}
 
     def send(
         self, pending: deque[tuple[int, Command]], first_step: int, tick: int, command: Command

@@ -12,6 +12,7 @@ from schemas.kinds.sensor import SensorKind, sensor_kinds
 from twin.fabric.frames import FrameChannel
 from twin.render.memory import MemoryRow
 from twin.sensors.data import SensorData
+from twin.sensors.mount import KeyOf, Redraws
 from twin.sensors.ray_sensor import Moment, RayMount, RaySensor, Sight
 from twin.vehicle.vehicle_file import Vehicle
 from twin.world.sky.sun import Daylight
@@ -69,6 +70,11 @@ class DeclaredRay:
     def reset(self, slot: int, case: Case) -> None:
         """See :class:`twin.sensors.ray_sensor.RaySensor`, as of all others."""
         self._sensor.reset(slot, case)
+
+    def redraw(self, slot: int, key: KeyOf) -> None:
+        """Draw by other keys, if it draws."""
+        if isinstance(self._sensor, Redraws):
+            self._sensor.redraw(slot, key)
 
     def light(
         self,

@@ -16,6 +16,7 @@ from twin.fabric.frames import FrameChannel
 from twin.render.memory import check_free, free_bytes
 from twin.render.trace.geometry import Geometry
 from twin.sensors.data import SensorData
+from twin.sensors.mount import KeyOf, Redraws
 from twin.sensors.ray_kinds import ray_rigs
 from twin.sensors.ray_sensor import Moment, RayMount, Sight
 from twin.sensors.rig_memory import rig_memory
@@ -88,6 +89,12 @@ class ExteroceptiveSuite:
         """Leave a slot out of the readings, or take it in again as it was."""
         for sensor in self._sensors:
             sensor.hold(slot, held=held)
+
+    def redraw(self, slot: int, key: KeyOf) -> None:
+        """Draw a slot's noise by other keys from the next reading on."""
+        for sensor in self._sensors:
+            if isinstance(sensor, Redraws):
+                sensor.redraw(slot, key)
 
     def moved(self, slot: int) -> None:
         """The ego was put elsewhere: nothing leads from the last readings to the next."""

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 import warp as wp
@@ -11,6 +12,18 @@ import warp as wp
 from schemas.case import Case
 from schemas.messages import SensorErrors
 from twin.world.scene import Origin
+
+KeyOf = Callable[[str], int]
+"""Key of a random stream by its name, :func:`schemas.identity.case_stream`."""
+
+
+@runtime_checkable
+class Redraws(Protocol):
+    """A sensor whose random numbers may be others from a moment of a case on. One that draws and
+    does not say so keeps its own."""
+
+    def redraw(self, slot: int, key: KeyOf) -> None:
+        """Draw by other keys from the next reading on; whatever was drawn before stays."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,7 @@ from schemas.case import Case
 from schemas.kinds.registry import implementation
 from schemas.kinds.sensor import sensor_kinds
 from schemas.messages import SensorErrors
-from twin.sensors.mount import Sensor, SensorMount
+from twin.sensors.mount import KeyOf, Redraws, Sensor, SensorMount
 from twin.world.scene import Origin
 
 
@@ -46,6 +46,12 @@ class SensorSuite:
         """Leave a slot out of the readings, or take it in again as it was."""
         for sensor in self._sensors.values():
             sensor.hold(slot, held=held)
+
+    def redraw(self, slot: int, key: KeyOf) -> None:
+        """Draw a slot's errors by other keys from the next reading on."""
+        for sensor in self._sensors.values():
+            if isinstance(sensor, Redraws):
+                sensor.redraw(slot, key)
 
     def mistake(self, errors: SensorErrors | None) -> str:
         """What is wrong with changed errors, or an empty string."""

@@ -14,10 +14,12 @@ from schemas.messages import CameraSite, Lights
 from twin.fabric.frames import FrameChannel
 from twin.render.camera import RayCamera
 from twin.render.light.light import advance_light, begin_sky, fill_light, fill_sky, switch_lamps
+from twin.render.light.precipitation import DROPS_MASK
 from twin.render.looks import has_looks
 from twin.render.memory import MemoryRow, camera_rows
 from twin.sensors.camera.boxes import BoxSensor
 from twin.sensors.data import SensorData
+from twin.sensors.mount import KeyOf
 from twin.sensors.ray_sensor import Moment, RayMount, Sight
 from twin.vehicle.vehicle_file import Vehicle
 from twin.world.sky.sun import Daylight
@@ -115,6 +117,7 @@ class MountedCamera:
             {o: buffers[o + suffix] for o in spec.outputs if o + suffix in buffers},
         )
         self._spec = spec
+        self._stream = f"camera/{spec.name}"
         self._suffix = suffix
         self._boxes = BoxSensor(geometry.classes, geometry.slots, geometry.device)
         self._lamps: list[Lights | None] = [None] * geometry.slots
@@ -126,10 +129,17 @@ class MountedCamera:
         """Begin a case; :meth:`light` must follow."""
         row = self.camera.lights.host[slot]
         row["noise"] = int(self._spec.noise)
-        row["key"] = case_stream(case, f"camera/{self._spec.name}")
+        row["key"] = case_stream(case, self._stream)
         row["active"] = 1
         begin_sky(row, case_stream(case, "clouds"))
         self.camera.reset(slot)
+
+    def redraw(self, slot: int, key: KeyOf) -> None:
+        """Draw by another key. The drops that hang in the air stay: of the key they have the lowest
+        bits, and those are the case's from its start."""
+        row = self.camera.lights.host[slot]
+        drops = int(row["key"]) & DROPS_MASK
+        row["key"] = key(self._stream) & ~DROPS_MASK | drops
 
     def light(
         self,

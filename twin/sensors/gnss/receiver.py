@@ -17,7 +17,7 @@ from schemas.identity import case_stream
 from schemas.kinds.sensors.gnss import COLUMNS
 from schemas.messages import SensorErrors
 from twin.sensors.gnss.geodesy import Datum, datum_of, geodetic
-from twin.sensors.mount import SensorMount
+from twin.sensors.mount import KeyOf, SensorMount
 from twin.sensors.noise import Wander, gaussian, uniform, wander, wander_numbers
 from twin.sensors.truth import POSITION, rotation_at, vector_at
 from twin.world.mirror import Mirror
@@ -125,6 +125,10 @@ class SatelliteReceiver:
         row["noise_factor"] = row["bias_factor"] = 1.0
         row["blocked"] = 0
         row["active"] = 1
+
+    def redraw(self, slot: int, key: KeyOf) -> None:
+        """Draw by another key; the bias wanders on from where it is."""
+        self._errors.host[slot]["key"] = key("gnss")
 
     def clear(self, slot: int) -> None:
         """Make a slot inactive."""

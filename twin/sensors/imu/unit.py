@@ -17,7 +17,7 @@ from schemas.case import Case
 from schemas.identity import case_stream
 from schemas.kinds.sensors.imu import COLUMNS
 from schemas.messages import SensorErrors
-from twin.sensors.mount import SensorMount
+from twin.sensors.mount import KeyOf, SensorMount
 from twin.sensors.noise import GAUSS_MARKOV_PEAK, Wander, gaussian, wander, wander_numbers
 from twin.sensors.truth import FORCE
 from twin.world.mirror import Mirror
@@ -108,6 +108,10 @@ class InertialUnit:
         row["key"] = case_stream(case, "imu")
         row["noise_factor"] = row["bias_factor"] = 1.0
         row["active"] = 1
+
+    def redraw(self, slot: int, key: KeyOf) -> None:
+        """Draw by another key; the bias wanders on from where it is, and the scale stays."""
+        self._errors.host[slot]["key"] = key("imu")
 
     def clear(self, slot: int) -> None:
         """Make a slot inactive."""

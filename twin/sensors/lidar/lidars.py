@@ -11,6 +11,7 @@ from twin.render.memory import LidarLoad, MemoryRow
 from twin.sensors.data import SensorData
 from twin.sensors.lidar.lidar import LidarSensor, LidarWeather
 from twin.sensors.lidar.profile_file import mounted_profile
+from twin.sensors.mount import KeyOf
 from twin.sensors.ray_sensor import Moment, RayMount, Sight
 from twin.vehicle.vehicle_file import Vehicle
 from twin.world.sky.sun import Daylight
@@ -104,6 +105,7 @@ class MountedLidar:
         on_vehicle = mount.vehicle.lidar(site.name)
         self.every = mount.case.rig.control_hz // site.hz
         self._site = site
+        self._stream = f"lidar/{site.name}"
         self._sensor = LidarSensor(
             mounted_profile(on_vehicle),
             on_vehicle,
@@ -114,8 +116,11 @@ class MountedLidar:
 
     def reset(self, slot: int, case: Case) -> None:
         """Begin a case."""
-        key = case_stream(case, f"lidar/{self._site.name}")
-        self._sensor.reset(slot, key)
+        self._sensor.reset(slot, case_stream(case, self._stream))
+
+    def redraw(self, slot: int, key: KeyOf) -> None:
+        """Draw by another key."""
+        self._sensor.air.host[slot]["key"] = key(self._stream)
 
     def light(
         self,

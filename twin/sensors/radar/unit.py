@@ -8,6 +8,7 @@ from schemas.case import Case
 from schemas.identity import case_stream
 from schemas.kinds.sensors.radar import COLUMNS, DETECTIONS_MAX, PROFILES
 from twin.sensors.data import SensorData
+from twin.sensors.mount import KeyOf
 from twin.sensors.radar.profile import load_radar_profile
 from twin.sensors.radar.sensor import RadarSensor, bodies_in, bytes_per_slot
 from twin.sensors.ray_sensor import Moment, RayMount, Sight
@@ -67,6 +68,10 @@ class RadarUnit:
         row["multipath"], row["clutter"] = int(config.multipath), int(config.clutter)
         position_m, (_, _, yaw_deg) = site_of(case, self._mount.vehicle)
         sensor.mount(slot, position_m, yaw_deg)
+
+    def redraw(self, slot: int, key: KeyOf) -> None:
+        """Draw by another key."""
+        self._sensors[self._profile[slot]].state.host[slot]["key"] = key("radar")
 
     def _sensor(self, profile: str) -> RadarSensor:
         if profile not in self._sensors:

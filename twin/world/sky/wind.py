@@ -46,6 +46,10 @@ class Winds:
         self._key[slot] = np.uint64(key)
         self._toward[slot] = toward
 
+    def redraw(self, slot: int, key: int) -> None:
+        """Draw by another key from the next period on; the gusts go on from what they are."""
+        self._key[slot] = np.uint64(key)
+
     def set(self, slot: int, mean_mps: float, gust_mps: float) -> None:
         """Strength of a slot's wind from now on: mean and standard deviation of its gusts."""
         self._mean[slot], self._sigma[slot] = mean_mps, gust_mps

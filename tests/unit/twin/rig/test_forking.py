@@ -1,0 +1,131 @@
+"""Cases that go on with other random numbers from a moment on."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from case_changes import changed
+
+from schemas.case import Case
+from schemas.identity import case_digest, rig_key, stack_seed
+from schemas.messages import Command
+from schemas.plan import expand, parse_campaign
+from schemas.sections.fork import Fork
+from twin.rig.engine import Engine
+from twin.vehicle.columns import COLUMN
+
+NOISY = {
+    "imu": {"hz": 20},
+    "gnss": {"hz": 20, "dropouts_per_min": 30},
+    "radar": {"hz": 20},
+    "encoders": {"hz": 20},
+}
+TICKS, FORK = 12, 5
+_DTC = COLUMN["dtc_m"]
+
+
+def noisy_case(name: str = "a", **scenario: object) -> Case:
+    """A case in which all that draws random numbers does."""
+    data = {
+        "campaign": "test",
+        "seed": 4,
+        "control_hz": 20,
+        "camera": {"width": 32, "height": 18, "hz": 20},
+        "lidars": [{"name": "roof", "hz": 20}],
+        "sensors": NOISY,
+        "scenario": {"ego_start_m": 40.0, "ego_speed_mps": 8.0, "duration_s": 3.0, **scenario},
+        "autonomy": {"latency_jitter_ms": 180, "drop": 0.3},
+        "matrix": {"weather": ["heavy_rain"]},
+    }
+    campaign, mistakes = parse_campaign(data)
+    assert campaign is not None, mistakes
+    return changed(expand(campaign)[0], id=name)
+
+
+def driven(engine: Engine, slot: int, case: Case, ticks: int) -> dict[str, list[bytes]]:
+    """Readings of a slot, tick by tick, and the state of its vehicle."""
+    engine.reset(slot, case)
+    seen: dict[str, list[bytes]] = {"state": []}
+    for tick in range(ticks):
+        for name, data in engine.sense().items():
+            valid = slice(None) if data.count is None else slice(int(data.count[slot]))
+            seen.setdefault(name, []).append(data.values[slot][valid].tobytes())
+        seen["state"].append(engine.state[slot].tobytes())
+        commands: list[Command | None] = [None] * engine.slots
+        commands[slot] = Command(slot, 0, tick, 0.4, 0.0, 0.01 * (tick % 3))
+        assert not engine.step(commands)
+    engine.clear(slot)
+    return seen
+
+
+@pytest.fixture(scope="module")
+def engine() -> Engine:
+    return Engine(noisy_case(), 2)
+
+
+def test_a_fork_shares_the_beginning_and_draws_everything_anew_from_its_tick_on(
+    engine: Engine,
+) -> None:
+    parent = driven(engine, 0, noisy_case(), TICKS)
+    forked = changed(noisy_case("b"), forks=[Fork(case="a"), Fork(case="b", tick=FORK)])
+    child = driven(engine, 1, forked, TICKS)
+    for name, before in parent.items():
+        assert child[name][:FORK] == before[:FORK], name
+    for name in ("camera", "lidar.roof", "radar", "imu", "gnss"):
+        assert child[name][FORK] != parent[name][FORK], name
+    assert child["state"][-1] != parent["state"][-1], "neither wind nor losses were drawn anew"
+    again = driven(engine, 0, forked, TICKS)
+    assert again == child
+
+
+def test_a_case_that_forks_at_once_is_the_case_whose_name_it_has(engine: Engine) -> None:
+    plain = driven(engine, 0, noisy_case("b"), 4)
+    # The camera keeps its drops and clouds, which are those of the start.
+    forked = changed(noisy_case("c"), forks=[Fork(case="a"), Fork(case="b")])
+    child = driven(engine, 0, forked, 4)
+    for name in ("lidar.roof", "radar", "imu", "gnss", "state"):
+        assert child[name] == plain[name], name
+
+
+def test_a_fork_waits_until_its_column_has_passed_the_limit(engine: Engine) -> None:
+    parent = noisy_case()
+    engine.reset(0, parent)
+    distances = []
+    for tick in range(TICKS):
+        engine.sense()
+        distances.append(float(engine.state[0, _DTC]))
+        engine.step([Command(0, 0, tick, 0.4, 0.0, 0.01 * (tick % 3)), None])
+    engine.clear(0)
+    before = driven(engine, 0, parent, TICKS)
+    # The row of tick FORK - 1 is the first that is smaller: the next reading is another.
+    margin = distances[FORK - 2] - 1.0
+    at = {"column": "dtc_m", "limit": 1.0}
+    waits = Fork(case="b", margin=margin, **at)
+    later = Fork(case="c", margin=distances[FORK - 1] - 1.0, **at)
+    forked = changed(noisy_case("b"), forks=[Fork(case="a"), waits])
+    child = driven(engine, 0, forked, TICKS)
+    assert child["imu"][:FORK] == before["imu"][:FORK]
+    assert child["imu"][FORK] != before["imu"][FORK]
+    twice = driven(engine, 1, changed(forked, forks=[Fork(case="a"), waits, later]), TICKS)
+    assert twice["imu"][: FORK + 1] == child["imu"][: FORK + 1]
+    assert twice["imu"][FORK + 1] != child["imu"][FORK + 1]
+    never = Fork(case="b", margin=-1e9, **at)
+    alone = driven(engine, 0, changed(forked, forks=[Fork(case="a"), never]), TICKS)
+    assert alone == before
+
+
+def test_a_fork_is_part_of_what_a_case_is_and_not_of_its_rig() -> None:
+    parent = noisy_case()
+    root = changed(parent, forks=[Fork(case="a")])
+    late = changed(parent, forks=[Fork(case="a"), Fork(case="b", tick=7)])
+    assert len({case_digest(case) for case in (parent, root, late)}) == 3
+    assert rig_key(late) == rig_key(parent)
+    child = changed(late, id="b")
+    assert stack_seed(child) == stack_seed(parent) != stack_seed(noisy_case("b"))
+
+
+def test_margins_count_towards_the_limit() -> None:
+    assert Fork(case="a", limit=2.0).margin_of(3.0) == 1.0
+    assert Fork(case="a", limit=2.0, above=True).margin_of(-3.0) == 5.0
+    assert Fork(case="a", limit=2.0, above=True, size=True).margin_of(-3.0) == -1.0
+    assert np.isnan(Fork(case="a").margin_of(float("nan")))
