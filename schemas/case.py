@@ -98,6 +98,14 @@ class RigSpec(_Part, frozen=True, kw_only=True):
         return min(self.slots, offered) if self.slots else offered
 
 
+class Origin(_Part, frozen=True, kw_only=True):
+    """The case of another campaign whose random numbers a case has, and whose name its stack is
+    told; its seed is the variation's."""
+
+    campaign: Name
+    case: str
+
+
 class Variation(_Part, frozen=True, kw_only=True):
     """What a slot is given for one case; no rig is built anew for any of it."""
 
@@ -134,6 +142,8 @@ class Variation(_Part, frozen=True, kw_only=True):
     """Whether the record of its drive plane is kept."""
     tell: list[Told] = []
     """What its stack is told beyond what it needs, sorted."""
+    origin: Origin | UnsetType = UNSET
+    """The case that it repeats in another campaign; unset: none."""
     forks: Annotated[list[Fork], Meta(min_length=1, max_length=FORKS_MAX)] | UnsetType = UNSET
     """Whose random numbers it has, from its start on by the first of them; unset: its own."""
 

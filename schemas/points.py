@@ -6,7 +6,7 @@ import itertools
 from typing import Any, NamedTuple
 
 import msgspec
-from msgspec import UNSET
+from msgspec import UNSET, UnsetType
 
 from schemas.axes import (
     Memo,
@@ -22,6 +22,7 @@ from schemas.campaign import ID_CHARS_MAX, Campaign
 from schemas.identity import stream_key
 from schemas.kinds.scenario import kind_of
 from schemas.names import minutes
+from schemas.repeated import DRAWN_AS, DRAWN_AS_ALLOWED, Repeated, repeated_of
 from schemas.rulebook_rows import (
     REPEAT_AXIS,
     ROW_AXIS,
@@ -73,6 +74,8 @@ class Point(NamedTuple):
     objects: dict[str, ObjectVariation]
     row: str = ""
     """Its row of the rulebook; empty: there is no rulebook."""
+    repeats: Repeated | UnsetType = UNSET
+    """The case of another campaign that it repeats; unset: none."""
 
 
 def points_of(campaign: Campaign) -> tuple[list[Point], list[Mistake]]:
@@ -143,7 +146,12 @@ def _grid(campaign: Campaign) -> tuple[list[tuple[str, str, dict[str, Any]]], li
         for index, hit in enumerate(excluded)
         if not hit
     ]
-    kept += [(f"cases[{index}]", "", dict(point)) for index, point in enumerate(campaign.cases)]
+    for index, point in enumerate(campaign.cases):
+        repeated = repeated_of(point)
+        if DRAWN_AS in point and repeated is UNSET:
+            mistakes.append(Mistake(f"cases[{index}].{DRAWN_AS}", DRAWN_AS_ALLOWED))
+        name = "" if repeated is UNSET else repeated.name
+        kept.append((f"cases[{index}]", name, dict(point)))
     return kept, mistakes
 
 
@@ -318,6 +326,7 @@ def _point(
         parameters=parameters_of(point),
         objects=objects,
         row=row.row if row else "",
+        repeats=repeated_of(point),
     )
     return found_point, []
 

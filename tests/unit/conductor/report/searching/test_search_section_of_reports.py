@@ -47,6 +47,7 @@ def test_the_page_tells_answer_and_clusters(found: SearchFile) -> None:
     assert sum(len(row.cluster.cases) for row in shown.clusters) == found.answer.failures
     template = environment(autoescape=True).from_string(
         "{% macro count(n, one, many) %}{{ n }} {{ one if n == 1 else many }}{% endmacro %}"
+        "{% macro film(case) %}film of {{ case }}{% endmacro %}"
         '{% include "search.html.j2" with context %}'
     )
     page = template.render(found=shown, failures=[], drawn={"searched", "covered"})
