@@ -15,7 +15,6 @@ from schemas.axes import axes_allowed, is_axis
 from schemas.case import Clock
 from schemas.names import WEATHERS as WEATHERS
 from schemas.names import Name as Name
-from schemas.repeated import DRAWN_AS
 from schemas.rulebook_rows import ROW_AXIS, rows_given, rulebook_mistakes
 from schemas.search_points import proposed_count, search_mistakes
 from schemas.sections.autonomy import Autonomy, driver_mistakes
@@ -23,6 +22,7 @@ from schemas.sections.camera import Camera as Camera
 from schemas.sections.environment import Environment, environment_mistakes
 from schemas.sections.lidar import Lidar
 from schemas.sections.objects import ObjectVariation
+from schemas.sections.repeated import DRAWN_AS
 from schemas.sections.rulebook import Rulebook
 from schemas.sections.scenario import Scenario as Scenario
 from schemas.sections.search import Search

@@ -11,11 +11,12 @@ import msgspec
 from msgspec import UNSET
 
 from schemas.campaign import Campaign
-from schemas.case import Case, Origin, RigSpec
+from schemas.case import Case, RigSpec
 from schemas.digest import digest
 from schemas.kinds.perception import perception_kind
 from schemas.kinds.scenario import kind_of
 from schemas.sections.perception import Perception, file_fields
+from schemas.sections.repeated import CaseOrigin
 from schemas.sections.scenario import Scenario
 from schemas.sections.stack_identity import StackIdentity, StackSource
 
@@ -165,12 +166,12 @@ def case_stream(case: Case, stream: str, name: str = "") -> int:
     return stream_key(case.variation.seed, name, stream)
 
 
-def _original(case: Case) -> Origin:
+def _original(case: Case) -> CaseOrigin:
     """The case that a case repeats, or the case itself."""
     origin = case.variation.origin
     if origin is not UNSET:
         return origin
-    return Origin(campaign=case.variation.campaign, case=case.id)
+    return CaseOrigin(campaign=case.variation.campaign, case=case.id)
 
 
 def stack_name(case: Case) -> str:

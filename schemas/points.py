@@ -22,7 +22,6 @@ from schemas.campaign import ID_CHARS_MAX, Campaign
 from schemas.identity import stream_key
 from schemas.kinds.scenario import kind_of
 from schemas.names import minutes
-from schemas.repeated import DRAWN_AS, DRAWN_AS_ALLOWED, Repeated, repeated_of
 from schemas.rulebook_rows import (
     REPEAT_AXIS,
     ROW_AXIS,
@@ -38,6 +37,7 @@ from schemas.sections.autonomy import Autonomy
 from schemas.sections.camera import Camera
 from schemas.sections.environment import Environment
 from schemas.sections.objects import ObjectVariation
+from schemas.sections.repeated import DRAWN_AS, DRAWN_AS_ALLOWED, Repeated, repeated_of
 from schemas.sections.rulebook import RulebookRow
 from schemas.sections.scenario import Scenario
 from schemas.sections.sensors import Sensors

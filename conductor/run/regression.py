@@ -5,38 +5,29 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import msgspec
-import yaml
-from msgspec import UNSET, Struct
+from msgspec import UNSET
 
+from conductor.records.kept_cases import begun_text, dumped, entry_of, repeated_in, with_cases
 from conductor.records.outcomes import Outcomes, read_outcomes
 from conductor.records.search import read_search
 from conductor.run.source import load
-from schemas.campaign import Campaign
 from schemas.case import Case
 from schemas.escape import escape
 from schemas.files.search_result import SearchFile
-from schemas.files.yaml_file import YamlError, parse_yaml, read_yaml_text
+from schemas.files.yaml_file import YamlError, read_yaml_text
 from schemas.identity import case_digest
-from schemas.names import Name
 from schemas.plan import Plan
-from schemas.repeated import DRAWN_AS, Repeated, repeated_of
+from schemas.sections.repeated import DRAWN_AS, Repeated, repeated_of
 from schemas.sections.stack_identity import StackIdentity, StackSource
 from twin.base.errors import UsageError, storage_error
 from twin.base.files import write_atomic
 from twin.records.campaign_file import read_plan
 
 CAMPAIGN_FILE = "campaign.yaml"
-_OF_THE_RUN = {
-    *("campaign", "description", "seed", "matrix", "cases", "exclude", "search", "batch"),
-    *("view", "recording", "attempts_max", "files", "plugins", "stack_identity"),
-}
-"""Keys of a campaign that are left behind."""
 _STACK = ("stack", "foreign", "parameters", "source", "perception", "model")
 """Parts of a case that say what is under test."""
 
@@ -59,21 +50,22 @@ def regress(run: Path, names: Sequence[str], into: Path) -> list[str]:
     """
     outcomes = read_outcomes(run)
     plan = read_plan(run / CAMPAIGN_FILE)
-    search = None if plan.campaign.search is UNSET else read_search(run)
+    section = plan.campaign.search
+    search = None if section is UNSET or section.chosen else read_search(run)
     names = list(dict.fromkeys(names)) or _mildest(search, run)
     _check_run(plan, names, run)
     repeated = {name: _repeated(plan, name) for name in names}
     lines = []
     for name in names:
         lines.append(f"# {escape(_finding(run, name, outcomes, search))}")
-        lines += _dumped([_entry(plan, name, repeated[name])])
+        lines += dumped([entry_of(plan, name, repeated[name])])
     before = _text_of(into)
-    text = _begun(plan.campaign, into) if before is None else before
-    known = set() if before is None else _known(text, into)
+    text = begun_text(plan.campaign, into) if before is None else before
+    known = set() if before is None else repeated_in(text, into)
     for each in repeated.values():
         if each.words in known:
             raise UsageError(f"{into}: has {each.words} already; nothing was added")
-    text = _added(text, lines, into)
+    text = with_cases(text, lines, into)
     _write_if_same(plan, repeated, text, into, run)
     return [each.name for each in repeated.values()]
 
@@ -116,11 +108,6 @@ def _repeated(plan: Plan, name: str) -> Repeated:
     return repeated
 
 
-def _entry(plan: Plan, name: str, repeated: Repeated) -> dict[str, Any]:
-    point = next(point for point in plan.points if point.id == name)
-    return {DRAWN_AS: repeated.words, **{k: v for k, v in point.values.items() if k != DRAWN_AS}}
-
-
 def _finding(run: Path, name: str, outcomes: Outcomes, search: SearchFile | None) -> str:
     """What was found of a case, in a line."""
     end = outcomes.cases[name]
@@ -143,89 +130,6 @@ def _text_of(into: Path) -> str | None:
         return read_yaml_text(into)
     except YamlError as error:
         raise UsageError(str(error)) from None
-
-
-def _begun(campaign: Campaign, into: Path) -> str:
-    """A new file without cases yet: what all cases of the run share."""
-    try:
-        msgspec.convert(into.stem, Name)
-    except msgspec.ValidationError:
-        raise UsageError(
-            f"--into {into}: a campaign is named as its file; take small letters, digits and ._-"
-        ) from None
-    default = Campaign(campaign=into.stem)
-    kept = {
-        key: said
-        for key, said in _said(campaign, default).items()
-        if key not in _OF_THE_RUN and said != {}
-    }
-    head = "# Failures that were found once, and are run again: see `conductor regress`.\n"
-    return head + "".join(f"{line}\n" for line in _dumped({"campaign": into.stem, **kept}))
-
-
-def _said(section: Struct, default: Struct) -> dict[str, Any]:
-    """The fields in which a section differs from its defaults, as plain data."""
-    said: dict[str, Any] = {}
-    for name in section.__struct_fields__:
-        value, usual = getattr(section, name), getattr(default, name)
-        if value == usual:
-            continue
-        if isinstance(value, Struct) and type(value) is type(usual):
-            said[name] = _said(value, usual)
-        else:
-            said[name] = msgspec.to_builtins(value)
-    return said
-
-
-def _dumped(data: Any) -> list[str]:
-    text = yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=1000)
-    return text.splitlines()
-
-
-def _known(text: str, into: Path) -> set[str]:
-    """The cases that a file repeats already."""
-    try:
-        data = parse_yaml(text, str(into))
-    except YamlError as error:
-        raise UsageError(str(error)) from None
-    cases = data.get("cases") if isinstance(data, dict) else None
-    points = cases if isinstance(cases, list) else []
-    return {str(point.get(DRAWN_AS)) for point in points if isinstance(point, dict)}
-
-
-def _added(text: str, lines: Sequence[str], into: Path) -> str:
-    """The text with further entries at the end of its list ``cases``.
-
-    Raises:
-        UsageError: that list is not written line by line.
-    """
-    text = text if text.endswith("\n") else f"{text}\n"
-    if re.search(r"^(\.\.\.|---)", text, re.MULTILINE):
-        raise UsageError(f"{into}: a line of it begins with --- or ...; remove that line")
-    root = yaml.compose(text, Loader=yaml.SafeLoader)
-    keys = root.value if isinstance(root, yaml.MappingNode) else []
-    node = next((value for key, value in keys if key.value == "cases"), None)
-    if node is None:
-        flow = isinstance(root, yaml.MappingNode) and root.flow_style
-        if not isinstance(root, yaml.MappingNode) or flow:
-            raise UsageError(f"{into}: no campaign, with a key on each line")
-        return text + "\n".join(["cases:", *lines]) + "\n"
-    if not isinstance(node, yaml.SequenceNode) or node.flow_style or not node.value:
-        raise UsageError(f"{into}: write cases as a list with a line for each, or remove the key")
-    end = _last(node).end_mark
-    place = end.line + (1 if end.column else 0)
-    pad = " " * node.start_mark.column
-    kept = text.splitlines()
-    return "\n".join([*kept[:place], *(pad + line for line in lines), *kept[place:]]) + "\n"
-
-
-def _last(node: yaml.Node) -> yaml.Node:
-    """The last scalar of a node, or an empty or bracketed part."""
-    nested = isinstance(node, yaml.CollectionNode) and node.value and not node.flow_style
-    if not nested:
-        return node
-    last = node.value[-1]
-    return _last(last[1] if isinstance(last, tuple) else last)
 
 
 def _write_if_same(

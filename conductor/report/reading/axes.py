@@ -12,9 +12,9 @@ from schemas.axes import NUMBER_AXES, OBJECT_AXES, PARAMETER_AXES, number_of
 from schemas.campaign import WEATHERS, Campaign
 from schemas.case import Case
 from schemas.kinds.scenario import trial_of
-from schemas.repeated import DRAWN_AS
 from schemas.rulebook_rows import ROW_AXIS, axes_of_rows
 from schemas.sections.objects import ObjectVariation
+from schemas.sections.repeated import DRAWN_AS
 
 PLAIN = ("model", "time_of_day", "weather", "repeat", "batch")
 """Axes that every case has."""

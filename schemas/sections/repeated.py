@@ -9,9 +9,9 @@ import re
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from msgspec import UNSET, UnsetType
+from msgspec import UNSET, Struct, UnsetType
 
-from schemas.case import Origin
+from schemas.names import Name
 
 DRAWN_AS = "drawn_as"
 """Key of a point of ``cases``, beside its axes."""
@@ -23,11 +23,19 @@ _WORDS = re.compile(
 )
 
 
+class CaseOrigin(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """The case of another campaign whose random numbers a case has, and whose name its stack is
+    told; the seed is the variation's."""
+
+    campaign: Name
+    case: str
+
+
 class Repeated(NamedTuple):
     """A case of another campaign."""
 
     seed: int
-    origin: Origin
+    origin: CaseOrigin
 
     @property
     def name(self) -> str:
@@ -45,4 +53,4 @@ def repeated_of(point: Mapping[str, Any]) -> Repeated | UnsetType:
     found = _WORDS.fullmatch(str(point.get(DRAWN_AS, "")))
     if found is None or int(found[2]) > SEED_MAX:
         return UNSET
-    return Repeated(int(found[2]), Origin(campaign=found[1], case=found[3]))
+    return Repeated(int(found[2]), CaseOrigin(campaign=found[1], case=found[3]))

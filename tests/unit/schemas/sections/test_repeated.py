@@ -7,10 +7,10 @@ from typing import Any
 import pytest
 from msgspec import UNSET
 
-from schemas.case import Case, Origin
+from schemas.case import Case
 from schemas.identity import case_digest, case_stream, stack_name, stack_seed
 from schemas.plan import examine
-from schemas.repeated import repeated_of
+from schemas.sections.repeated import CaseOrigin, repeated_of
 
 
 def _cases(seed: int = 0, tell: bool = False, **point: Any) -> list[Case]:
@@ -37,7 +37,7 @@ def test_a_repeated_case_has_all_random_numbers_of_the_other(tell: bool) -> None
     one = _original(tell)
     (two,) = _cases(99, tell, drawn_as=f"hunt/7/{one.id}", weather="light_snow")
     assert two.id == f"hunt-7-{one.id}"
-    assert two.variation.origin == Origin(campaign="hunt", case=one.id)
+    assert two.variation.origin == CaseOrigin(campaign="hunt", case=one.id)
     for stream in ("gnss", "latency", "stack"):
         assert case_stream(two, stream) == case_stream(one, stream)
     assert (stack_name(two), stack_seed(two)) == (stack_name(one), stack_seed(one))
