@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import NamedTuple
 
 import msgspec
 from msgspec import UNSET
 
-from conductor.core.searching.record import SearchRecord
 from conductor.core.state import CampaignState
 from schemas.files.json_text import JsonError, decode_json
 from schemas.files.regular_file import read_regular
 from schemas.files.search_result import (
     FILE_NAME,
+    FailureMap,
     SearchCluster,
     SearchCoverage,
     SearchFile,
@@ -23,9 +23,6 @@ from schemas.files.search_result import (
 from schemas.kinds.sampler import sampler_kinds
 from schemas.sections.search import Search, name_of
 from twin.base.errors import InfrastructureError, UsageError
-
-if TYPE_CHECKING:
-    from conductor.search.answers.case_rows import SearchRows
 
 SEARCH_BYTES_MAX = 256 << 20
 """Largest file that is read: ten thousand cases of forty parameters take a tenth."""
@@ -72,6 +69,7 @@ def search_file(campaign: CampaignState) -> SearchFile:
                 answer=record.answers[number] if number < len(record.answers) else None,
             )
         )
+    further = _further(search, campaign)
     return SearchFile(
         campaign=campaign.campaign.campaign,
         sampler=search.sampler,
@@ -83,8 +81,9 @@ def search_file(campaign: CampaignState) -> SearchFile:
         ended=record.ended,
         answer=record.answers[-1] if record.answers else None,
         clusters=_clusters(search, campaign) if record.ended else [],
-        indices=_indices(search, campaign) if record.ended else None,
-        coverage=_coverage(search, campaign) if record.ended else None,
+        indices=further.indices,
+        failure_map=further.failure_map,
+        coverage=further.coverage,
         versions=record.versions,
         cpus=record.cpus,
         generations=generations,
@@ -101,27 +100,26 @@ def _clusters(search: Search, campaign: CampaignState) -> list[SearchCluster]:
     return clusters(search, Closed(record.u[: len(record.results)], record.results))
 
 
-def _rows(search: Search, record: SearchRecord) -> SearchRows:
+class _Further(NamedTuple):
+    """What is made of a search that has ended."""
+
+    indices: SearchIndices | None = None
+    failure_map: FailureMap | None = None
+    coverage: SearchCoverage | None = None
+
+
+def _further(search: Search, campaign: CampaignState) -> _Further:
+    record = campaign.search
+    assert record is not None
+    if not record.ended or not record.results or not search.parameters:
+        return _Further()
     from conductor.search.answers.case_rows import case_rows
+    from conductor.search.answers.domain import search_coverage
+    from conductor.search.answers.failure_map import failure_map
+    from conductor.search.answers.indices import search_indices
     from conductor.search.driver import Closed
 
-    return case_rows(search, Closed(record.u[: len(record.results)], record.results))
-
-
-def _indices(search: Search, campaign: CampaignState) -> SearchIndices | None:
-    from conductor.search.answers.indices import search_indices
-
-    record = campaign.search
-    assert record is not None
-    known = record.results and search.parameters
+    rows = case_rows(search, Closed(record.u[: len(record.results)], record.results))
     name, seed = campaign.campaign.campaign, campaign.campaign.seed
-    return search_indices(search, name, seed, _rows(search, record)) if known else None
-
-
-def _coverage(search: Search, campaign: CampaignState) -> SearchCoverage | None:
-    from conductor.search.answers.domain import search_coverage
-
-    record = campaign.search
-    assert record is not None
-    known = record.results and search.parameters
-    return search_coverage(search, _rows(search, record)) if known else None
+    indices = search_indices(search, name, seed, rows)
+    return _Further(indices, failure_map(search, rows, indices), search_coverage(search, rows))

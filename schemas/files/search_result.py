@@ -100,6 +100,21 @@ class SearchIndices(Struct, frozen=True, kw_only=True):
     """For whether a case fails; empty: no limit, or fewer than ten cases that fail or that hold."""
 
 
+class FailureMap(Struct, frozen=True, kw_only=True):
+    """Where cases fail, in the two parameters that matter most."""
+
+    parameters: list[str]
+    """Those of x and y."""
+    method: str
+    """How the shares were obtained, in words."""
+    x: list[float]
+    """Values of the first [points]."""
+    y: list[float]
+    """Values of the second [points]."""
+    share: list[list[float | None]]
+    """Share of failures [points of y][points of x]; None: no case is near."""
+
+
 class CoveredParameter(Struct, frozen=True, kw_only=True):
     """Which values of one parameter were tried."""
 
@@ -167,6 +182,8 @@ class SearchFile(Struct, frozen=True, kw_only=True):
     """Failures by cluster, the largest first."""
     indices: SearchIndices | None = None
     """Which parameters matter; None: it has not ended, or has too few cases."""
+    failure_map: FailureMap | None = None
+    """Where cases fail; None: too few fail or hold, or too few parameters are numbers."""
     coverage: SearchCoverage | None = None
     """What was tried of the domain, and what never; None: it has not ended."""
     versions: dict[str, str]

@@ -13,6 +13,8 @@ from plotly.subplots import make_subplots
 from conductor.records.search import read_search
 from conductor.report.searching.coverage_figure import coverage_figure
 from conductor.report.searching.indices_figure import indices_figure, ranked
+from conductor.report.searching.looks import FAILED, HELD, LIMIT, fails
+from conductor.report.searching.map_figure import map_figure
 from conductor.search.answers.coverage import POSSIBLE_MIN
 from schemas.files.search_result import FILE_NAME, SearchCluster, SearchCoverage, SearchFile
 from schemas.kinds.kpi import scalars_by_name
@@ -23,7 +25,6 @@ PAIRS_MAX = 50
 """Most pairs of parameters in the table of what was tried."""
 CLUSTERS_MAX = 50
 """Most clusters in the table."""
-_FAILED, _HELD, _LIMIT = "#c0392b", "#3a6ea5", "#888888"
 _HEIGHT_PX = 520
 
 
@@ -163,6 +164,7 @@ def search_figures(file: SearchFile | None) -> dict[str, dict[str, Any] | None]:
     return {
         "searched": search_figure(file),
         "indexed": indices_figure(file.indices, file.kpi),
+        "mapped": map_figure(file),
         "covered": coverage_figure(file.coverage, ranked(file.indices)),
     }
 
@@ -206,7 +208,7 @@ def _cases(figure: go.Figure, file: SearchFile) -> None:
         text=[f"<b>{names[index]}</b>" for index in places],
         hovertemplate="%{text}<br>%{y:.4g}<extra></extra>",
         mode="markers",
-        marker={"size": 5, "color": [_FAILED if _fails(file, kpis[i]) else _HELD for i in places]},
+        marker={"size": 5, "color": [FAILED if fails(file, kpis[i]) else HELD for i in places]},
         row=1,
         col=1,
     )
@@ -215,19 +217,11 @@ def _cases(figure: go.Figure, file: SearchFile) -> None:
             x=[0, max(1, len(kpis) - 1)],
             y=[limit, limit],
             mode="lines",
-            line={"color": _LIMIT, "dash": "dash", "width": 1.5},
+            line={"color": LIMIT, "dash": "dash", "width": 1.5},
             hoverinfo="skip",
             row=1,
             col=1,
         )
-
-
-def _fails(file: SearchFile, value: float | None) -> bool:
-    if value is None:
-        return False
-    if file.fails_below is not None:
-        return value < file.fails_below
-    return file.fails_above is not None and value > file.fails_above
 
 
 def _answers(figure: go.Figure, file: SearchFile) -> None:
@@ -250,7 +244,7 @@ def _answers(figure: go.Figure, file: SearchFile) -> None:
         },
         hovertemplate="%{x} cases: %{y:.3g}<extra></extra>",
         mode="markers",
-        marker={"size": 6, "color": _HELD},
+        marker={"size": 6, "color": HELD},
         row=2,
         col=1,
     )

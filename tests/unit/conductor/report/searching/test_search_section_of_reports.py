@@ -113,3 +113,17 @@ def test_maps_show_what_was_tried_and_what_was_not(found: SearchFile) -> None:
     assert shown is not None
     assert [len(line.names) for line in shown.covered] == [1, 1, 2]
     assert shown.covered[2].possible == 64
+
+
+def test_the_map_has_every_case_above_the_shares() -> None:
+    search = section(objective={"kpi": KPI, "fails_below": 0.8}, budget={"cases": 120})
+    found = msgspec.json.decode(trace(searched(search).state), type=SearchFile)
+    assert found.failure_map is not None
+    figure = search_figures(found)["mapped"]
+    assert figure is not None
+    shares, held, failed = figure["data"]
+    assert shares["type"] == "contour"
+    assert len(held["text"]) + len(failed["text"]) == 120
+    assert found.answer is not None
+    assert len(failed["text"]) == found.answer.failures
+    assert found.failure_map.parameters[0] in found.parameters
