@@ -109,6 +109,8 @@ class Variation(_Part, frozen=True, kw_only=True):
     deadline_s: float
     scenario: Scenario
     """Scenario as the campaign has it; what is built of its scene and vehicle is the rig's."""
+    formula: str = ""
+    """Formula of a search, whose margin is among its scalars; empty: there is none."""
     sensors: Sensors = Sensors()
     """Errors of the vehicle's own sensors; which there are, and how often they speak, is the
     rig's."""

@@ -36,6 +36,8 @@ def case_digest(case: Case) -> str:
     # Which sensors there are, and their rates, stand in their sections.
     del rig["sensor_hz"], rig["scene"], rig["vehicle"]
     del rig["bodies"]  # follows from the family of the scenario
+    if not variation["formula"]:
+        del variation["formula"]
     variation["scenario"] = msgspec.to_builtins(scenario_by_content(case))
     undecisive = {
         "batch": 0,

@@ -228,6 +228,7 @@ def _case(campaign: Campaign, point: Point, batch: int, shared: _Shared) -> Case
         seed=campaign.seed if point.repeats is UNSET else point.repeats.seed,
         deadline_s=campaign.deadline_s,
         scenario=point.scenario,
+        formula=shared.formula,
         sensors=point.sensors,
         environment=point.environment,
         latency_ms=autonomy.latency_ms,
@@ -268,6 +269,8 @@ class _Shared:
             {path for variant in variants for path in file_fields(variant).values()}
         )
         self.tell = sorted(campaign.autonomy.tell)
+        search = campaign.search
+        self.formula = "" if search is UNSET else search.objective.formula or ""
         self._rigs: dict[Hashable, RigSpec] = {}
 
     def rig(self, point: Point) -> RigSpec:

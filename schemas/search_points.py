@@ -9,6 +9,7 @@ import msgspec
 from msgspec import UNSET, UnsetType
 
 from schemas.axes import axes_allowed, is_axis
+from schemas.formulas.objective import formula_mistakes
 from schemas.kinds.kpi import scalars_by_name
 from schemas.kinds.sampler import sampler_kinds
 from schemas.kinds.scenario import kind_of
@@ -235,8 +236,12 @@ def correlation_factor(search: Search) -> list[list[float]]:
 
 def _objective_mistakes(search: Search, scenario: Scenario) -> list[Mistake]:
     objective, kind = search.objective, kind_of(scenario)
+    if objective.formula is not UNSET:
+        return formula_mistakes(objective, objective.formula, kind)
     known = [scalar.name for scalar in kind.scalars if scalar.type != "name"]
     mistakes = []
+    if not objective.kpi:
+        return [Mistake("search.objective", "give kpi or formula")]
     if objective.kpi not in known:
         other = objective.kpi in scalars_by_name()
         why = f"scenario type {kind.name} does not give it" if other else "unknown"
@@ -344,8 +349,9 @@ def _sampler_mistakes(search: Search) -> list[Mistake]:
     _, wrong = convert_all(search.options, kind.options)
     mistakes = [Mistake(f"search.options.{m.path}".rstrip("."), m.message) for m in wrong]
     objective, budget = search.objective, search.budget
+    goes_on = objective.goal is not UNSET and objective.formula is UNSET
     answers = {"probability": "a probability", "indices": "indices of failures"}
-    if kind.gives in answers and objective.goal is not UNSET:
+    if kind.gives in answers and goes_on:
         answer = answers[kind.gives]
         limit = f"sampler {kind.name} gives {answer}; say fails_below or fails_above"
         mistakes.append(Mistake("search.objective.goal", limit))
@@ -357,6 +363,9 @@ def _sampler_mistakes(search: Search) -> list[Mistake]:
     if kind.gives == "indices" and search.correlations:
         apart = f"sampler {kind.name} needs independent parameters; remove them"
         mistakes.append(Mistake("search.correlations", apart))
+    if budget.cases > kind.cases_max:
+        most = f"given {budget.cases}, sampler {kind.name} takes at most {kind.cases_max}"
+        mistakes.append(Mistake("search.budget.cases", most))
     if kind.gives == "extreme" and not (
         budget.half_width is UNSET and budget.relative_half_width is UNSET
     ):

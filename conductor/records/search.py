@@ -75,6 +75,7 @@ def search_file(campaign: CampaignState) -> SearchFile:
         sampler=search.sampler,
         title=sampler_kinds().find(search.sampler).title,
         kpi=objective.kpi,
+        formula="" if objective.formula is UNSET else objective.formula,
         fails_below=None if objective.fails_below is UNSET else objective.fails_below,
         fails_above=None if objective.fails_above is UNSET else objective.fails_above,
         parameters=list(search.parameters),

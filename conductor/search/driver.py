@@ -34,7 +34,7 @@ from schemas.sections.search import Objective, Search, Value, name_of
 
 EXTRA = "pip install 'drivetwin[search]'"
 """What brings the libraries of the samplers."""
-LIBRARIES = ("numpy", "scipy", "cma")
+LIBRARIES = ("numpy", "scipy", "cma", "sklearn")
 """Libraries whose versions are kept with every generation."""
 REACH = 1.0
 """Distance of a failure from the mildest one of its cluster, in units of the square root of the

@@ -172,6 +172,8 @@ class SearchFile(Struct, frozen=True, kw_only=True):
     title: str
     """The sampler's name in sentences."""
     kpi: str
+    formula: str = ""
+    """Formula whose margin the KPI is; empty: it is a KPI of its own."""
     fails_below: float | None = None
     fails_above: float | None = None
     parameters: list[str]

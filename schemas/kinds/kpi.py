@@ -18,6 +18,7 @@ GROUP = "drivetwin.kpis"
 OURS = {
     "base": "schemas.kinds.kpis.base:KPIS",
     "storyboard": "schemas.kinds.kpis.storyboard:KPIS",
+    "formula": "schemas.kinds.kpis.formula:KPIS",
 }
 """KPIs that are shipped; the same as in pyproject.toml."""
 

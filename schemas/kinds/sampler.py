@@ -9,9 +9,13 @@ from typing import Annotated, Literal
 from msgspec import Meta, Struct
 
 from schemas.kinds.registry import Kinds, read_kinds
+from schemas.sections.search import SEARCH_CASES_MAX
 
 GROUP = "drivetwin.samplers"
 """Entry points that bring samplers."""
+
+PROCESS_CASES_MAX = 500
+"""Most cases of a search by a Gaussian process, whose effort grows with their third power."""
 
 OURS = {"shipped": "schemas.kinds.sampler:KINDS"}
 """Samplers that are shipped; the same as in pyproject.toml."""
@@ -63,6 +67,15 @@ class CmaOptions(_Options, frozen=True, kw_only=True):
     """First step size, in standard deviations of the parameters."""
 
 
+class BayesianOptions(_Options, frozen=True, kw_only=True):
+    """Options of Bayesian search."""
+
+    first: Annotated[int, Meta(ge=0, le=500)] = 0
+    """Cases that are spread evenly before the first fit; 0: as many as the parameters want."""
+    explore: Annotated[float, Meta(ge=0, le=1)] = 0.25
+    """Share of a generation that is far from all cases, however good others look."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SamplerKind:
     """Declaration of a sampler."""
@@ -85,6 +98,8 @@ class SamplerKind:
     forks: bool = False
     """Whether it proposes forks: its implementation is a :class:`conductor.search.protocol.Forker`,
     and its objective a KPI that is the extreme of a column."""
+    cases_max: int = SEARCH_CASES_MAX
+    """Most cases with which it works."""
 
 
 KINDS = (
@@ -116,6 +131,14 @@ KINDS = (
         implementation="conductor.search.samplers.evolution:CmaEs",
         options=CmaOptions,
         parameters_min=2,
+    ),
+    SamplerKind(
+        name="bayesian",
+        title="Bayesian search",
+        gives="extreme",
+        implementation="conductor.search.samplers.bayesian:Bayesian",
+        options=BayesianOptions,
+        cases_max=PROCESS_CASES_MAX,
     ),
     SamplerKind(
         name="importance",

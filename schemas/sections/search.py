@@ -9,7 +9,9 @@ from __future__ import annotations
 from typing import Annotated, Literal
 
 from msgspec import UNSET, Meta, Struct, UnsetType
+from msgspec.structs import force_setattr
 
+from schemas.kinds.kpis.formula import ROBUSTNESS
 from schemas.sections.fork import Branch
 
 SEARCH_CASES_MAX = 10_000
@@ -143,10 +145,14 @@ class Correlation(_Part, frozen=True, kw_only=True):
 
 
 class Objective(_Part, frozen=True, kw_only=True):
-    """The KPI that is searched, and which of its values are failures."""
+    """The KPI that is searched, and which of its values are failures; or a formula, whose margin
+    is that KPI then."""
 
-    kpi: str
+    kpi: str = ""
     """A scalar of the scenario, such as ``dtc_min_m``."""
+    formula: str | UnsetType = UNSET
+    """A condition over the columns of a case in signal temporal logic, such as
+    ``always (ttc_s > 1.0 or speed_mps < 0.5)``; a case fails if its margin is below 0."""
     fails_below: float | UnsetType = UNSET
     """Smaller values are failures."""
     fails_above: float | UnsetType = UNSET
@@ -156,6 +162,13 @@ class Objective(_Part, frozen=True, kw_only=True):
     missing: Literal["ends", "fails", "holds"] = "ends"
     """Meaning of a case without the KPI: the search ends there, the case is a failure, or it is
     none."""
+
+    def __post_init__(self) -> None:
+        """With a formula, the KPI is its margin, and failures are below 0."""
+        if self.formula is not UNSET and not self.kpi:
+            force_setattr(self, "kpi", ROBUSTNESS)
+        if self.formula is not UNSET and self.fails_below is UNSET:
+            force_setattr(self, "fails_below", 0.0)
 
 
 class SearchBudget(_Part, frozen=True, kw_only=True):

@@ -24,6 +24,7 @@ from twin.render.light.ground_light import GroundLight
 from twin.rig.command_delay import put_in_force
 from twin.rig.running.case_run import CaseRun
 from twin.rig.running.forking import Forking
+from twin.rig.running.saving import Keeps, SlotSaver
 from twin.rig.slot import Finished
 from twin.scenario import families
 from twin.scenario.case_files import check_files
@@ -363,6 +364,16 @@ class Engine:
         run.scenario = families.begin(run.case.variation.scenario, run.ground, x_m, y_m)
         self._exteroceptive.moved(slot)
 
+    def saver(self) -> SlotSaver:
+        """Saves slots between two ticks, and goes on with them in others."""
+        parts: dict[str, Keeps] = {
+            "vehicles": self._vehicles,
+            "winds": self._winds,
+            "own": self._suite,
+        }
+        parts |= {"rays": self._exteroceptive, "rows": self._recorder, "forks": self._forking}
+        return SlotSaver(self, self._runs, parts, moved=self._motion is not None)
+
     def sensors_mistake(self, errors: SensorErrors) -> str:
         """What is wrong with changed errors, or an empty string."""
         return self._suite.mistake(errors)
@@ -561,8 +572,7 @@ class Engine:
         hit = self._hit(slot)
         result = judging.judge(rows, state, run.scenario, hit)
         reasons = [*result.reasons, *([CARRIED] if run.carried else [])]
-        kinds = kind_of(run.case.variation.scenario).scalars
-        scalars = judging.scalars(rows, state, run.scenario, hit, kinds)
+        scalars = judging.case_scalars(run.case.variation, rows, state, run.scenario, hit)
         names = judging.names(rows, state, hit)
         table = rows.table()
         record = judge_record(run.case, state, run.ground, hit)
@@ -581,9 +591,9 @@ class Engine:
 
     def _fail(self, slot: int, reason: str) -> Finished:
         run, rows = self._run(slot), self._recorder.of(slot)
-        kinds = kind_of(run.case.variation.scenario).scalars
-        scalars = judging.scalars(rows, self.state[slot], run.scenario, kinds=kinds)
+        case, state = run.case.variation, self.state[slot]
+        scalars = judging.case_scalars(case, rows, state, run.scenario)
         table = rows.table()
-        record = judge_record(run.case, self.state[slot], run.ground, None)
+        record = judge_record(run.case, state, run.ground, None)
         self.clear(slot)
         return Finished(slot, "failed", "", [reason], scalars, table, record=record)

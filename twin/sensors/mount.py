@@ -26,6 +26,17 @@ class Redraws(Protocol):
         """Draw by other keys from the next reading on; whatever was drawn before stays."""
 
 
+@runtime_checkable
+class KeepsReading(Protocol):
+    """A sensor of which slots can be saved: also one that has nothing to remember says so."""
+
+    def save(self, slot: int) -> dict[str, np.ndarray]:
+        """What the next reading of a slot depends on beside the case, the tick and the truth."""
+
+    def restore(self, slot: int, saved: dict[str, np.ndarray]) -> None:
+        """Go on with that, in a slot whose case has just begun."""
+
+
 @dataclass(frozen=True, slots=True)
 class SensorMount:
     """Where a rig's sensors are."""

@@ -81,7 +81,9 @@ def search_shown(file: SearchFile | None) -> SearchShown | None:
         return None
     kind = scalars_by_name().get(file.kpi)
     unit = f" {kind.unit}" if kind is not None and kind.unit else ""
-    if file.fails_below is not None:
+    if file.formula:
+        title = f"A case fails if it breaks: {file.formula}."
+    elif file.fails_below is not None:
         title = f"A case fails if {file.kpi} is below {file.fails_below:g}{unit}."
     elif file.fails_above is not None:
         title = f"A case fails if {file.kpi} is above {file.fails_above:g}{unit}."

@@ -6,6 +6,7 @@ import math
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from msgspec import UNSET
@@ -20,6 +21,8 @@ class _Coming:
     """Forks of a slot's case that are still to come."""
 
     forks: deque[Fork]
+    taken: int = 0
+    """Forks that have come."""
     least: dict[tuple[str, bool, bool, float], float] = field(default_factory=dict)
     """Smallest margin so far, by what it is a margin of."""
 
@@ -65,14 +68,33 @@ class Forking:
         """Slots that fork at their ticks [S], and whose numbers they have from now on."""
         if not self._coming:
             return
-        for slot, coming in list(self._coming.items()):
+        for slot, coming in self._coming.items():
             name = ""
             while active[slot] and coming.forks and self._ripe(coming, int(tick[slot])):
                 name = coming.forks.popleft().case
-            if not coming.forks:
-                del self._coming[slot]
+                coming.taken += 1
             if name:
                 yield slot, name
+
+    def save(self, slot: int) -> dict[str, Any]:
+        """See :class:`twin.rig.running.saving.Keeps`; what was passed stands in the rows."""
+        return {"taken": self._coming[slot].taken if slot in self._coming else 0}
+
+    def restore(self, slot: int, saved: dict[str, Any]) -> None:
+        """After the recorder."""
+        coming = self._coming.get(slot)
+        for _ in range(saved["taken"]):
+            assert coming is not None
+            coming.forks.popleft()
+            coming.taken += 1
+        if coming is None:
+            return
+        rows = self._recorder.of(slot)
+        for fork in coming.forks:
+            if fork.column:
+                valid = self._recorder.known(slot, fork.column)
+                margins = map(fork.margin_of, rows.column(fork.column)[valid].tolist())
+                coming.least[_watched(fork)] = min(margins, default=math.inf)
 
     @staticmethod
     def _ripe(coming: _Coming, tick: int) -> bool:

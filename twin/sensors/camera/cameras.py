@@ -171,6 +171,17 @@ class MountedCamera:
         for name, value in zip(_ALOFT, self._aloft.pop(slot), strict=True):
             row[name] = value
 
+    def save(self, slot: int) -> dict[str, np.ndarray]:
+        """Keys, light, clouds and drops, and the poses of the last picture."""
+        light = self.camera.lights.host[slot].copy()
+        return {"light": light, **self.camera.save(slot)}
+
+    def restore(self, slot: int, saved: dict[str, np.ndarray]) -> None:
+        """Go on with them; lamps are written anew."""
+        self.camera.lights.host[slot] = saved["light"]
+        self._lamps[slot] = None
+        self.camera.restore(slot, saved)
+
     def moved(self, slot: int) -> None:
         """The ego was put elsewhere."""
         self.camera.reset(slot)

@@ -20,7 +20,7 @@ from twin.sensors.gnss.geodesy import Datum, datum_of, geodetic
 from twin.sensors.mount import KeyOf, SensorMount
 from twin.sensors.noise import Wander, gaussian, uniform, wander, wander_numbers
 from twin.sensors.truth import POSITION, rotation_at, vector_at
-from twin.world.mirror import Mirror
+from twin.world.mirror import Mirror, put_row, row_of
 
 wp.set_module_options({"enable_backward": False})
 
@@ -137,6 +137,15 @@ class SatelliteReceiver:
     def hold(self, slot: int, *, held: bool) -> None:
         """Leave a slot out, or take it in again; its biases stay where they are."""
         self._errors.host[slot]["active"] = int(not held)
+
+    def save(self, slot: int) -> dict[str, np.ndarray]:
+        """Keys, factors and biases."""
+        return {"errors": self._errors.host[slot].copy(), "memory": row_of(self._memory, slot)}
+
+    def restore(self, slot: int, saved: dict[str, np.ndarray]) -> None:
+        """Go on with them."""
+        self._errors.host[slot] = saved["errors"]
+        put_row(self._memory, slot, saved["memory"])
 
     def modulate(self, slot: int, errors: SensorErrors) -> None:
         """Errors from the next fix on."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from schemas.case import Case
 from schemas.identity import case_stream
 from schemas.messages import LidarSite
@@ -146,6 +148,14 @@ class MountedLidar:
     def hold(self, slot: int, *, held: bool) -> None:
         """Leave a slot out of sweeps, or take it in again as it was."""
         self._sensor.air.host[slot]["active"] = int(not held)
+
+    def save(self, slot: int) -> dict[str, np.ndarray]:
+        """Key, and where the sweep before began."""
+        return self._sensor.save(slot)
+
+    def restore(self, slot: int, saved: dict[str, np.ndarray]) -> None:
+        """Go on with them."""
+        self._sensor.restore(slot, saved)
 
     def moved(self, slot: int) -> None:
         """The ego was put elsewhere."""

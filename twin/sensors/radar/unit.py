@@ -101,6 +101,15 @@ class RadarUnit:
         """Leave a slot out of the measurements, or take it in again as it was."""
         self._active[slot] = not held
 
+    def save(self, slot: int) -> dict[str, np.ndarray]:
+        """The key of the noise."""
+        row = self._sensors[self._profile[slot]].state.host[slot]
+        return {"key": np.array(row["key"])}
+
+    def restore(self, slot: int, saved: dict[str, np.ndarray]) -> None:
+        """Go on with it."""
+        self._sensors[self._profile[slot]].state.host[slot]["key"] = saved["key"]
+
     def moved(self, slot: int) -> None:
         """A measurement depends on nothing before it."""
 

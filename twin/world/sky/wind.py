@@ -72,6 +72,16 @@ class Winds:
         else:
             self._gust[slot] = self._held.pop(slot)
 
+    def save(self, slot: int) -> dict[str, np.ndarray]:
+        """The stream and the gusts of a slot; strength and direction are set from outside."""
+        names = ("_key", "_gust", "now")
+        return {name: getattr(self, name)[slot].copy() for name in names}
+
+    def restore(self, slot: int, saved: dict[str, np.ndarray]) -> None:
+        """Go on from saved gusts."""
+        for name, values in saved.items():
+            getattr(self, name)[slot] = values
+
     def advance(self, tick: np.ndarray) -> np.ndarray:
         """Wind during the control period that begins at each slot's case ``tick`` [S]: ``now``.
 

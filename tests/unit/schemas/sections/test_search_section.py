@@ -53,6 +53,29 @@ def test_a_good_one_has_no_mistake() -> None:
             section(objective={"kpi": "lane_departures", "fails_above": 0}),
             "objective.kpi: 'lane_departures': ",
         ),
+        (section(objective={"missing": "fails"}), "objective: give kpi or formula"),
+        (
+            section(objective={"formula": "always (ttc > 1.0)"}),
+            "objective.formula: no column 'ttc' of scenario type jump_scare; did you mean 'ttc_s'?",
+        ),
+        (section(objective={"formula": "always ttc_s"}), "objective.formula: 'ttc_s' has no bound"),
+        (section(objective={"formula": "ttc_s >"}), "objective.formula: ends too early"),
+        (
+            section(objective={"formula": "hit_object > 1"}),
+            "objective.formula: no column 'hit_object' of scenario type jump_scare",
+        ),
+        (
+            section(objective={"formula": "ttc_s > 1", "kpi": KPI}),
+            "objective.kpi: a formula is the objective; remove one of the two",
+        ),
+        (
+            section(objective={"formula": "ttc_s > 1", "fails_below": 2.0}),
+            "objective.fails_below: a formula is the objective; remove one of the two",
+        ),
+        (
+            section(objective={"formula": "ttc_s > 1", "goal": "least"}),
+            "objective.goal: a formula is the objective; remove one of the two",
+        ),
         (
             section(objective={"kpi": KPI, "goal": "least"}),
             "objective.goal: sampler monte_carlo gives a probability; say fails_below",
@@ -129,6 +152,10 @@ def test_a_good_one_has_no_mistake() -> None:
                 parameters={ONE: UNIFORM},
             ),
             "search.parameters: 1 given, sampler cma_es needs 2",
+        ),
+        (
+            section("bayesian", budget={"cases": 501}),
+            "budget.cases: given 501, sampler bayesian takes at most 500",
         ),
         (section("annealing"), "sampler: no 'annealing'; there: monte_carlo"),
         (section("subset", options={"level": 1}), "options.level: given 1, allowed"),

@@ -8,10 +8,11 @@ from case_changes import changed
 
 from schemas.case import Case
 from schemas.identity import case_digest, rig_key, stack_seed
-from schemas.messages import Command
+from schemas.messages import Command, Detection, Lights
 from schemas.plan import expand, parse_campaign
 from schemas.sections.fork import Fork
 from twin.rig.engine import Engine
+from twin.rig.slot import Finished
 from twin.vehicle.columns import COLUMN
 
 NOISY = {
@@ -129,3 +130,136 @@ def test_margins_count_towards_the_limit() -> None:
     assert Fork(case="a", limit=2.0, above=True).margin_of(-3.0) == 5.0
     assert Fork(case="a", limit=2.0, above=True, size=True).margin_of(-3.0) == -1.0
     assert np.isnan(Fork(case="a").margin_of(float("nan")))
+
+
+def _to_the_end(engine: Engine, slot: int, ticks: int) -> Finished:
+    """Drive on, and brake in the end."""
+    for _ in range(ticks):
+        engine.sense()
+        commands = [_command(engine, s) if engine.active[s] else None for s in range(engine.slots)]
+        for finished in engine.step(commands):
+            if finished.slot == slot:
+                return finished
+    raise AssertionError("the case does not end")
+
+
+def _command(engine: Engine, slot: int) -> Command:
+    tick = int(engine.tick[slot])
+    detected = [Detection("car", 0.5, 1.0, 2.0, 3.0, 4.0)] if tick % 3 == 0 else []
+    lights = Lights(low=tick % 4 == 0, indicators=1)
+    pedals = (0.0, 0.7) if tick > 15 else (0.4, 0.0)
+    return Command(
+        slot, 0, tick, *pedals, 0.01 * (tick % 3), aeb=tick > 15, lights=lights, detections=detected
+    )
+
+
+def _bytes(finished: Finished) -> bytes:
+    table = finished.table
+    parts = [table.columns[name].values.tobytes() for name in sorted(table.columns)]
+    parts += [c.valid.tobytes() for c in table.columns.values() if c.valid is not None]
+    parts.append(repr((finished.scalars, finished.verdict, finished.reasons)).encode())
+    return b"".join(parts) + repr(table.to_lists()["detections"]).encode()
+
+
+def _read(engine: Engine, slot: int, ticks: int) -> list[bytes]:
+    seen = []
+    for _ in range(ticks):
+        for data in engine.sense().values():
+            valid = slice(None) if data.count is None else slice(int(data.count[slot]))
+            seen.append(data.values[slot][valid].tobytes())
+        engine.step(
+            [_command(engine, s) if engine.active[s] else None for s in range(engine.slots)]
+        )
+    return seen
+
+
+def test_a_saved_case_goes_on_elsewhere_as_if_nothing_had_been(engine: Engine) -> None:
+    case = noisy_case()
+    other = Engine(case, 3)
+    engine.reset(1, case)
+    _read(engine, 1, FORK)
+    saved = engine.saver().save(1)
+    here = _read(engine, 1, 8)
+    straight = _to_the_end(engine, 1, 80)
+    other.reset(0, noisy_case("neighbour"))
+    _read(other, 0, 2)
+    other.saver().restore(2, saved)
+    assert int(other.tick[2]) == FORK
+    assert _read(other, 2, 8) == here
+    assert _bytes(_to_the_end(other, 2, 80)) == _bytes(straight)
+    other.close()
+
+
+def test_a_fork_of_a_saved_case_is_the_fork_that_began_at_its_start(engine: Engine) -> None:
+    case = noisy_case()
+    forked = changed(noisy_case("b"), forks=[Fork(case="a"), Fork(case="b", tick=FORK + 2)])
+    twice = changed(
+        noisy_case("c"),
+        forks=[Fork(case="a"), Fork(case="b", tick=FORK + 2), Fork(case="c", tick=FORK + 4)],
+    )
+    engine.reset(0, forked)
+    straight = _to_the_end(engine, 0, 80)
+    engine.reset(0, twice)
+    straight_twice = _to_the_end(engine, 0, 80)
+    engine.reset(0, case)
+    _read(engine, 0, FORK)
+    saved = engine.saver().save(0)
+    engine.clear(0)
+    engine.saver().restore(1, saved, forked)
+    _read(engine, 1, 3)
+    later = engine.saver().save(1)
+    assert _bytes(_to_the_end(engine, 1, 80)) == _bytes(straight)
+    engine.saver().restore(0, later, twice)
+    assert _bytes(_to_the_end(engine, 0, 80)) == _bytes(straight_twice)
+    assert _bytes(straight) != _bytes(straight_twice)
+
+
+def test_the_way_along_a_lane_is_saved() -> None:
+    data = {
+        "campaign": "test",
+        "seed": 4,
+        "control_hz": 20,
+        "render": False,
+        "scenario": {"type": "lane_keeping", "scene": "downtown-loop", "ego_speed_mps": 9.0}
+        | {"duration_s": 3.0},
+        "autonomy": {"stack": "devkit.idle:IdleStack"},
+        "matrix": {"weather": ["heavy_snow"]},
+    }
+    campaign, mistakes = parse_campaign(data)
+    assert campaign is not None, mistakes
+    [case] = expand(campaign)
+    engine = Engine(case, 2)
+    engine.reset(0, case)
+    for _ in range(17):
+        engine.sense()
+        assert not engine.step([_command(engine, 0), None])
+    saved = engine.saver().save(0)
+    straight = _to_the_end(engine, 0, 80)
+    assert (straight.scalars["distance_m"] or 0.0) > 5.0
+    engine.saver().restore(1, saved)
+    assert _bytes(_to_the_end(engine, 1, 80)) == _bytes(straight)
+    engine.close()
+
+
+def test_what_is_no_fork_of_a_saved_case_is_refused_in_a_line(engine: Engine) -> None:
+    case = noisy_case()
+    engine.reset(0, case)
+    _read(engine, 0, FORK)
+    saver = engine.saver()
+    saved = saver.save(0)
+    engine.clear(0)
+    late = changed(case, id="b", forks=[Fork(case="a"), Fork(case="b", tick=FORK - 1)])
+    dtc_m = saved.parts["rows"]["values"]["dtc_m"]
+    passed = Fork(case="b", column="dtc_m", margin=float(dtc_m[1]) + 1e-9)
+    for wrong, why in (
+        (late, "forks from a before tick 5"),
+        (changed(case, id="b", forks=[Fork(case="a"), passed]), "forks from a before tick 5"),
+        (changed(case, id="b"), "is no fork of a"),
+        (changed(case, id="b", weather="clear", forks=[Fork(case="a")]), "is no fork of a"),
+        (changed(case, view="record"), "is of another rig than a"),
+    ):
+        with pytest.raises(ValueError, match=why):
+            saver.restore(1, saved, wrong)
+    ripe = Fork(case="b", column="dtc_m", margin=float(dtc_m[-2]))
+    saver.restore(1, saved, changed(case, id="b", forks=[Fork(case="a"), ripe]))
+    engine.clear(1)
