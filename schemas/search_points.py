@@ -11,6 +11,7 @@ from msgspec import UNSET, UnsetType
 from schemas.axes import axes_allowed, is_axis
 from schemas.formulas.objective import formula_mistakes
 from schemas.kinds.kpi import scalars_by_name
+from schemas.kinds.registry import implementation
 from schemas.kinds.sampler import sampler_kinds
 from schemas.kinds.scenario import kind_of
 from schemas.sections.fork import Branch, Fork
@@ -346,13 +347,12 @@ def _sampler_mistakes(search: Search) -> list[Mistake]:
         kind = sampler_kinds().find(search.sampler)
     except ValueError as error:
         return [Mistake("search.sampler", str(error))]
-    _, wrong = convert_all(search.options, kind.options)
+    options, wrong = convert_all(search.options, kind.options)
     mistakes = [Mistake(f"search.options.{m.path}".rstrip("."), m.message) for m in wrong]
     objective, budget = search.objective, search.budget
     goes_on = objective.goal is not UNSET and objective.formula is UNSET
-    answers = {"probability": "a probability", "indices": "indices of failures"}
-    if kind.gives in answers and goes_on:
-        answer = answers[kind.gives]
+    if kind.gives != "extreme" and goes_on:
+        answer = "indices of failures" if kind.gives == "indices" else f"a {kind.gives}"
         limit = f"sampler {kind.name} gives {answer}; say fails_below or fails_above"
         mistakes.append(Mistake("search.objective.goal", limit))
     if kind.forks and (problem := _course_problem(objective)):
@@ -366,7 +366,9 @@ def _sampler_mistakes(search: Search) -> list[Mistake]:
     if budget.cases > kind.cases_max:
         most = f"given {budget.cases}, sampler {kind.name} takes at most {kind.cases_max}"
         mistakes.append(Mistake("search.budget.cases", most))
-    if kind.gives == "extreme" and not (
+    if kind.checks and options is not None:
+        mistakes += implementation(kind.checks)(search, options)
+    if kind.gives != "probability" and not (
         budget.half_width is UNSET and budget.relative_half_width is UNSET
     ):
         no_interval = f"sampler {kind.name} gives no interval; remove half_width"

@@ -14,6 +14,7 @@ from schemas.files.regular_file import read_regular
 from schemas.files.search_result import (
     FILE_NAME,
     FailureMap,
+    SearchBoundary,
     SearchCluster,
     SearchCoverage,
     SearchFile,
@@ -85,6 +86,7 @@ def search_file(campaign: CampaignState) -> SearchFile:
         indices=further.indices,
         failure_map=further.failure_map,
         coverage=further.coverage,
+        boundary=_boundary(search, campaign),
         versions=record.versions,
         cpus=record.cpus,
         generations=generations,
@@ -124,3 +126,14 @@ def _further(search: Search, campaign: CampaignState) -> _Further:
     name, seed = campaign.campaign.campaign, campaign.campaign.seed
     indices = search_indices(search, name, seed, rows)
     return _Further(indices, failure_map(search, rows, indices), search_coverage(search, rows))
+
+
+def _boundary(search: Search, campaign: CampaignState) -> SearchBoundary | None:
+    record = campaign.search
+    assert record is not None
+    if sampler_kinds().find(search.sampler).gives != "boundary" or not record.results:
+        return None
+    from conductor.search.driver import Closed
+    from conductor.search.traced import boundary_of
+
+    return boundary_of(search, Closed(record.u[: len(record.results)], record.results))

@@ -181,4 +181,5 @@ def _bare(case: Case) -> Case:
     variation = replace(
         case.variation, id="", campaign="", deadline_s=1.0, files={}, origin=UNSET, batch=0
     )
+    variation = replace(variation, formula="")  # of a search alone: it only reads the rows
     return Case(rig=rig, variation=replace(variation, drive="none"))

@@ -23,6 +23,8 @@ from conductor.search.protocol import (
     History,
     Problem,
     Sampler,
+    Traced,
+    TracesBoundary,
 )
 from conductor.search.space import values_of
 from schemas.files.search_result import SearchAnswer, SearchCluster
@@ -30,7 +32,7 @@ from schemas.identity import stream_key
 from schemas.kinds.registry import implementation
 from schemas.kinds.sampler import SamplerKind, sampler_kinds
 from schemas.sections.fork import Branch
-from schemas.sections.search import Objective, Search, Value, name_of
+from schemas.sections.search import WITH_TAILS, Objective, Search, Value, name_of
 
 EXTRA = "pip install 'drivetwin[search]'"
 """What brings the libraries of the samplers."""
@@ -169,6 +171,12 @@ def closed_history(search: Search, closed: Closed) -> History:
     return _history(search, closed)
 
 
+def traced(search: Search, closed: Closed) -> Traced | None:
+    """The boundary that the sampler knows after the closed generations; None: it traces none."""
+    sampler = _sampler(search)
+    return sampler.trace(_history(search, closed)) if isinstance(sampler, TracesBoundary) else None
+
+
 def versions() -> dict[str, str]:
     """Versions of the libraries that are loaded: whoever proposed has done that."""
     loaded = {name: sys.modules.get(name) for name in LIBRARIES}
@@ -200,6 +208,8 @@ def _sampler(search: Search) -> Sampler:
     budget = search.budget
     problem = Problem(
         dimension=len(search.parameters),
+        names=list(search.parameters),
+        tails=[isinstance(d, WITH_TAILS) for d in search.parameters.values()],
         cases=budget.cases,
         generation=budget.generation,
         repeats=budget.half_width is not UNSET or budget.relative_half_width is not UNSET,

@@ -163,6 +163,35 @@ class SearchCoverage(Struct, frozen=True, kw_only=True):
     """The largest cells without a case; a pair's only where each of the two was tried."""
 
 
+class BoundaryPoint(Struct, frozen=True, kw_only=True):
+    """A point of a boundary between cases that hold and cases that fail."""
+
+    at: list[float]
+    """x and y, where the boundary is likely if margins are linear in between."""
+    holds: str
+    """The nearest case that holds."""
+    holds_at: list[float]
+    """Its x and y."""
+    fails: str
+    """The nearest case that fails."""
+    fails_at: list[float]
+    width: float
+    """Distance between the two, as a share of the plane's side."""
+
+
+class SearchBoundary(Struct, frozen=True, kw_only=True):
+    """A boundary in the plane of two parameters."""
+
+    x: str
+    """The one parameter."""
+    y: str
+    fixed: dict[str, Value]
+    """All other parameters, at their medians."""
+    points: list[BoundaryPoint]
+    lines: list[list[int]]
+    """Points by number along each part of the boundary; a closed part ends where it began."""
+
+
 class SearchFile(Struct, frozen=True, kw_only=True):
     """Content of ``search.json``."""
 
@@ -188,8 +217,18 @@ class SearchFile(Struct, frozen=True, kw_only=True):
     """Where cases fail; None: too few fail or hold, or too few parameters are numbers."""
     coverage: SearchCoverage | None = None
     """What was tried of the domain, and what never; None: it has not ended."""
+    boundary: SearchBoundary | None = None
+    """Boundary that it traced; None: it traces none, or no point is known yet."""
     versions: dict[str, str]
     """Libraries that proposed."""
     cpus: list[str]
     """Classes of the processors that proposed; more than one: it went on on another."""
     generations: list[SearchGeneration]
+
+    def fails(self, kpi: float | None) -> bool:
+        """Whether a value of the KPI is a failure; a missing one is none."""
+        if kpi is None:
+            return False
+        if self.fails_below is not None:
+            return kpi < self.fails_below
+        return self.fails_above is not None and kpi > self.fails_above

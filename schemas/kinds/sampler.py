@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 
 from msgspec import Meta, Struct
 
+from schemas.kinds.boundary import BoundaryOptions
 from schemas.kinds.registry import Kinds, read_kinds
 from schemas.sections.search import SEARCH_CASES_MAX
 
@@ -84,12 +85,15 @@ class SamplerKind:
     """The word in ``search.sampler``."""
     title: str
     """The name in sentences."""
-    gives: Literal["probability", "extreme", "indices"]
-    """What it answers; a probability, and indices, need an objective with a limit."""
+    gives: Literal["probability", "extreme", "indices", "boundary"]
+    """What it answers; all but an extreme need an objective with a limit."""
     implementation: str
     """``module:attribute`` of its :class:`conductor.search.protocol.Sampler`, made of options and
     a :class:`conductor.search.protocol.Problem`."""
     options: type[Struct] = NoOptions
+    checks: str = ""
+    """``module:attribute`` of a function that says what else is wrong with a section: the section
+    and the options -> list of :class:`schemas.validation.Mistake`."""
     parameters_min: int = 1
     """Fewest parameters with which it works."""
     follows: bool = False
@@ -139,6 +143,15 @@ KINDS = (
         implementation="conductor.search.samplers.bayesian:Bayesian",
         options=BayesianOptions,
         cases_max=PROCESS_CASES_MAX,
+    ),
+    SamplerKind(
+        name="boundary",
+        title="Boundary tracing",
+        gives="boundary",
+        implementation="conductor.search.samplers.boundary:Boundary",
+        options=BoundaryOptions,
+        checks="schemas.kinds.boundary:boundary_mistakes",
+        parameters_min=2,
     ),
     SamplerKind(
         name="importance",

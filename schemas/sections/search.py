@@ -131,6 +131,10 @@ Distribution = (
 )
 
 
+WITH_TAILS = (Normal, TruncatedNormal, LogNormal, Exponential)
+"""Distributions that thin out towards their ends."""
+
+
 class _Part(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Base of the other parts of the section."""
 

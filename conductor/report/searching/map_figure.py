@@ -8,7 +8,7 @@ from typing import Any
 import plotly.graph_objects as go
 
 from conductor.report.reading.axes import axis_label
-from conductor.report.searching.looks import FAILED, HELD, fails
+from conductor.report.searching.looks import FAILED, HELD
 from schemas.files.search_result import SearchFile
 
 _SCALE = [[0.0, "rgba(58,110,165,0.10)"], [0.5, "rgba(190,160,160,0.25)"], [1.0, "#e9a79f"]]
@@ -42,7 +42,7 @@ def map_figure(file: SearchFile) -> dict[str, Any] | None:
             for case, values, result in zip(
                 generation.cases, generation.values, generation.results, strict=False
             )
-            if result is not None and fails(file, result) is failed
+            if result is not None and file.fails(result) is failed
         ]
         figure.add_scatter(
             x=[x for _, x, _ in points],

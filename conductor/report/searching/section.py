@@ -11,9 +11,10 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from conductor.records.search import read_search
+from conductor.report.searching.boundary import boundary_figure
 from conductor.report.searching.coverage_figure import coverage_figure
 from conductor.report.searching.indices_figure import indices_figure, ranked
-from conductor.report.searching.looks import FAILED, HELD, LIMIT, fails
+from conductor.report.searching.looks import FAILED, HELD, LIMIT
 from conductor.report.searching.map_figure import map_figure
 from conductor.search.answers.coverage import POSSIBLE_MIN
 from schemas.files.search_result import FILE_NAME, SearchCluster, SearchCoverage, SearchFile
@@ -165,6 +166,7 @@ def search_figures(file: SearchFile | None) -> dict[str, dict[str, Any] | None]:
         return {}
     return {
         "searched": search_figure(file),
+        "boundary": boundary_figure(file),
         "indexed": indices_figure(file.indices, file.kpi),
         "mapped": map_figure(file),
         "covered": coverage_figure(file.coverage, ranked(file.indices)),
@@ -210,7 +212,7 @@ def _cases(figure: go.Figure, file: SearchFile) -> None:
         text=[f"<b>{names[index]}</b>" for index in places],
         hovertemplate="%{text}<br>%{y:.4g}<extra></extra>",
         mode="markers",
-        marker={"size": 5, "color": [FAILED if fails(file, kpis[i]) else HELD for i in places]},
+        marker={"size": 5, "color": [FAILED if file.fails(kpis[i]) else HELD for i in places]},
         row=1,
         col=1,
     )

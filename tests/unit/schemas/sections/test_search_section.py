@@ -26,6 +26,10 @@ def _parameter(axis: str = ONE, **distribution: Any) -> dict[str, Any]:
     return section(parameters={axis: distribution})
 
 
+def _traced(**changes: Any) -> dict[str, Any]:
+    return section("boundary", budget={"cases": 100}, **changes)
+
+
 def test_a_good_one_has_no_mistake() -> None:
     assert _told(section()) == []
 
@@ -156,6 +160,29 @@ def test_a_good_one_has_no_mistake() -> None:
         (
             section("bayesian", budget={"cases": 501}),
             "budget.cases: given 501, sampler bayesian takes at most 500",
+        ),
+        (
+            section("boundary", budget={"cases": 50}),
+            "budget.cases: given 50, a grid of 8 cells per side takes 81, and its boundary more",
+        ),
+        (_traced(options={"x": "a"}), "options.x: no parameter 'a'; allowed: objects.a.start_s"),
+        (_traced(options={"x": NAMES[1]}), "options.y: the same as x; name another parameter"),
+        (_traced(options={"grid": 1}), "options.grid: given 1, allowed"),
+        (_traced(options={"width": 0.0}), "options.width: given 0"),
+        (
+            _traced(correlations=[{"between": list(NAMES), "rho": 0.5}]),
+            "correlations: a boundary is traced with all other parameters fixed; remove them",
+        ),
+        (
+            _traced(
+                parameters={ONE: UNIFORM, NAMES[1]: {"distribution": "choices", "values": [0]}}
+            ),
+            f"options.y: '{NAMES[1]}' has choices, which have no order",
+        ),
+        (_traced(parameters={ONE: UNIFORM}), "parameters: 1 given, sampler boundary needs 2"),
+        (
+            _traced(objective={"kpi": KPI, "goal": "least"}),
+            "objective.goal: sampler boundary gives a boundary; say fails_below or fails_above",
         ),
         (section("annealing"), "sampler: no 'annealing'; there: monte_carlo"),
         (section("subset", options={"level": 1}), "options.level: given 1, allowed"),
