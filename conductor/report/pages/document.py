@@ -151,6 +151,7 @@ def tables_of(content: Content) -> dict[str, Any]:
         ],
         "rulebook": msgspec.to_builtins(content.rulebook),
         "search": msgspec.to_builtins(content.search),
+        "coverage": msgspec.to_builtins(content.coverage),
         "perception": [asdict(line) for line in perception_costs(dossier)],
         "resources": _resources(content.resources) if ran else None,
         "speed": _speed(content.speed_up) if ran else None,

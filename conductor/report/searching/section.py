@@ -63,8 +63,6 @@ class SearchShown:
     """Clusters that are not shown."""
     indices: str
     """How indices were obtained, in sentences; empty: there are none."""
-    covered: list[CoveredLine]
-    """How much of the domain was tried: a line for each parameter, then for pairs."""
 
 
 def read_shown_search(folder: Path) -> SearchFile | None:
@@ -99,11 +97,11 @@ def search_shown(file: SearchFile | None) -> SearchShown | None:
         method=_capital(answer.method) if answer else "",
         left_out=max(0, len(file.clusters) - CLUSTERS_MAX),
         indices=_indices_text(file),
-        covered=_covered(file.coverage),
     )
 
 
-def _covered(coverage: SearchCoverage | None) -> list[CoveredLine]:
+def covered_lines(coverage: SearchCoverage | None) -> list[CoveredLine]:
+    """How much of a domain was tried: a line for each parameter, then for pairs."""
     if coverage is None:
         return []
     lines = []
@@ -160,16 +158,21 @@ def _capital(text: str) -> str:
     return text[:1].upper() + text[1:]
 
 
-def search_figures(file: SearchFile | None) -> dict[str, dict[str, Any] | None]:
-    """The figures of a search by the names of their places on the page; None: nothing to draw."""
+def search_figures(
+    file: SearchFile | None, coverage: SearchCoverage | None
+) -> dict[str, dict[str, Any] | None]:
+    """The figures of a search by the names of their places on the page; None: nothing to draw. Of a
+    campaign without one, that of what it tried."""
+    indices = None if file is None else file.indices
+    covered = {"covered": coverage_figure(coverage, ranked(indices))}
     if file is None:
-        return {}
+        return covered
     return {
+        **covered,
         "searched": search_figure(file),
         "boundary": boundary_figure(file),
         "indexed": indices_figure(file.indices, file.kpi),
         "mapped": map_figure(file),
-        "covered": coverage_figure(file.coverage, ranked(file.indices)),
     }
 
 

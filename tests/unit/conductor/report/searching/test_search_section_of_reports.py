@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import msgspec
 import pytest
@@ -11,6 +13,7 @@ from search_bench import KPI, searched, section, trace
 from conductor.report.pages.templates import environment
 from conductor.report.searching.boundary import boundary_figure
 from conductor.report.searching.section import (
+    covered_lines,
     mildest,
     read_shown_search,
     search_figure,
@@ -25,6 +28,16 @@ from twin.base.errors import InfrastructureError
 def found() -> SearchFile:
     search = section(objective={"kpi": KPI, "fails_below": 0.8}, budget={"cases": 30})
     return msgspec.json.decode(trace(searched(search).state), type=SearchFile)
+
+
+def _around(found: SearchFile) -> dict[str, Any]:
+    """What a page has beside the search."""
+    return {
+        "failures": [],
+        "drawn": {"searched", "covered"},
+        "content": SimpleNamespace(coverage=found.coverage),
+        "covered": covered_lines(found.coverage),
+    }
 
 
 def test_a_folder_without_a_search_shows_none(tmp_path: Path) -> None:
@@ -51,7 +64,7 @@ def test_the_page_tells_answer_and_clusters(found: SearchFile) -> None:
         "{% macro film(case) %}film of {{ case }}{% endmacro %}"
         '{% include "search.html.j2" with context %}'
     )
-    page = template.render(found=shown, failures=[], drawn={"searched", "covered"})
+    page = template.render(found=shown, **_around(found))
     assert "with the 30 cases in them" in page
     assert '<div id="covered">' in page
     assert "3 generations so far" in page
@@ -90,7 +103,7 @@ def test_bars_of_a_design_have_intervals_and_a_panel_for_failures() -> None:
         budget={"cases": 256, "generation": 128},
     )
     found = msgspec.json.decode(trace(searched(search).state), type=SearchFile)
-    figure = search_figures(found)["indexed"]
+    figure = search_figures(found, found.coverage)["indexed"]
     assert figure is not None
     assert [trace["name"] for trace in figure["data"]] == 2 * [
         "First order: alone",
@@ -104,7 +117,7 @@ def test_bars_of_a_design_have_intervals_and_a_panel_for_failures() -> None:
 
 
 def test_maps_show_what_was_tried_and_what_was_not(found: SearchFile) -> None:
-    figure = search_figures(found)["covered"]
+    figure = search_figures(found, found.coverage)["covered"]
     assert figure is not None
     tried, missing = (trace["z"] for trace in figure["data"])
     assert sum(n or 0 for row in tried for n in row) == 30
@@ -112,15 +125,16 @@ def test_maps_show_what_was_tried_and_what_was_not(found: SearchFile) -> None:
         assert not any(n and w for n, w in zip(row, other, strict=True))
     shown = search_shown(found)
     assert shown is not None
-    assert [len(line.names) for line in shown.covered] == [1, 1, 2]
-    assert shown.covered[2].possible == 64
+    lines = covered_lines(found.coverage)
+    assert [len(line.names) for line in lines] == [1, 1, 2]
+    assert lines[2].possible == 64
 
 
 def test_the_map_has_every_case_above_the_shares() -> None:
     search = section(objective={"kpi": KPI, "fails_below": 0.8}, budget={"cases": 120})
     found = msgspec.json.decode(trace(searched(search).state), type=SearchFile)
     assert found.failure_map is not None
-    figure = search_figures(found)["mapped"]
+    figure = search_figures(found, found.coverage)["mapped"]
     assert figure is not None
     shares, held, failed = figure["data"]
     assert shares["type"] == "contour"
@@ -147,7 +161,7 @@ def test_a_boundary_is_drawn_with_its_brackets(found: SearchFile) -> None:
         "{% macro film(case) %}film of {{ case }}{% endmacro %}"
         '{% include "search.html.j2" with context %}'
     )
-    page = template.render(found=search_shown(traced), failures=[], drawn={"searched"})
+    page = template.render(found=search_shown(traced), **_around(traced))
     assert '<div id="boundary"></div>' in page
     assert "Boundary in objects.a.start_s and objects.a.offset_m; " in page
 
