@@ -235,7 +235,7 @@ def _case(campaign: Campaign, point: Point, batch: int, shared: _Shared) -> Case
     variation = Variation(
         id=point.id,
         campaign=campaign.campaign,
-        seed=campaign.seed,
+        seed=campaign.seed if point.repeats is UNSET else point.repeats.seed,
         deadline_s=campaign.deadline_s,
         scenario=point.scenario,
         formula=shared.formula,
@@ -258,6 +258,7 @@ def _case(campaign: Campaign, point: Point, batch: int, shared: _Shared) -> Case
         batch=batch,
         drive=campaign.recording.drive,
         tell=shared.tell,
+        origin=UNSET if point.repeats is UNSET else point.repeats.origin,
         forks=UNSET if campaign.search is UNSET else lineage(campaign.search, point.id),
     )
     return Case(rig=shared.rig(point), variation=variation)

@@ -85,8 +85,8 @@ class SamplerKind:
     """The word in ``search.sampler``."""
     title: str
     """The name in sentences."""
-    gives: Literal["probability", "extreme", "boundary"]
-    """What it answers; a probability and a boundary need an objective with a limit."""
+    gives: Literal["probability", "extreme", "indices", "boundary"]
+    """What it answers; all but an extreme need an objective with a limit."""
     implementation: str
     """``module:attribute`` of its :class:`conductor.search.protocol.Sampler`, made of options and
     a :class:`conductor.search.protocol.Problem`."""
@@ -96,6 +96,9 @@ class SamplerKind:
     and the options -> list of :class:`schemas.validation.Mistake`."""
     parameters_min: int = 1
     """Fewest parameters with which it works."""
+    follows: bool = False
+    """Whether its cases are distributed as the parameters are, so that shares of them say something
+    about the parameters."""
     forks: bool = False
     """Whether it proposes forks: its implementation is a :class:`conductor.search.protocol.Forker`,
     and its objective a KPI that is the extreme of a column."""
@@ -113,6 +116,7 @@ KINDS = (
         gives="probability",
         implementation="conductor.search.samplers.random_points:MonteCarlo",
         chains="pooled",
+        follows=True,
     ),
     SamplerKind(
         name="latin_hypercube",
@@ -120,6 +124,7 @@ KINDS = (
         gives="probability",
         implementation="conductor.search.samplers.spread_points:LatinHypercube",
         chains="pooled",
+        follows=True,
     ),
     SamplerKind(
         name="sobol",
@@ -127,6 +132,7 @@ KINDS = (
         gives="probability",
         implementation="conductor.search.samplers.spread_points:Sobol",
         chains="pooled",
+        follows=True,
     ),
     SamplerKind(
         name="cma_es",
@@ -170,6 +176,12 @@ KINDS = (
         implementation="conductor.search.samplers.subset:Subset",
         chains="mean",
         options=SubsetOptions,
+    ),
+    SamplerKind(
+        name="sensitivity",
+        title="Saltelli's design",
+        gives="indices",
+        implementation="conductor.search.samplers.saltelli:Saltelli",
     ),
     SamplerKind(
         name="splitting",
