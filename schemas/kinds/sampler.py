@@ -41,7 +41,7 @@ class ImportanceOptions(_Options, frozen=True, kw_only=True):
 
     share: Annotated[float, Meta(ge=0.02, le=0.5)] = 0.1
     """Share of a generation that the next density is fitted to."""
-    modes: Annotated[int, Meta(ge=1, le=16)] = 4
+    modes: Annotated[int, Meta(ge=1, le=16)] = 8
     """Normal densities of the mixture that is fitted."""
 
 
