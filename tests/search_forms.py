@@ -6,7 +6,7 @@ quadrature to 12 digits.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from typing import Any, NamedTuple
 
 import msgspec
@@ -112,8 +112,9 @@ class Streams:
         return np.random.Generator(np.random.Philox(key=[key, 0]))
 
 
-def search(form: Form, settings: Settings, seed: int) -> Found:
-    """A search by its sampler alone, with the driver's rules of when it ends.
+def steps(dimension: int, settings: Settings, seed: int) -> Generator[Array, Array, Found]:
+    """A search by its sampler alone, with the driver's rules of when it ends: yields coordinates
+    of generations and is sent their margins.
 
     One object of the sampler is kept for all steps, and values are not rounded: that is all that
     differs from :func:`search_bench.solve`, and a test compares the two.
@@ -121,7 +122,7 @@ def search(form: Form, settings: Settings, seed: int) -> Found:
     kind = sampler_kinds().find(settings.sampler)
     options = msgspec.convert(settings.options, kind.options)
     repeats = settings.relative is not None
-    problem = Problem(form.dimension, settings.cases, settings.generation, repeats)
+    problem = Problem(dimension, settings.cases, settings.generation, repeats)
     made: Any = implementation(kind.implementation)
     sampler: Sampler = made(options, problem)
     streams, u, g = Streams(seed), list[Array](), list[Array]()
@@ -131,11 +132,24 @@ def search(form: Form, settings: Settings, seed: int) -> Found:
         cases = sum(map(len, g))
         if not len(proposed) or cases + len(proposed) > settings.cases:
             return Found(estimate, cases)
+        margins = yield proposed
         u.append(proposed)
-        g.append(form.margin(proposed))
+        g.append(margins)
         estimate = sampler.answer(History(u, g))
         if estimate.settled or _narrow(settings, estimate):
             return Found(estimate, cases + len(proposed))
+
+
+def search(form: Form, settings: Settings, seed: int) -> Found:
+    """A search on a closed form."""
+    going = steps(form.dimension, settings, seed)
+    proposed = next(going)
+    while True:
+        try:
+            proposed = going.send(form.margin(proposed))
+        except StopIteration as ended:
+            found: Found = ended.value
+            return found
 
 
 def _narrow(settings: Settings, estimate: Estimate) -> bool:

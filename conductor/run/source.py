@@ -234,13 +234,16 @@ def begun(plan: Plan) -> Plan:
     search = plan.campaign.search
     if search is UNSET or search.chosen:
         return plan
-    # Late: only who searches has the libraries.
-    from conductor.search.driver import first
-
     try:
+        # Late: only who searches has the libraries.
+        from conductor.search.driver import first
+
         proposal = first(search, plan.campaign.campaign, plan.campaign.seed)
     except ValueError as error:
         raise UsageError(f"search: {error}") from None
+    except ImportError as error:
+        missing = f"search: a search needs further libraries ({error})"
+        raise UsageError(f"{missing}; pip install 'drivetwin[search]'") from None
     begun_search = msgspec.structs.replace(search, first=proposal.u, proposed=[proposal.values])
     return plan_of(msgspec.structs.replace(plan.campaign, search=begun_search))
 

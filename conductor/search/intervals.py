@@ -50,3 +50,10 @@ def weighted(probability: float, shares: Array, total: int) -> tuple[float, floa
     relative = math.sqrt(max(0.0, square - 1.0 / total))
     half = float(stdtrit(freedom, 0.975)) * math.sqrt(math.log1p(relative * relative))
     return probability * math.exp(-half), min(1.0, probability * math.exp(half))
+
+
+def lognormal(probability: float, relative: float) -> tuple[float, float]:
+    """Interval of an estimate with a relative standard error, taken as lognormal: such estimates
+    are positive and skewed."""
+    half = Z * math.sqrt(math.log1p(relative * relative))
+    return probability * math.exp(-half), min(1.0, probability * math.exp(half))

@@ -68,6 +68,8 @@ class SamplerKind:
     options: type[Struct] = NoOptions
     parameters_min: int = 1
     """Fewest parameters with which it works."""
+    generation_min: int = 1
+    """Fewest cases of a generation from which it learns anything."""
 
 
 KINDS = (
@@ -96,6 +98,7 @@ KINDS = (
         implementation="conductor.search.samplers.evolution:CmaEs",
         options=CmaOptions,
         parameters_min=2,
+        generation_min=2,
     ),
     SamplerKind(
         name="importance",
@@ -103,6 +106,7 @@ KINDS = (
         gives="probability",
         implementation="conductor.search.samplers.importance:Importance",
         options=ImportanceOptions,
+        generation_min=20,
     ),
     SamplerKind(
         name="subset",
