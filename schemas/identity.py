@@ -17,6 +17,7 @@ from schemas.kinds.perception import perception_kind
 from schemas.kinds.scenario import kind_of
 from schemas.sections.perception import Perception, file_fields
 from schemas.sections.scenario import Scenario
+from schemas.sections.search import rows_of
 from schemas.sections.stack_identity import StackIdentity, StackSource
 
 DIGESTS = 1
@@ -35,6 +36,8 @@ def case_digest(case: Case) -> str:
     # Which sensors there are, and their rates, stand in their sections.
     del rig["sensor_hz"], rig["scene"], rig["vehicle"]
     del rig["bodies"]  # follows from the family of the scenario
+    if not variation["formula"]:
+        del variation["formula"]
     variation["scenario"] = msgspec.to_builtins(scenario_by_content(case))
     undecisive = {
         "batch": 0,
@@ -89,14 +92,15 @@ def _by_content(rig: RigSpec) -> RigSpec:
 def campaign_digest(campaign: Campaign, cases: Iterable[Case]) -> str:
     """Digest of a campaign: equal for files that list the same cases in another order. It has the
     versions of the plug-ins that the campaign uses, and of no others. A search begins with the
-    digest of its section and its first generation, and every later one is added to it."""
+    digest of its section and the first generation of its chains, and every later one is added to
+    it."""
     if campaign.search is not UNSET and not campaign.search.chosen:
-        listed, sizes = list(cases), [len(rows) for rows in campaign.search.proposed]
-        sizes = sizes or [0]
-        whole = _digest_of(campaign, listed[: sizes[0]])
-        for number in range(1, len(sizes)):
-            begin = sum(sizes[:number])
-            whole = grown_digest(whole, listed[begin : begin + sizes[number]])
+        listed, sizes = list(cases), [len(rows_of(rows)) for rows in campaign.search.proposed]
+        begin = sum(sizes[: campaign.search.chains])
+        whole = _digest_of(campaign, listed[:begin])
+        for size in sizes[campaign.search.chains :]:
+            whole = grown_digest(whole, listed[begin : begin + size])
+            begin += size
         return whole
     return _digest_of(campaign, cases)
 
@@ -110,8 +114,11 @@ def _digest_of(campaign: Campaign, cases: Iterable[Case]) -> str:
     plugins = sorted(campaign.plugins.items())
     section = []
     if campaign.search is not UNSET:
-        asked = msgspec.structs.replace(campaign.search, first=[], proposed=[])
-        section = [b"search " + _canonical(msgspec.to_builtins(asked))]
+        asked = msgspec.structs.replace(campaign.search, first=[], proposed=[], forks=UNSET)
+        fields = msgspec.to_builtins(asked)
+        if asked.chains == 1:
+            del fields["chains"]  # there was no other number once
+        section = [b"search " + _canonical(fields)]
     return digest(
         [
             campaign.campaign.encode(),
@@ -157,6 +164,14 @@ def stream_key(campaign_seed: int, case_id: str, stream: str) -> int:
     return int.from_bytes(bytes.fromhex(digest(parts))[:8], "little")
 
 
+def case_stream(case: Case, stream: str, name: str = "") -> int:
+    """Key of a random stream of a case, see :func:`stream_key`; of the one that it has from its
+    start, or of that which it has while its numbers are those of ``name``."""
+    forks = case.variation.forks
+    name = name or (case.id if forks is UNSET else forks[0].case)
+    return stream_key(case.variation.seed, name, stream)
+
+
 def stack_name(case: Case) -> str:
     """What a stack knows ``case`` by: the same in every attempt and on every worker, and without
     the campaign's seed nobody tells which case it is. Its name, if the campaign says so."""
@@ -174,7 +189,7 @@ def stack_seed(case: Case) -> int:
     simulator's numbers again. The campaign's, if the campaign says so."""
     if "seed" in case.variation.tell:
         return case.variation.seed
-    return stream_key(case.variation.seed, case.id, "stack") >> 1
+    return case_stream(case, "stack") >> 1
 
 
 def is_told_truth(case: Case) -> bool:

@@ -16,10 +16,12 @@ from schemas.kinds.plugins import ForeignKind, foreign_kinds
 from schemas.kinds.scenario import kind_of
 from schemas.points import Point, points_of, probe_mistakes
 from schemas.rulebook_rows import axes_beyond, rows_called
+from schemas.search_points import lineage
 from schemas.sections.autonomy import DELAYS, driver
 from schemas.sections.camera import Camera
 from schemas.sections.perception import file_fields
 from schemas.sections.scenario import SCENE, Scenario
+from schemas.sections.search import Rows, Search, name_of
 from schemas.validation import Mistake, convert_all
 
 AMENDABLE = frozenset(
@@ -135,14 +137,23 @@ class Plan:
         plugins = _plugins(self.campaign, points)
         search = self.campaign.search
         if search is not UNSET:  # names of its cases do not follow from their values
-            names = [point.id for point in points]
-            search = msgspec.structs.replace(search, chosen=names)
+            search = _choosing(search, [point.id for point in points])
             chosen = msgspec.structs.replace(self.campaign, search=search, plugins=plugins)
             return Plan(chosen, points)
         campaign = msgspec.structs.replace(
             self.campaign, matrix={}, exclude=[], cases=listed, plugins=plugins
         )
         return Plan(campaign, points)
+
+
+def _choosing(search: Search, names: list[str]) -> Search:
+    """A search whose cases of these names are run again; of other generations it knows nothing."""
+    needed = {name.partition("-")[0] for name in names}
+    proposed: list[Rows] = [
+        rows if name_of(generation, 0).partition("-")[0] in needed else []
+        for generation, rows in enumerate(search.proposed)
+    ]
+    return msgspec.structs.replace(search, first=[], proposed=proposed, chosen=names)
 
 
 def parse_campaign(data: Any) -> tuple[Campaign | None, list[Mistake]]:
@@ -227,6 +238,7 @@ def _case(campaign: Campaign, point: Point, batch: int, shared: _Shared) -> Case
         seed=campaign.seed,
         deadline_s=campaign.deadline_s,
         scenario=point.scenario,
+        formula=shared.formula,
         sensors=point.sensors,
         environment=point.environment,
         latency_ms=autonomy.latency_ms,
@@ -246,6 +258,7 @@ def _case(campaign: Campaign, point: Point, batch: int, shared: _Shared) -> Case
         batch=batch,
         drive=campaign.recording.drive,
         tell=shared.tell,
+        forks=UNSET if campaign.search is UNSET else lineage(campaign.search, point.id),
     )
     return Case(rig=shared.rig(point), variation=variation)
 
@@ -265,6 +278,8 @@ class _Shared:
             {path for variant in variants for path in file_fields(variant).values()}
         )
         self.tell = sorted(campaign.autonomy.tell)
+        search = campaign.search
+        self.formula = "" if search is UNSET else search.objective.formula or ""
         self._rigs: dict[Hashable, RigSpec] = {}
 
     def rig(self, point: Point) -> RigSpec:

@@ -9,23 +9,35 @@ from __future__ import annotations
 import functools
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from msgspec import UNSET, convert
 
-from conductor.search.protocol import Array, Estimate, History, Problem, Sampler
+from conductor.search.chains import history_of, mean_of
+from conductor.search.protocol import (
+    Array,
+    Estimate,
+    Forker,
+    Forks,
+    History,
+    Problem,
+    Sampler,
+    Traced,
+    TracesBoundary,
+)
 from conductor.search.space import values_of
-from schemas.files.search_result import SearchAnswer, SearchCluster
+from schemas.files.search_result import ChainEstimate, SearchAnswer, SearchCluster
 from schemas.identity import stream_key
 from schemas.kinds.registry import implementation
 from schemas.kinds.sampler import SamplerKind, sampler_kinds
-from schemas.sections.search import Objective, Search, Value, name_of
+from schemas.sections.fork import Branch
+from schemas.sections.search import WITH_TAILS, Objective, Search, Value, name_of
 
 EXTRA = "pip install 'drivetwin[search]'"
 """What brings the libraries of the samplers."""
-LIBRARIES = ("numpy", "scipy", "cma")
+LIBRARIES = ("numpy", "scipy", "cma", "sklearn")
 """Libraries whose versions are kept with every generation."""
 REACH = 1.0
 """Distance of a failure from the mildest one of its cluster, in units of the square root of the
@@ -40,6 +52,8 @@ class Proposal:
     """Standard normal coordinates [cases][parameters]."""
     values: list[list[Value]]
     """Values of the parameters [cases][parameters]."""
+    forks: list[Branch | None] = field(default_factory=list)
+    """What each case is a fork of; empty: none is one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,62 +62,107 @@ class SearchStep:
 
     answer: SearchAnswer
     proposal: Proposal | None
-    """The next generation; None: the search has ended."""
+    """The next generation, of the chain whose generation closed last; None: the chain, or the
+    search, has ended."""
     ended: str
-    """Why it has ended; empty: it goes on."""
+    """Why the search proposes nothing more; empty: it does, or another chain will."""
+    estimate: ChainEstimate = field(default_factory=ChainEstimate)
+    """What the chain knows, where chains have a mean."""
 
 
 @dataclass(frozen=True, slots=True)
 class Closed:
-    """The closed generations: coordinates and KPI of every case."""
+    """The closed generations in their order: coordinates and KPI of every case."""
 
-    u: Sequence[Sequence[Sequence[float]]]
+    u: Sequence[bytes | Sequence[Sequence[float]]]
+    """Per generation as rows, or packed: float64, little-endian, cases by parameters."""
     results: Sequence[Sequence[float | None]]
+    chains: Sequence[int] = ()
+    """Chain of each; empty: there is one."""
+    estimates: Sequence[ChainEstimate] = ()
+    """What its chain knew after each but the last, as the steps before said."""
+    open: int = 0
+    """Generations that are proposed and have not closed."""
+    ends: bool = False
+    """Whether it was decided before that the search ends: nothing more is proposed."""
 
 
-def first(search: Search, campaign: str, seed: int) -> Proposal:
-    """The first generation.
+def first(search: Search, campaign: str, seed: int, chain: int = 0) -> Proposal:
+    """The first generation of a chain.
 
     Raises:
         ValueError: it cannot be proposed; one line.
     """
-    sampler = _sampler(search)
+    sampler = _sampler(search, chain)
     with _one_thread(search.sampler):
-        u = sampler.propose(History([], []), _Streams(campaign, seed))
+        u = sampler.propose(History([], []), _Streams(campaign, seed, chain))
     if not len(u):
-        cases = search.budget.cases
-        raise ValueError(f"{cases} cases are too few for one generation of {search.sampler}")
+        cases, chains = search.budget.cases, search.chains
+        each = f" in each of {chains} chains" if chains > 1 else ""
+        raise ValueError(f"{cases} cases are too few for one generation of {search.sampler}{each}")
     return _proposal(search, u)
 
 
 def follow(search: Search, campaign: str, seed: int, closed: Closed) -> SearchStep:
-    """What follows from the closed generations; at least one.
+    """What follows when the last of the closed generations has closed; at least one has.
 
     Raises:
         ValueError: a library is missing; one line.
     """
-    sampler = _sampler(search)
+    chain = closed.chains[-1] if closed.chains else 0
+    sampler = _sampler(search, chain)
     with _one_thread(search.sampler):
-        return _follow(search, sampler, _Streams(campaign, seed), closed)
+        return _follow(search, sampler, _Streams(campaign, seed, chain), closed)
 
 
 def _follow(search: Search, sampler: Sampler, streams: _Streams, closed: Closed) -> SearchStep:
     objective = search.objective
     if objective.missing == "ends" and (name := _first_missing(closed)):
         answer = _answer(search, closed, Estimate(method="none: a value is missing"))
+        if closed.ends and None not in closed.results[-1]:
+            return SearchStep(answer, None, "")  # it was said before
         why = f"{name} has no {objective.kpi}; see its outcome, retry it, or say in "
         return SearchStep(answer, None, f"{why}search.objective.missing what that means")
-    history = _history(search, closed)
-    estimate = sampler.answer(history)
+    whole = _history(search, closed)
+    history = history_of(streams.chain, whole, closed.chains)
+    estimate, known = _estimate(search, sampler, whole, history, closed)
     answer = _answer(search, closed, estimate)
-    if estimate.settled:
-        return SearchStep(answer, None, "the sampler has its answer")
-    if _narrow(search, estimate, answer):
-        return SearchStep(answer, None, "the interval asked for is reached")
-    u = sampler.propose(history, streams)
-    if not len(u) or history.cases + len(u) > search.budget.cases:
-        return SearchStep(answer, None, f"the budget of {search.budget.cases} cases is spent")
-    return SearchStep(answer, _proposal(search, u), "")
+    settled, proposal, ended = estimate.settled, None, ""
+    if closed.ends:
+        pass
+    elif not settled and _narrow(search, estimate, answer):
+        ended = "the interval asked for is reached"
+    else:
+        u = np.zeros((0, 0)) if settled else sampler.propose(history, streams)
+        if len(u) and history.cases + len(u) <= _budget(search):
+            proposal = _proposal(search, u)
+            if isinstance(sampler, Forker):
+                forks = _branches(sampler.forks(history, streams), history)
+                proposal = replace(proposal, forks=forks)
+        elif not closed.open:  # else other chains go on
+            spent = f"the budget of {search.budget.cases} cases is spent"
+            ended = "the sampler has its answer" if settled else spent
+    return SearchStep(answer, proposal, ended, known)
+
+
+def _branches(forks: Forks, history: History) -> list[Branch | None]:
+    """Forks by the names of the cases that they are of; a sampler that forks has one chain."""
+    names = [name_of(i, j) for i, g in enumerate(history.g) for j in range(len(g))]
+    pairs = zip(forks.parents.tolist(), forks.margins.tolist(), strict=True)
+    branches = [Branch(names[parent], margin) if parent >= 0 else None for parent, margin in pairs]
+    return branches if any(branches) else []
+
+
+def _estimate(
+    search: Search, sampler: Sampler, whole: History, history: History, closed: Closed
+) -> tuple[Estimate, ChainEstimate]:
+    """What all chains know, settled if the chain of ``history`` is; and what it knows itself."""
+    if search.chains == 1 or sampler_kind(search).chains != "mean":
+        return sampler.answer(whole), ChainEstimate()
+    one = sampler.answer(history)
+    known = ChainEstimate(one.method, one.probability, one.low, one.high)
+    latest = dict(zip(closed.chains, [*closed.estimates, known], strict=True))
+    return replace(mean_of(search.chains, list(latest.values())), settled=one.settled), known
 
 
 def clusters(search: Search, closed: Closed) -> list[SearchCluster]:
@@ -141,6 +200,17 @@ def clusters(search: Search, closed: Closed) -> list[SearchCluster]:
     ]
 
 
+def traced(search: Search, closed: Closed) -> Traced | None:
+    """The boundary that the sampler knows after the closed generations; None: it traces none."""
+    sampler = _sampler(search, 0)
+    return sampler.trace(_history(search, closed)) if isinstance(sampler, TracesBoundary) else None
+
+
+def closed_history(search: Search, closed: Closed) -> History:
+    """The closed generations as samplers see them, for who makes further answers of them."""
+    return _history(search, closed)
+
+
 def versions() -> dict[str, str]:
     """Versions of the libraries that are loaded: whoever proposed has done that."""
     loaded = {name: sys.modules.get(name) for name in LIBRARIES}
@@ -153,17 +223,18 @@ def sampler_kind(search: Search) -> SamplerKind:
 
 
 class _Streams:
-    """Random numbers of a search by name, keyed as those of cases are."""
+    """Random numbers of a chain by name, keyed as those of cases are."""
 
-    def __init__(self, campaign: str, seed: int) -> None:
-        self._campaign, self._seed = campaign, seed
+    def __init__(self, campaign: str, seed: int, chain: int) -> None:
+        self._campaign, self._seed, self.chain = campaign, seed, chain
 
     def __call__(self, name: str) -> np.random.Generator:
+        name = f"chain {self.chain}/{name}" if self.chain else name
         key = stream_key(self._seed, self._campaign, f"search/{name}")
         return np.random.Generator(np.random.Philox(key=[key, 0]))
 
 
-def _sampler(search: Search) -> Sampler:
+def _sampler(search: Search, chain: int) -> Sampler:
     kind = sampler_kind(search)
     try:
         made: Any = implementation(kind.implementation)
@@ -172,12 +243,20 @@ def _sampler(search: Search) -> Sampler:
     budget = search.budget
     problem = Problem(
         dimension=len(search.parameters),
-        cases=budget.cases,
+        names=list(search.parameters),
+        tails=[isinstance(d, WITH_TAILS) for d in search.parameters.values()],
+        cases=_budget(search),
         generation=budget.generation,
         repeats=budget.half_width is not UNSET or budget.relative_half_width is not UNSET,
+        chain=chain,
     )
     sampler: Sampler = made(convert(search.options, kind.options), problem)
     return sampler
+
+
+def _budget(search: Search) -> int:
+    """Most cases of one chain."""
+    return search.budget.cases // search.chains
 
 
 def _proposal(search: Search, u: Array) -> Proposal:
@@ -196,9 +275,16 @@ def _first_missing(closed: Closed) -> str:
 def _history(search: Search, closed: Closed) -> History:
     dimension = len(search.parameters)
     return History(
-        [np.array(rows, np.float64).reshape(-1, dimension) for rows in closed.u],
+        [
+            _rows(rows).reshape(len(results), dimension)
+            for rows, results in zip(closed.u, closed.results, strict=True)
+        ],
         [_margins(search.objective, results) for results in closed.results],
     )
+
+
+def _rows(u: bytes | Sequence[Sequence[float]]) -> Array:
+    return np.frombuffer(u, "<f8") if isinstance(u, bytes) else np.array(u, np.float64)
 
 
 def _margins(objective: Objective, results: Sequence[float | None]) -> Array:

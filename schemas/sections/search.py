@@ -8,18 +8,28 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
+import msgspec
 from msgspec import UNSET, Meta, Struct, UnsetType
+from msgspec.structs import force_setattr
 
-SEARCH_CASES_MAX = 10_000
-"""Most cases of a search: its campaign file lists them all."""
+from schemas.kinds.kpis.formula import ROBUSTNESS
+from schemas.sections.fork import Branch
+
+SEARCH_CASES_MAX = 100_000
+"""Most cases of a search."""
 GENERATION_CASES_MAX = 5000
 """Most cases of one generation."""
 PARAMETERS_MAX = 40
 """Most parameters of a search."""
+CHAINS_MAX = 64
+"""Most chains of a search."""
 CHOICES_MAX = 1000
 """Most values that a parameter chooses from."""
 
 Value = bool | int | float | str
+Rows = str | list[list[Value]]
+"""Values of a generation's parameters [cases][parameters], or the same as JSON: a hundred thousand
+rows take a tenth of the memory so."""
 Positive = Annotated[float, Meta(gt=0)]
 
 
@@ -124,6 +134,10 @@ Distribution = (
 )
 
 
+WITH_TAILS = (Normal, TruncatedNormal, LogNormal, Exponential)
+"""Distributions that thin out towards their ends."""
+
+
 class _Part(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Base of the other parts of the section."""
 
@@ -138,10 +152,14 @@ class Correlation(_Part, frozen=True, kw_only=True):
 
 
 class Objective(_Part, frozen=True, kw_only=True):
-    """The KPI that is searched, and which of its values are failures."""
+    """The KPI that is searched, and which of its values are failures; or a formula, whose margin
+    is that KPI then."""
 
-    kpi: str
+    kpi: str = ""
     """A scalar of the scenario, such as ``dtc_min_m``."""
+    formula: str | UnsetType = UNSET
+    """A condition over the columns of a case in signal temporal logic, such as
+    ``always (ttc_s > 1.0 or speed_mps < 0.5)``; a case fails if its margin is below 0."""
     fails_below: float | UnsetType = UNSET
     """Smaller values are failures."""
     fails_above: float | UnsetType = UNSET
@@ -152,6 +170,13 @@ class Objective(_Part, frozen=True, kw_only=True):
     """Meaning of a case without the KPI: the search ends there, the case is a failure, or it is
     none."""
 
+    def __post_init__(self) -> None:
+        """With a formula, the KPI is its margin, and failures are below 0."""
+        if self.formula is not UNSET and not self.kpi:
+            force_setattr(self, "kpi", ROBUSTNESS)
+        if self.formula is not UNSET and self.fails_below is UNSET:
+            force_setattr(self, "fails_below", 0.0)
+
 
 class SearchBudget(_Part, frozen=True, kw_only=True):
     """When a search ends."""
@@ -159,7 +184,7 @@ class SearchBudget(_Part, frozen=True, kw_only=True):
     cases: Annotated[int, Meta(ge=1, le=SEARCH_CASES_MAX)]
     """Most cases."""
     generation: Annotated[int, Meta(ge=1, le=GENERATION_CASES_MAX)] = 50
-    """Cases of one generation, all of which end before the next is proposed."""
+    """Cases of one generation, all of which end before the next of its chain is proposed."""
     half_width: Positive | UnsetType = UNSET
     """The search ends when half of the 95 % interval is no wider than this."""
     relative_half_width: Positive | UnsetType = UNSET
@@ -169,23 +194,66 @@ class SearchBudget(_Part, frozen=True, kw_only=True):
 class Search(_Part, frozen=True, kw_only=True):
     """A search for failures, or for their probability."""
 
-    parameters: Annotated[dict[str, Distribution], Meta(min_length=1, max_length=PARAMETERS_MAX)]
+    parameters: Annotated[dict[str, Distribution], Meta(max_length=PARAMETERS_MAX)]
     """Axis -> distribution; the axes of a matrix."""
     correlations: list[Correlation] = []
     objective: Objective
     budget: SearchBudget
     sampler: str = "monte_carlo"
     """What proposes the cases, see `docs/search.md`."""
+    chains: Annotated[int, Meta(ge=1, le=CHAINS_MAX)] = 1
+    """Searches side by side, each with random numbers and a share of the budget of its own, so that
+    workers do not wait for the last cases of a generation."""
     options: dict[str, bool | int | float | str] = {}
     """Options of the sampler."""
     first: list[list[float]] = []
-    """Standard normal coordinates of the first generation's cases; filled in at submission."""
-    proposed: list[list[list[Value]]] = []
-    """Generation -> case -> values of the parameters; filled in at submission and as it runs."""
+    """Standard normal coordinates of the cases of every chain's first generation, in the order of
+    `proposed`; filled in at submission."""
+    proposed: list[Rows] = []
+    """Generation -> case -> values of the parameters, a generation also as JSON text; filled in at
+    submission and as it runs. The file of a run names `proposed.jsonl` here, which has them."""
+    forks: list[list[Branch | None]] | UnsetType = UNSET
+    """Generation -> case -> what it is a fork of, of generations with forks; filled in as it
+    runs."""
     chosen: list[str] = []
     """Cases of `proposed` that are run again by name; nothing is searched then."""
+
+
+def rows_of(rows: Rows) -> list[list[Value]]:
+    """The values of a generation.
+
+    Raises:
+        ValueError: they are text and no JSON of rows.
+    """
+    if not isinstance(rows, str):
+        return rows
+    try:
+        return _decoder.decode(rows)
+    except msgspec.MsgspecError as error:
+        raise ValueError(f"no rows of values: {error}") from None
+
+
+_decoder = msgspec.json.Decoder(list[list[Value]])
+
+
+def text_of(rows: Rows) -> str:
+    """The values of a generation as JSON on one line."""
+    return rows if isinstance(rows, str) else msgspec.json.encode(rows).decode()
 
 
 def name_of(generation: int, number: int) -> str:
     """The name of a case: ``g0003-0017``."""
     return f"g{generation:04d}-{number:04d}"
+
+
+def place_of(name: str) -> tuple[int, int]:
+    """Generation and number of the case that :func:`name_of` gives a name.
+
+    Raises:
+        ValueError: it gives nobody this name.
+    """
+    generation, _, number = name.removeprefix("g").partition("-")
+    place = int(generation), int(number)
+    if name_of(*place) != name or min(place) < 0:
+        raise ValueError(f"no name of a proposed case: {name}")
+    return place

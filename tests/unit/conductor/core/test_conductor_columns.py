@@ -12,6 +12,7 @@ from conductor.core.case_table import CaseTable, pack, unpack
 from conductor.core.durations import BUCKET_MAX, Durations
 from schemas.case import Case
 from schemas.plan import parse_plan
+from schemas.sections.fork import Fork
 
 
 def _cases(**fields: object) -> list[Case]:
@@ -114,8 +115,19 @@ def test_what_does_not_wait_cannot_be_removed() -> None:
     for rig, order, group in (("a", 4, 0), ("a", 1, 1), ("b", 1, 0)):
         with pytest.raises(AssertionError, match="is not waiting"):
             backlog.remove(rig, order, group)
-    with pytest.raises(AssertionError, match="is not empty"):
-        backlog.extend("a", [9], 0)
+    with pytest.raises(AssertionError, match="case 3 is not behind lane 0 of rig a"):
+        backlog.extend("a", [3, 9], 0)
+
+
+def test_what_comes_later_waits_behind() -> None:
+    backlog = Backlog()
+    backlog.extend("a", [1, 2], 0)
+    backlog.remove("a", 1, 0)
+    backlog.extend("a", [5, 6], 0)
+    backlog.extend("b", [7], 0)
+    assert list(backlog.take("a", 0)) == [2, 5, 6]
+    assert backlog.first(None, lambda order: order > 2) == (5, 0)
+    assert len(backlog) == 4
 
 
 @pytest.mark.parametrize(("slow", "p95_s"), [(5, 0.001), (6, 1.024)])
@@ -150,3 +162,17 @@ def test_the_longest_times_share_a_bucket() -> None:
     durations.add(1e12)
     durations.add(float("inf"))
     assert durations.counts == {BUCKET_MAX: 2}
+
+
+def test_a_field_that_some_cases_lack_is_null_and_without_a_column_where_all_do() -> None:
+    plain = _cases(matrix={"repeat": [0, 1, 2]})
+    assert "forks" not in pack(plain).columns
+    forked = [
+        msgspec.structs.replace(
+            case, variation=msgspec.structs.replace(case.variation, forks=[Fork(case=case.id)])
+        )
+        for case in plain
+    ]
+    for cases in (forked, [plain[0], forked[1], plain[2]], [forked[0], *plain[1:]]):
+        data = msgspec.msgpack.encode(pack(cases))
+        assert unpack(msgspec.msgpack.decode(data, type=CaseTable)) == cases
