@@ -33,6 +33,7 @@ from schemas.sections.search import (
     place_of,
     rows_of,
 )
+from schemas.sections.search_limits import budget_mistakes, constant_problem
 from schemas.validation import Mistake, convert_all, suggest
 
 Z_MAX = 8.0
@@ -162,7 +163,9 @@ def _parameter_mistakes(search: Search, matrix: dict[str, list[Value]]) -> list[
             mistakes.append(Mistake(where, "is an axis of the matrix as well; name it once"))
         if problem := _out_of_range(distribution):
             mistakes.append(Mistake(where, problem))
-    return mistakes
+    kind = sampler_kinds().get(search.sampler)
+    least = kind.generation_min if kind else 1
+    return [*mistakes, *budget_mistakes(search.budget, search.sampler, least)]
 
 
 def _out_of_range(distribution: Distribution) -> str:
@@ -188,7 +191,7 @@ def _out_of_range(distribution: Distribution) -> str:
         nearest = min(max(distribution.mean, distribution.low), distribution.high)
         if abs(nearest - distribution.mean) > Z_MAX * distribution.sd:
             return f"its limits are more than {Z_MAX:g} standard deviations from the mean"
-    return ""
+    return constant_problem(distribution)
 
 
 def _correlation_mistakes(search: Search) -> list[Mistake]:
