@@ -57,7 +57,7 @@ from conductor.core.state import (
 )
 from schemas.campaign import Campaign
 from schemas.identity import rig_key
-from schemas.search_points import with_forks
+from schemas.searching.search_points import with_forks
 from schemas.wire.control import Result, Touch
 
 DEPARTED_MAX = 10_000

@@ -199,11 +199,6 @@ def clusters(search: Search, closed: Closed) -> list[SearchCluster]:
     ]
 
 
-def closed_history(search: Search, closed: Closed) -> History:
-    """The closed generations as samplers see them, for who makes further answers of them."""
-    return _history(search, closed)
-
-
 def traced(search: Search, closed: Closed) -> Traced | None:
     """The boundary that the sampler knows after the closed generations; None: it traces none."""
     sampler = _sampler(search, 0)

@@ -8,7 +8,7 @@ import pytest
 from search_bench import KPI, NAMES, section
 
 from schemas.plan import examine
-from schemas.search_points import correlation_factor, correlation_matrix
+from schemas.searching.search_points import correlation_factor, correlation_matrix
 from schemas.sections.search import Search
 from schemas.validation import convert_all
 

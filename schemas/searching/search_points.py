@@ -14,6 +14,7 @@ from schemas.kinds.kpi import scalars_by_name
 from schemas.kinds.registry import implementation
 from schemas.kinds.sampler import sampler_kinds
 from schemas.kinds.scenario import kind_of
+from schemas.searching.search_limits import budget_mistakes, constant_problem
 from schemas.sections.fork import Branch, Fork
 from schemas.sections.scenario import Scenario
 from schemas.sections.search import (
@@ -33,7 +34,6 @@ from schemas.sections.search import (
     place_of,
     rows_of,
 )
-from schemas.sections.search_limits import budget_mistakes, constant_problem
 from schemas.validation import Mistake, convert_all, suggest
 
 Z_MAX = 8.0
