@@ -16,12 +16,13 @@ from schemas.case import Clock
 from schemas.names import WEATHERS as WEATHERS
 from schemas.names import Name as Name
 from schemas.rulebook_rows import ROW_AXIS, rows_given, rulebook_mistakes
-from schemas.search_points import proposed_count, search_mistakes
+from schemas.searching.search_points import proposed_count, search_mistakes
 from schemas.sections.autonomy import Autonomy, driver_mistakes
 from schemas.sections.camera import Camera as Camera
 from schemas.sections.environment import Environment, environment_mistakes
 from schemas.sections.lidar import Lidar
 from schemas.sections.objects import ObjectVariation
+from schemas.sections.repeated import DRAWN_AS
 from schemas.sections.rulebook import Rulebook
 from schemas.sections.scenario import Scenario as Scenario
 from schemas.sections.search import Search
@@ -108,8 +109,9 @@ class Campaign(_Spec, frozen=True, kw_only=True):
     matrix: dict[str, Annotated[list[bool | int | float | str], Meta(min_length=1)]] = {}
     """Axis -> values; the cases are the cross product, last axis fastest."""
     cases: list[dict[str, bool | int | float | str]] = []
-    """Further cases, one point each. With a rulebook: points of it, which are run instead of
-    all."""
+    """Further cases, one point each. With a rulebook: points of it, which are run instead of all.
+    `drawn_as: CAMPAIGN/SEED/CASE` repeats a case of another campaign, as `conductor regress` writes
+    it."""
     exclude: list[dict[str, bool | int | float | str]] = []
     """Points removed from the matrix; an axis left out matches every value."""
     rulebook: Rulebook | UnsetType = UNSET
@@ -137,6 +139,8 @@ def campaign_mistakes(campaign: Campaign) -> list[Mistake]:
     named += [(f"exclude[{i}]", point) for i, point in enumerate(campaign.exclude)]  # type: ignore[misc]
     for where, axes in named:
         for axis in axes:
+            if axis == DRAWN_AS and where.startswith("cases") and campaign.rulebook is UNSET:
+                continue
             if not is_axis(axis, allowed):
                 mistakes.append(
                     Mistake(f"{where}.{axis}", f"unknown axis; {suggest(axis, allowed)}")

@@ -19,6 +19,7 @@ from schemas.sections.fork import FORKS_MAX, Fork
 from schemas.sections.lidar import Lidar
 from schemas.sections.objects import ObjectVariation
 from schemas.sections.perception import Perception
+from schemas.sections.repeated import CaseOrigin
 from schemas.sections.scenario import Scenario
 from schemas.sections.sensors import Sensors
 from schemas.sections.stack_identity import StackSource
@@ -136,6 +137,8 @@ class Variation(_Part, frozen=True, kw_only=True):
     """Whether the record of its drive plane is kept."""
     tell: list[Told] = []
     """What its stack is told beyond what it needs, sorted."""
+    origin: CaseOrigin | UnsetType = UNSET
+    """The case that it repeats in another campaign; unset: none."""
     forks: Annotated[list[Fork], Meta(min_length=1, max_length=FORKS_MAX)] | UnsetType = UNSET
     """Whose random numbers it has, from its start on by the first of them; unset: its own."""
 

@@ -16,6 +16,7 @@ from schemas.digest import digest
 from schemas.kinds.perception import perception_kind
 from schemas.kinds.scenario import kind_of
 from schemas.sections.perception import Perception, file_fields
+from schemas.sections.repeated import CaseOrigin
 from schemas.sections.scenario import Scenario
 from schemas.sections.search import rows_of
 from schemas.sections.stack_identity import StackIdentity, StackSource
@@ -168,16 +169,25 @@ def case_stream(case: Case, stream: str, name: str = "") -> int:
     """Key of a random stream of a case, see :func:`stream_key`; of the one that it has from its
     start, or of that which it has while its numbers are those of ``name``."""
     forks = case.variation.forks
-    name = name or (case.id if forks is UNSET else forks[0].case)
+    name = name or (_original(case).case if forks is UNSET else forks[0].case)
     return stream_key(case.variation.seed, name, stream)
+
+
+def _original(case: Case) -> CaseOrigin:
+    """The case that a case repeats, or the case itself."""
+    origin = case.variation.origin
+    if origin is not UNSET:
+        return origin
+    return CaseOrigin(campaign=case.variation.campaign, case=case.id)
 
 
 def stack_name(case: Case) -> str:
     """What a stack knows ``case`` by: the same in every attempt and on every worker, and without
     the campaign's seed nobody tells which case it is. Its name, if the campaign says so."""
+    original = _original(case)
     if "case" in case.variation.tell:
-        return case.id
-    names = digest([case.variation.campaign.encode(), case.id.encode()]).encode()
+        return original.case
+    names = digest([original.campaign.encode(), original.case.encode()]).encode()
     key = struct.pack("<Q", case.variation.seed)
     return (
         f"case-{hashlib.blake2b(names, digest_size=8, key=key, person=b'drive name').hexdigest()}"

@@ -16,7 +16,7 @@ from schemas.kinds.plugins import ForeignKind, foreign_kinds
 from schemas.kinds.scenario import kind_of
 from schemas.points import Point, points_of, probe_mistakes
 from schemas.rulebook_rows import axes_beyond, rows_called
-from schemas.search_points import lineage
+from schemas.searching.search_points import lineage
 from schemas.sections.autonomy import DELAYS, driver
 from schemas.sections.camera import Camera
 from schemas.sections.perception import file_fields
@@ -235,7 +235,7 @@ def _case(campaign: Campaign, point: Point, batch: int, shared: _Shared) -> Case
     variation = Variation(
         id=point.id,
         campaign=campaign.campaign,
-        seed=campaign.seed,
+        seed=campaign.seed if point.repeats is UNSET else point.repeats.seed,
         deadline_s=campaign.deadline_s,
         scenario=point.scenario,
         formula=shared.formula,
@@ -258,6 +258,7 @@ def _case(campaign: Campaign, point: Point, batch: int, shared: _Shared) -> Case
         batch=batch,
         drive=campaign.recording.drive,
         tell=shared.tell,
+        origin=UNSET if point.repeats is UNSET else point.repeats.origin,
         forks=UNSET if campaign.search is UNSET else lineage(campaign.search, point.id),
     )
     return Case(rig=shared.rig(point), variation=variation)

@@ -6,7 +6,7 @@ import itertools
 from typing import Any, NamedTuple
 
 import msgspec
-from msgspec import UNSET
+from msgspec import UNSET, UnsetType
 
 from schemas.axes import (
     Memo,
@@ -32,11 +32,12 @@ from schemas.rulebook_rows import (
     trial_of_point,
     with_file,
 )
-from schemas.search_points import probes, search_grid
+from schemas.searching.search_points import probes, search_grid
 from schemas.sections.autonomy import Autonomy
 from schemas.sections.camera import Camera
 from schemas.sections.environment import Environment
 from schemas.sections.objects import ObjectVariation
+from schemas.sections.repeated import DRAWN_AS, DRAWN_AS_ALLOWED, Repeated, repeated_of
 from schemas.sections.rulebook import RulebookRow
 from schemas.sections.scenario import Scenario
 from schemas.sections.sensors import Sensors
@@ -73,6 +74,8 @@ class Point(NamedTuple):
     objects: dict[str, ObjectVariation]
     row: str = ""
     """Its row of the rulebook; empty: there is no rulebook."""
+    repeats: Repeated | UnsetType = UNSET
+    """The case of another campaign that it repeats; unset: none."""
 
 
 def points_of(campaign: Campaign) -> tuple[list[Point], list[Mistake]]:
@@ -143,7 +146,12 @@ def _grid(campaign: Campaign) -> tuple[list[tuple[str, str, dict[str, Any]]], li
         for index, hit in enumerate(excluded)
         if not hit
     ]
-    kept += [(f"cases[{index}]", "", dict(point)) for index, point in enumerate(campaign.cases)]
+    for index, point in enumerate(campaign.cases):
+        repeated = repeated_of(point)
+        if DRAWN_AS in point and repeated is UNSET:
+            mistakes.append(Mistake(f"cases[{index}].{DRAWN_AS}", DRAWN_AS_ALLOWED))
+        name = "" if repeated is UNSET else repeated.name
+        kept.append((f"cases[{index}]", name, dict(point)))
     return kept, mistakes
 
 
@@ -318,6 +326,7 @@ def _point(
         parameters=parameters_of(point),
         objects=objects,
         row=row.row if row else "",
+        repeats=repeated_of(point),
     )
     return found_point, []
 

@@ -12,6 +12,7 @@ import typer
 
 from conductor.commands.driving_command import driving_command
 from conductor.commands.fingerprint_command import fingerprint
+from conductor.commands.regress_command import regress_command
 from conductor.commands.verify_command import verify
 from schemas.words import counted, unended
 from twin.base.cli import Output, OutputOption
@@ -39,6 +40,7 @@ def add_report_commands(app: typer.Typer) -> None:
     app.command("export")(export_command)
     app.command("compare")(compare_command)
     app.command("driving")(driving_command)
+    app.command("regress")(regress_command)
 
 
 def report_folder(folder: Path | None, logs: Path | None, out: Path | None) -> Path:

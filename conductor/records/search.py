@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import NamedTuple
 
 import msgspec
 from msgspec import UNSET
@@ -13,10 +14,13 @@ from schemas.files.json_text import JsonError, decode_json
 from schemas.files.regular_file import read_regular
 from schemas.files.search_result import (
     FILE_NAME,
+    FailureMap,
     SearchBoundary,
     SearchCluster,
+    SearchCoverage,
     SearchFile,
     SearchGeneration,
+    SearchIndices,
 )
 from schemas.kinds.sampler import sampler_kinds
 from schemas.sections.search import Search, name_of, rows_of
@@ -69,6 +73,7 @@ def search_file(campaign: CampaignState) -> SearchFile:
                 chain=record.chains[number],
             )
         )
+    further = _further(search, campaign)
     return SearchFile(
         campaign=campaign.campaign.campaign,
         sampler=search.sampler,
@@ -82,6 +87,9 @@ def search_file(campaign: CampaignState) -> SearchFile:
         ended=record.ended,
         answer=record.answers[-1] if record.answers else None,
         clusters=_clusters(search, campaign) if record.ended else [],
+        indices=further.indices,
+        failure_map=further.failure_map,
+        coverage=further.coverage,
         boundary=_boundary(search, campaign),
         versions=record.versions,
         cpus=record.cpus,
@@ -97,6 +105,31 @@ def _clusters(search: Search, campaign: CampaignState) -> list[SearchCluster]:
     if search.objective.goal is not UNSET:
         return []
     return clusters(search, Closed(record.u[: len(record.results)], record.results))
+
+
+class _Further(NamedTuple):
+    """What is made of a search that has ended."""
+
+    indices: SearchIndices | None = None
+    failure_map: FailureMap | None = None
+    coverage: SearchCoverage | None = None
+
+
+def _further(search: Search, campaign: CampaignState) -> _Further:
+    record = campaign.search
+    assert record is not None
+    if not record.ended or not record.results or not search.parameters:
+        return _Further()
+    from conductor.search.answers.case_rows import case_rows
+    from conductor.search.answers.domain import search_coverage
+    from conductor.search.answers.failure_map import failure_map
+    from conductor.search.answers.indices import search_indices
+    from conductor.search.driver import Closed
+
+    rows = case_rows(search, Closed(record.u[: len(record.results)], record.results))
+    name, seed = campaign.campaign.campaign, campaign.campaign.seed
+    indices = search_indices(search, name, seed, rows)
+    return _Further(indices, failure_map(search, rows, indices), search_coverage(search, rows))
 
 
 def _boundary(search: Search, campaign: CampaignState) -> SearchBoundary | None:

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.special import log_ndtr, ndtr, ndtri
 
 from conductor.search.protocol import Array
-from schemas.search_points import Z_MAX, correlation_factor
+from schemas.searching.search_points import Z_MAX, correlation_factor
 from schemas.sections.search import (
     Choices,
     Distribution,
@@ -29,17 +29,23 @@ DIGITS = 9
 
 def values_of(search: Search, u: Array) -> list[list[Value]]:
     """Values of the parameters [cases][parameters] at coordinates ``u`` [cases, parameters]."""
-    factor = correlation_factor(search)
-    z = np.zeros_like(u)
-    for i, row in enumerate(factor):
-        for j, weight in enumerate(row[: i + 1]):  # not a product of matrices: in a fixed order
-            z[:, i] += weight * u[:, j]
-    z = np.clip(z, -Z_MAX, Z_MAX)
-    columns = [_column(d, z[:, i]) for i, d in enumerate(search.parameters.values())]
+    z = normals_of(search, u)
+    columns = [column_of(d, z[:, i]) for i, d in enumerate(search.parameters.values())]
     return [[column[case] for column in columns] for case in range(len(u))]
 
 
-def _column(distribution: Distribution, z: Array) -> list[Value]:
+def normals_of(search: Search, u: Array) -> Array:
+    """The normal variable behind each parameter [cases, parameters]: with their correlations."""
+    z = np.zeros_like(u)
+    for i, row in enumerate(correlation_factor(search)):
+        for j, weight in enumerate(row[: i + 1]):  # not a product of matrices: in a fixed order
+            z[:, i] += weight * u[:, j]
+    return np.asarray(np.clip(z, -Z_MAX, Z_MAX))
+
+
+def column_of(distribution: Distribution, z: Array) -> list[Value]:
+    """Values of one parameter at its normal variable ``z``; they ascend with it, except for
+    choices."""
     match distribution:
         case Choices():
             weights = distribution.weights or [1.0] * len(distribution.values)

@@ -84,6 +84,96 @@ class SearchGeneration(Struct, frozen=True, kw_only=True):
     """The chain that proposed it."""
 
 
+class SensitivityIndex(Struct, frozen=True, kw_only=True):
+    """How much of a variance is due to one parameter, as a share of it, with 95 % intervals."""
+
+    parameter: str
+    first: float
+    """Share that goes when the parameter alone is fixed."""
+    first_low: float
+    first_high: float
+    total: float | None = None
+    """Share that stays when all other parameters are fixed; None: not known."""
+    total_low: float | None = None
+    total_high: float | None = None
+
+
+class SearchIndices(Struct, frozen=True, kw_only=True):
+    """Which parameters matter."""
+
+    method: str
+    """How the indices and their intervals were obtained, in words."""
+    cases: int
+    """Cases that they were taken from."""
+    kpi: list[SensitivityIndex]
+    """For the KPI's value, a parameter each; empty: it never varied."""
+    failure: list[SensitivityIndex]
+    """For whether a case fails; empty: no limit, or fewer than ten cases that fail or that hold."""
+
+
+class FailureMap(Struct, frozen=True, kw_only=True):
+    """Where cases fail, in the two parameters that matter most."""
+
+    parameters: list[str]
+    """Those of x and y."""
+    method: str
+    """How the shares were obtained, in words."""
+    x: list[float]
+    """Values of the first [points]."""
+    y: list[float]
+    """Values of the second [points]."""
+    share: list[list[float | None]]
+    """Share of failures [points of y][points of x]; None: no case is near."""
+
+
+class CoveredParameter(Struct, frozen=True, kw_only=True):
+    """Which values of one parameter were tried."""
+
+    parameter: str
+    cells: list[str]
+    """Cells of its values, in words."""
+    weights: list[float]
+    """Probability of each."""
+    cases: list[int]
+    """Cases in each."""
+
+
+class CoveredPair(Struct, frozen=True, kw_only=True):
+    """Which values of two parameters were tried together."""
+
+    parameters: list[str]
+    possible: int
+    """Cells that are possible at all."""
+    tried: int
+    """Cells of these with a case."""
+    untried: float
+    """Probability of those without one, all together."""
+    weights: list[list[float]]
+    """Probability [cells of the first][cells of the second]."""
+    cases: list[list[int]]
+    """Cases in each."""
+
+
+class UntriedCell(Struct, frozen=True, kw_only=True):
+    """Values of one or two parameters that were never tried."""
+
+    parameters: list[str]
+    cells: list[str]
+    weight: float
+    """Its probability."""
+
+
+class SearchCoverage(Struct, frozen=True, kw_only=True):
+    """How much of the declared operational domain was tried, by parameters and pairs of them."""
+
+    cases: int
+    parameters: list[CoveredParameter]
+    pairs: list[CoveredPair]
+    """Those with the most untried first."""
+    untried: list[UntriedCell]
+    """The largest cells without a case; a pair's only where each of the two was tried."""
+
+
 class BoundaryPoint(Struct, frozen=True, kw_only=True):
     """A point of a boundary between cases that hold and cases that fail."""
 
@@ -134,6 +224,12 @@ class SearchFile(Struct, frozen=True, kw_only=True):
     answer: SearchAnswer | None
     clusters: list[SearchCluster]
     """Failures by cluster, the largest first."""
+    indices: SearchIndices | None = None
+    """Which parameters matter; None: it has not ended, or has too few cases."""
+    failure_map: FailureMap | None = None
+    """Where cases fail; None: too few fail or hold, or too few parameters are numbers."""
+    coverage: SearchCoverage | None = None
+    """What was tried of the domain, and what never; None: it has not ended."""
     boundary: SearchBoundary | None = None
     """Boundary that it traced; None: it traces none, or no point is known yet."""
     versions: dict[str, str]

@@ -46,7 +46,7 @@ class ImportanceOptions(_Options, frozen=True, kw_only=True):
 
     share: Annotated[float, Meta(ge=0.02, le=0.5)] = 0.1
     """Share of a generation that the next density is fitted to."""
-    modes: Annotated[int, Meta(ge=1, le=16)] = 4
+    modes: Annotated[int, Meta(ge=1, le=16)] = 8
     """Normal densities of the mixture that is fitted."""
 
 
@@ -85,8 +85,8 @@ class SamplerKind:
     """The word in ``search.sampler``."""
     title: str
     """The name in sentences."""
-    gives: Literal["probability", "extreme", "boundary"]
-    """What it answers; a probability and a boundary need an objective with a limit."""
+    gives: Literal["probability", "extreme", "indices", "boundary"]
+    """What it answers; all but an extreme need an objective with a limit."""
     implementation: str
     """``module:attribute`` of its :class:`conductor.search.protocol.Sampler`, made of options and
     a :class:`conductor.search.protocol.Problem`."""
@@ -96,6 +96,11 @@ class SamplerKind:
     and the options -> list of :class:`schemas.validation.Mistake`."""
     parameters_min: int = 1
     """Fewest parameters with which it works."""
+    follows: bool = False
+    """Whether its cases are distributed as the parameters are, so that shares of them say something
+    about the parameters."""
+    generation_min: int = 1
+    """Fewest cases of a generation from which it learns anything."""
     forks: bool = False
     """Whether it proposes forks: its implementation is a :class:`conductor.search.protocol.Forker`,
     and its objective a KPI that is the extreme of a column."""
@@ -113,6 +118,7 @@ KINDS = (
         gives="probability",
         implementation="conductor.search.samplers.random_points:MonteCarlo",
         chains="pooled",
+        follows=True,
     ),
     SamplerKind(
         name="latin_hypercube",
@@ -120,6 +126,7 @@ KINDS = (
         gives="probability",
         implementation="conductor.search.samplers.spread_points:LatinHypercube",
         chains="pooled",
+        follows=True,
     ),
     SamplerKind(
         name="sobol",
@@ -127,6 +134,7 @@ KINDS = (
         gives="probability",
         implementation="conductor.search.samplers.spread_points:Sobol",
         chains="pooled",
+        follows=True,
     ),
     SamplerKind(
         name="cma_es",
@@ -136,6 +144,7 @@ KINDS = (
         chains="best",
         options=CmaOptions,
         parameters_min=2,
+        generation_min=2,
     ),
     SamplerKind(
         name="bayesian",
@@ -162,6 +171,7 @@ KINDS = (
         implementation="conductor.search.samplers.importance:Importance",
         chains="mean",
         options=ImportanceOptions,
+        generation_min=20,
     ),
     SamplerKind(
         name="subset",
@@ -170,6 +180,12 @@ KINDS = (
         implementation="conductor.search.samplers.subset:Subset",
         chains="mean",
         options=SubsetOptions,
+    ),
+    SamplerKind(
+        name="sensitivity",
+        title="Saltelli's design",
+        gives="indices",
+        implementation="conductor.search.samplers.saltelli:Saltelli",
     ),
     SamplerKind(
         name="splitting",

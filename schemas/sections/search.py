@@ -1,7 +1,7 @@
 """The section ``search`` of a campaign: parameters with distributions, an objective, a budget.
 
 The cases of a search are proposed by a sampler (:mod:`schemas.kinds.sampler`), a generation at a
-time; :mod:`schemas.search_points` says what is wrong with a section.
+time; :mod:`schemas.searching.search_points` says what is wrong with a section.
 """
 
 from __future__ import annotations
@@ -25,6 +25,9 @@ CHAINS_MAX = 64
 """Most chains of a search."""
 CHOICES_MAX = 1000
 """Most values that a parameter chooses from."""
+
+CELLS_MAX = 32
+"""Most cells of a parameter in the declared operational domain."""
 
 Value = bool | int | float | str
 Rows = str | list[list[Value]]
@@ -191,6 +194,15 @@ class SearchBudget(_Part, frozen=True, kw_only=True):
     """The same as a share of the probability."""
 
 
+class DomainCells(_Part, frozen=True, kw_only=True):
+    """Cells into which the values of a parameter are divided to see which were tried."""
+
+    bins: Annotated[int, Meta(ge=2, le=CELLS_MAX)] | UnsetType = UNSET
+    """Number of cells of equal width."""
+    edges: Annotated[list[float], Meta(min_length=1, max_length=CELLS_MAX - 1)] | UnsetType = UNSET
+    """Values between the cells, ascending: one more cell than edges."""
+
+
 class Search(_Part, frozen=True, kw_only=True):
     """A search for failures, or for their probability."""
 
@@ -206,6 +218,9 @@ class Search(_Part, frozen=True, kw_only=True):
     workers do not wait for the last cases of a generation."""
     options: dict[str, bool | int | float | str] = {}
     """Options of the sampler."""
+    domain: dict[str, DomainCells] | UnsetType = UNSET
+    """Axis -> cells of the declared operational domain; others have eight of equal width, and
+    `choices` one for each value."""
     first: list[list[float]] = []
     """Standard normal coordinates of the cases of every chain's first generation, in the order of
     `proposed`; filled in at submission."""

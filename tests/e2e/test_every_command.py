@@ -72,6 +72,7 @@ READ = [
     ("conductor", "fingerprint", "{run}"),
     ("conductor", "report", "{run}", "--films", "failures"),
     ("conductor", "export", "{run}", "--format", "autodrive-csv", "--out", "{tmp}/csv"),
+    ("conductor", "regress", "{run}", "--case", "{case}", "--into", "{tmp}/kept.yaml"),
     ("conductor", "validate", "{file}"),
     ("conductor", "fields", "scenario"),
     ("conductor", "campaigns"),

@@ -18,10 +18,11 @@ from conductor.report.reading.resources import read_resources
 from conductor.report.reading.resources_use import Resources, no_resources, resources_of
 from conductor.report.reading.speedup import SpeedUp, speed_up
 from conductor.report.rulebook.results import rulebook_result
+from conductor.report.searching.grid_coverage import grid_coverage
 from conductor.report.searching.section import read_shown_search
 from conductor.trust.sign_run import require_fit
 from schemas.files.rulebook_result import RulebookResult
-from schemas.files.search_result import SearchFile
+from schemas.files.search_result import SearchCoverage, SearchFile
 from schemas.words import counted
 from twin.base.errors import InfrastructureError
 
@@ -57,6 +58,8 @@ class Content:
     """Result of its rulebook; None: it has none."""
     search: SearchFile | None
     """Its search; None: it is none."""
+    coverage: SearchCoverage | None
+    """What was tried of its domain, and what never; None: it is not known, or nothing is left."""
 
     @property
     def unchanged(self) -> int:
@@ -95,6 +98,7 @@ def read_content(
     shown, reading = read or read_shown(dossier, anew=anew)
     evidence = gather(dossier, reading.broken, reading.fingerprint)
     known = evidence.fingerprint
+    search = read_shown_search(dossier.folder)
     return Content(
         dossier=dossier,
         shown=[row for row in dossier.rows if row.case.id in shown],
@@ -111,7 +115,8 @@ def read_content(
         as_of=_as_of(dossier),
         signature=origin.words,
         rulebook=rulebook_result(dossier, known.sha256 if known else ""),
-        search=read_shown_search(dossier.folder),
+        search=search,
+        coverage=search.coverage if search else grid_coverage(dossier),
     )
 
 

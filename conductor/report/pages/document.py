@@ -22,6 +22,7 @@ from conductor.report.reading.resources import gather_resources
 from conductor.report.reading.resources_use import Resources, Use
 from conductor.report.reading.speedup import SpeedUp
 from conductor.report.rulebook.shown import rulebook_shown
+from conductor.report.searching.section import mildest
 from schemas.files.rulebook_result import FILE_NAME as RULEBOOK_FILE
 from twin.base.errors import storage_error
 from twin.base.files import write_atomic
@@ -78,7 +79,7 @@ def make_report(
     gather_resources(dossier.folder, complete=dossier.outcomes.complete)
     path = folder / PAGE_FILE
     try:
-        lost = failures(dossier)
+        lost = failures(dossier, mildest(content.search))
         made, unmade = _films(content, lost) if films else ([], [])
         write_atomic(path, render(content, lost).encode())
         if content.rulebook is not None:
@@ -150,6 +151,7 @@ def tables_of(content: Content) -> dict[str, Any]:
         ],
         "rulebook": msgspec.to_builtins(content.rulebook),
         "search": msgspec.to_builtins(content.search),
+        "coverage": msgspec.to_builtins(content.coverage),
         "perception": [asdict(line) for line in perception_costs(dossier)],
         "resources": _resources(content.resources) if ran else None,
         "speed": _speed(content.speed_up) if ran else None,

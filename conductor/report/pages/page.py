@@ -45,8 +45,7 @@ from conductor.report.reading.recorded import Failure
 from conductor.report.reading.systems import system_names
 from conductor.report.rulebook.figure import residual_figure
 from conductor.report.rulebook.shown import RULE, rulebook_shown
-from conductor.report.searching.boundary import boundary_figure
-from conductor.report.searching.section import search_figure, search_shown
+from conductor.report.searching.section import covered_lines, search_figures, search_shown
 from schemas.kinds.kpi import scalars_by_name
 
 _SCRIPTS = ("shared.js", "maps.js", "curves.js", "figures.js", "cases.js", "print.js")
@@ -94,7 +93,8 @@ def render(content: Content, failures: list[Failure]) -> str:
         ],
         residual=data["residual"] is not None,
         found=search_shown(content.search),
-        search_drawn=data["searched"] is not None,
+        covered=covered_lines(content.coverage),
+        drawn={name for name, figure in data["search"].items() if figure},
         trouble=without_verdict(dossier),
         lines_max=LINES_MAX,
         shown=content.shown,
@@ -176,8 +176,7 @@ def _page_data(content: Content) -> dict[str, Any]:
         "resources": resource_figure(content.resources),
         "leases": leases_figure(dossier, content.leases),
         **_residuals(content),
-        "searched": search_figure(content.search),
-        "boundary": boundary_figure(content.search),
+        "search": search_figures(content.search, content.coverage),
     }
 
 

@@ -14,6 +14,7 @@ from schemas.case import Case
 from schemas.kinds.scenario import trial_of
 from schemas.rulebook_rows import ROW_AXIS, axes_of_rows
 from schemas.sections.objects import ObjectVariation
+from schemas.sections.repeated import DRAWN_AS
 
 PLAIN = ("model", "time_of_day", "weather", "repeat", "batch")
 """Axes that every case has."""
@@ -46,7 +47,7 @@ def further_axes(campaign: Campaign) -> list[str]:
     named = [*campaign.matrix, *(axis for point in campaign.cases for axis in point)]
     if campaign.rulebook is not UNSET:
         named += axes_of_rows(campaign.rulebook, campaign.scenario)
-    return [axis for axis in dict.fromkeys(named) if axis not in PLAIN]
+    return [axis for axis in dict.fromkeys(named) if axis not in (*PLAIN, DRAWN_AS)]
 
 
 LEFT_OUT = ("as the stack has it", "as in the scene", "no such sensor", "as in the file")

@@ -10,6 +10,7 @@ import os
 import subprocess
 import sys
 import tempfile
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -104,8 +105,20 @@ def run_viewer(arguments: list[str], asked: str, more_s: float = 0.0) -> tuple[l
     return done.stdout.splitlines(), why
 
 
-def failures(dossier: Dossier) -> list[Failure]:
-    """Examples of lost cases of each model, kinds in turn, with their strips."""
+def failures(dossier: Dossier, named: Sequence[str] = ()) -> list[Failure]:
+    """Cases with their strips: those that are ``named``, as many as are shown; without a name,
+    examples of lost cases of each model, kinds in turn."""
+    rows = _named(dossier, named) if named else _examples(dossier)
+    strips = _strips(dossier, rows)
+    return [_failure(dossier, row, *strips[row.case.id]) for row in rows]
+
+
+def _named(dossier: Dossier, names: Sequence[str]) -> list[CaseRow]:
+    by_name = {row.case.id: row for row in dossier.rows}
+    return [by_name[name] for name in names[:STRIPS_MAX] if name in by_name]
+
+
+def _examples(dossier: Dossier) -> list[CaseRow]:
     by_model = [
         examples(dossier, [row for row in dossier.rows if row.case.variation.model == model])
         for model in axis_values(dossier, "model")
@@ -113,9 +126,7 @@ def failures(dossier: Dossier) -> list[Failure]:
     # In turn: of many models each has some before one has all.
     turns = [row for turn in itertools.zip_longest(*by_model) for row in turn if row is not None]
     chosen = {row.case.id for row in turns[:STRIPS_MAX]}
-    rows = [row for group in by_model for row in group if row.case.id in chosen]
-    strips = _strips(dossier, rows)
-    return [_failure(dossier, row, *strips[row.case.id]) for row in rows]
+    return [row for group in by_model for row in group if row.case.id in chosen]
 
 
 def _failure(dossier: Dossier, row: CaseRow, data: bytes, missing: str) -> Failure:

@@ -5,19 +5,46 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from conductor.records.search import read_search
-from schemas.files.search_result import FILE_NAME, SearchCluster, SearchFile
+from conductor.report.searching.boundary import boundary_figure
+from conductor.report.searching.coverage_figure import coverage_figure
+from conductor.report.searching.indices_figure import indices_figure, ranked
+from conductor.report.searching.looks import FAILED, HELD, LIMIT
+from conductor.report.searching.map_figure import map_figure
+from conductor.search.answers.coverage import POSSIBLE_MIN
+from schemas.files.search_result import FILE_NAME, SearchCluster, SearchCoverage, SearchFile
 from schemas.kinds.kpi import scalars_by_name
+from schemas.sections.search import Value
+from schemas.words import counted
 
+PAIRS_MAX = 50
+"""Most pairs of parameters in the table of what was tried."""
 CLUSTERS_MAX = 50
 """Most clusters in the table."""
-_FAILED, _HELD, _LIMIT = "#c0392b", "#3a6ea5", "#888888"
 _HEIGHT_PX = 520
+
+
+class ShownCluster(NamedTuple):
+    """Failures that lie beside each other."""
+
+    cluster: SearchCluster
+    spans: list[str]
+    """What each parameter is in them: a value, or the ends of a range."""
+
+
+class CoveredLine(NamedTuple):
+    """Cells of a parameter, or of a pair of them."""
+
+    names: list[str]
+    possible: int
+    tried: int
+    untried: float
+    """Probability of those that were not tried."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,13 +54,15 @@ class SearchShown:
     file: SearchFile
     title: str
     """What it looked for, in a sentence."""
-    clusters: list[SearchCluster]
+    clusters: list[ShownCluster]
     answer: str
     """What is known, in a sentence without its stop; empty: nothing yet."""
     method: str
     """How it was obtained."""
     left_out: int
     """Clusters that are not shown."""
+    indices: str
+    """How indices were obtained, in sentences; empty: there are none."""
 
 
 def read_shown_search(folder: Path) -> SearchFile | None:
@@ -59,20 +88,92 @@ def search_shown(file: SearchFile | None) -> SearchShown | None:
         title = f"A case fails if {file.kpi} is above {file.fails_above:g}{unit}."
     else:
         title = f"The search looked for an extreme of {file.kpi}."
-    shown = file.clusters[:CLUSTERS_MAX]
     answer = file.answer
     return SearchShown(
         file=file,
         title=title,
-        clusters=shown,
+        clusters=_clusters(file)[:CLUSTERS_MAX],
         answer=_capital(answer.line()) if answer else "",
         method=_capital(answer.method) if answer else "",
-        left_out=len(file.clusters) - len(shown),
+        left_out=max(0, len(file.clusters) - CLUSTERS_MAX),
+        indices=_indices_text(file),
     )
+
+
+def covered_lines(coverage: SearchCoverage | None) -> list[CoveredLine]:
+    """How much of a domain was tried: a line for each parameter, then for pairs."""
+    if coverage is None:
+        return []
+    lines = []
+    for part in coverage.parameters:
+        cells = [(w, n) for w, n in zip(part.weights, part.cases, strict=True) if w > POSSIBLE_MIN]
+        tried = sum(n > 0 for _, n in cells)
+        left = sum(w for w, n in cells if not n)
+        lines.append(CoveredLine([part.parameter], len(cells), tried, left))
+    for pair in coverage.pairs[:PAIRS_MAX]:
+        lines.append(CoveredLine(pair.parameters, pair.possible, pair.tried, pair.untried))
+    return lines
+
+
+def mildest(file: SearchFile | None) -> list[str]:
+    """The mildest case of each cluster, of the largest cluster first."""
+    return [] if file is None else [cluster.mildest for cluster in file.clusters]
+
+
+def _clusters(file: SearchFile) -> list[ShownCluster]:
+    values = {
+        name: row
+        for generation in file.generations
+        for name, row in zip(generation.cases, generation.values, strict=True)
+    }
+    return [
+        ShownCluster(cluster, [_span(list(column)) for column in columns])
+        for cluster in file.clusters
+        for columns in [zip(*(values[name] for name in cluster.cases), strict=True)]
+    ]
+
+
+def _span(values: list[Value]) -> str:
+    """The value, or the ends of the range; of words, which there are."""
+    if any(isinstance(value, bool | str) for value in values):
+        return ", ".join(dict.fromkeys(map(str, values)))
+    numbers = [float(value) for value in values]
+    low, high = f"{min(numbers):.6g}", f"{max(numbers):.6g}"
+    return low if low == high else f"{low} to {high}"
+
+
+def _indices_text(file: SearchFile) -> str:
+    if file.indices is None:
+        return ""
+    told = (
+        "The share of the variance that is due to each parameter, with 95 % intervals. "
+        f"{_capital(file.indices.method)}; {counted(file.indices.cases, 'case')}."
+    )
+    if not file.indices.failure and (file.fails_below is not None or file.fails_above is not None):
+        told += " For failures there are none: fewer than ten cases failed, or held."
+    return told
 
 
 def _capital(text: str) -> str:
     return text[:1].upper() + text[1:]
+
+
+def search_figures(
+    file: SearchFile | None, coverage: SearchCoverage | None
+) -> dict[str, dict[str, Any] | None]:
+    """The figures of a search by the names of their places on the page; None: nothing to draw. Of a
+    campaign without one, that of what it tried."""
+    indices = None if file is None else file.indices
+    covered = {"covered": coverage_figure(coverage, ranked(indices))}
+    if file is None:
+        return covered
+    return {
+        **covered,
+        "searched": search_figure(file),
+        "boundary": boundary_figure(file),
+        "indexed": indices_figure(file.indices, file.kpi),
+        "mapped": map_figure(file),
+    }
 
 
 def search_figure(file: SearchFile | None) -> dict[str, Any] | None:
@@ -114,7 +215,7 @@ def _cases(figure: go.Figure, file: SearchFile) -> None:
         text=[f"<b>{names[index]}</b>" for index in places],
         hovertemplate="%{text}<br>%{y:.4g}<extra></extra>",
         mode="markers",
-        marker={"size": 5, "color": [_FAILED if file.fails(kpis[i]) else _HELD for i in places]},
+        marker={"size": 5, "color": [FAILED if file.fails(kpis[i]) else HELD for i in places]},
         row=1,
         col=1,
     )
@@ -123,7 +224,7 @@ def _cases(figure: go.Figure, file: SearchFile) -> None:
             x=[0, max(1, len(kpis) - 1)],
             y=[limit, limit],
             mode="lines",
-            line={"color": _LIMIT, "dash": "dash", "width": 1.5},
+            line={"color": LIMIT, "dash": "dash", "width": 1.5},
             hoverinfo="skip",
             row=1,
             col=1,
@@ -150,7 +251,7 @@ def _answers(figure: go.Figure, file: SearchFile) -> None:
         },
         hovertemplate="%{x} cases: %{y:.3g}<extra></extra>",
         mode="markers",
-        marker={"size": 6, "color": _HELD},
+        marker={"size": 6, "color": HELD},
         row=2,
         col=1,
     )

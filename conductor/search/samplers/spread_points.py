@@ -49,8 +49,8 @@ class LatinHypercube(_Spread):
         """Coordinates of further points [count, parameters]."""
         if count < 1:
             return np.zeros((0, self.problem.dimension))
-        unit = qmc.LatinHypercube(self.problem.dimension, rng=_spawning(stream)).random(count)
-        return _normal(unit)
+        unit = qmc.LatinHypercube(self.problem.dimension, rng=spawning(stream)).random(count)
+        return normal(unit)
 
 
 class Sobol(_Spread):
@@ -63,15 +63,15 @@ class Sobol(_Spread):
         if count < 1:
             return np.zeros((0, self.problem.dimension))
         exponent = count.bit_length() - 1
-        unit = qmc.Sobol(self.problem.dimension, rng=_spawning(stream)).random_base2(exponent)
-        return _normal(unit)
+        unit = qmc.Sobol(self.problem.dimension, rng=spawning(stream)).random_base2(exponent)
+        return normal(unit)
 
 
-def _normal(unit: Array) -> Array:
+def normal(unit: Array) -> Array:
     """Points of the unit cube as standard normal coordinates; 0 and 1 have none."""
     return np.asarray(ndtri(np.clip(unit, 1e-15, 1 - 1e-15)), np.float64)
 
 
-def _spawning(stream: np.random.Generator) -> np.random.Generator:
+def spawning(stream: np.random.Generator) -> np.random.Generator:
     """A generator that SciPy can make further ones of, which a keyed one has no seed for."""
     return np.random.default_rng(int(stream.integers(2**63)))

@@ -8,7 +8,7 @@ import pytest
 from search_bench import KPI, NAMES, section
 
 from schemas.plan import examine
-from schemas.search_points import correlation_factor, correlation_matrix
+from schemas.searching.search_points import correlation_factor, correlation_matrix
 from schemas.sections.search import Search
 from schemas.validation import convert_all
 
@@ -83,6 +83,25 @@ def test_a_good_one_has_no_mistake() -> None:
         (
             section(objective={"kpi": KPI, "goal": "least"}),
             "objective.goal: sampler monte_carlo gives a probability; say fails_below",
+        ),
+        (
+            section("sensitivity", objective={"kpi": KPI, "goal": "least"}),
+            "objective.goal: sampler sensitivity gives indices of failures; say fails_below",
+        ),
+        (
+            section("sensitivity", correlations=[{"between": list(NAMES), "rho": 0.5}]),
+            "correlations: sampler sensitivity needs independent parameters; remove them",
+        ),
+        (section(domain={"x": {"bins": 3}}), "domain.x: no parameter 'x'; allowed: "),
+        (section(domain={ONE: {}}), f"domain.{ONE}: give one of bins and edges"),
+        (section(domain={ONE: {"bins": 1}}), f"domain.{ONE}.bins: given 1, allowed"),
+        (section(domain={ONE: {"edges": [2, 1]}}), f"domain.{ONE}.edges: do not ascend"),
+        (
+            section(
+                parameters={ONE: {"distribution": "choices", "values": [1, 2]}},
+                domain={ONE: {"bins": 2}},
+            ),
+            f"domain.{ONE}: each of its choices is a cell; remove it",
         ),
         (_parameter("objects.a.colour", **UNIFORM), "objects.a.colour: unknown axis; "),
         (_parameter("weather", **UNIFORM), "parameters.weather: is an axis of the matrix as well"),

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import msgspec
 import pytest
@@ -10,7 +12,14 @@ from search_bench import KPI, searched, section, trace
 
 from conductor.report.pages.templates import environment
 from conductor.report.searching.boundary import boundary_figure
-from conductor.report.searching.section import read_shown_search, search_figure, search_shown
+from conductor.report.searching.section import (
+    covered_lines,
+    mildest,
+    read_shown_search,
+    search_figure,
+    search_figures,
+    search_shown,
+)
 from schemas.files.search_result import FILE_NAME, SearchFile
 from twin.base.errors import InfrastructureError
 
@@ -19,6 +28,16 @@ from twin.base.errors import InfrastructureError
 def found() -> SearchFile:
     search = section(objective={"kpi": KPI, "fails_below": 0.8}, budget={"cases": 30})
     return msgspec.json.decode(trace(searched(search).state), type=SearchFile)
+
+
+def _around(found: SearchFile) -> dict[str, Any]:
+    """What a page has beside the search."""
+    return {
+        "failures": [],
+        "drawn": {"searched", "covered"},
+        "content": SimpleNamespace(coverage=found.coverage),
+        "covered": covered_lines(found.coverage),
+    }
 
 
 def test_a_folder_without_a_search_shows_none(tmp_path: Path) -> None:
@@ -38,15 +57,32 @@ def test_the_page_tells_answer_and_clusters(found: SearchFile) -> None:
     assert shown is not None
     assert shown.title == f"A case fails if {KPI} is below 0.8 m."
     assert shown.answer.startswith("Probability of failure 0.")
-    assert sum(len(cluster.cases) for cluster in shown.clusters) == found.answer.failures
+    assert found.answer is not None
+    assert sum(len(row.cluster.cases) for row in shown.clusters) == found.answer.failures
     template = environment(autoescape=True).from_string(
         "{% macro count(n, one, many) %}{{ n }} {{ one if n == 1 else many }}{% endmacro %}"
+        "{% macro film(case) %}film of {{ case }}{% endmacro %}"
         '{% include "search.html.j2" with context %}'
     )
-    page = template.render(found=shown, search_drawn=True)
+    page = template.render(found=shown, **_around(found))
+    assert "with the 30 cases in them" in page
+    assert '<div id="covered">' in page
     assert "3 generations so far" in page
     assert "It ended: the budget of 30 cases is spent." in page
-    assert f"<code>{shown.clusters[0].mildest}</code>" in page
+    first = shown.clusters[0]
+    assert f"<code>{first.cluster.mildest}</code> film of {first.cluster.mildest}" in page
+    assert mildest(found)[0] == first.cluster.mildest
+    assert len(first.cluster.cases) > 1
+    assert f'<small class="dim">{first.spans[0]}</small>' in page
+    values = {
+        name: row for g in found.generations for name, row in zip(g.cases, g.values, strict=True)
+    }
+    inside = [float(values[name][0]) for name in first.cluster.cases]
+    low, high = first.spans[0].split(" to ")
+    assert (float(low), float(high)) == (
+        pytest.approx(min(inside), rel=1e-5),
+        pytest.approx(max(inside), rel=1e-5),
+    )
 
 
 def test_the_figure_has_every_case_and_every_answer(found: SearchFile) -> None:
@@ -58,6 +94,54 @@ def test_the_figure_has_every_case_and_every_answer(found: SearchFile) -> None:
     assert limit["mode"] == "lines"
     assert len(answers["hovertemplate"]) > 0
     assert len(found.generations) == 3
+
+
+def test_bars_of_a_design_have_intervals_and_a_panel_for_failures() -> None:
+    search = section(
+        "sensitivity",
+        objective={"kpi": KPI, "fails_below": 0.8},
+        budget={"cases": 256, "generation": 128},
+    )
+    found = msgspec.json.decode(trace(searched(search).state), type=SearchFile)
+    figure = search_figures(found, found.coverage)["indexed"]
+    assert figure is not None
+    assert [trace["name"] for trace in figure["data"]] == 2 * [
+        "First order: alone",
+        "Total order: with others",
+    ]
+    assert len(figure["data"][0]["error_x"]["array"]) == 2
+    shown = search_shown(found)
+    assert shown is not None
+    assert "Sobol indices of Saltelli's design with 64 rows" in shown.indices
+    assert shown.indices.endswith("; 256 cases.")
+
+
+def test_maps_show_what_was_tried_and_what_was_not(found: SearchFile) -> None:
+    figure = search_figures(found, found.coverage)["covered"]
+    assert figure is not None
+    tried, missing = (trace["z"] for trace in figure["data"])
+    assert sum(n or 0 for row in tried for n in row) == 30
+    for row, other in zip(tried, missing, strict=True):
+        assert not any(n and w for n, w in zip(row, other, strict=True))
+    shown = search_shown(found)
+    assert shown is not None
+    lines = covered_lines(found.coverage)
+    assert [len(line.names) for line in lines] == [1, 1, 2]
+    assert lines[2].possible == 64
+
+
+def test_the_map_has_every_case_above_the_shares() -> None:
+    search = section(objective={"kpi": KPI, "fails_below": 0.8}, budget={"cases": 120})
+    found = msgspec.json.decode(trace(searched(search).state), type=SearchFile)
+    assert found.failure_map is not None
+    figure = search_figures(found, found.coverage)["mapped"]
+    assert figure is not None
+    shares, held, failed = figure["data"]
+    assert shares["type"] == "contour"
+    assert len(held["text"]) + len(failed["text"]) == 120
+    assert found.answer is not None
+    assert len(failed["text"]) == found.answer.failures
+    assert found.failure_map.parameters[0] in found.parameters
 
 
 def test_a_boundary_is_drawn_with_its_brackets(found: SearchFile) -> None:
@@ -74,9 +158,10 @@ def test_a_boundary_is_drawn_with_its_brackets(found: SearchFile) -> None:
     assert len(brackets["x"]) == 3 * len(traced.boundary.points)
     template = environment(autoescape=True).from_string(
         "{% macro count(n, one, many) %}{{ n }} {{ one if n == 1 else many }}{% endmacro %}"
+        "{% macro film(case) %}film of {{ case }}{% endmacro %}"
         '{% include "search.html.j2" with context %}'
     )
-    page = template.render(found=search_shown(traced), search_drawn=True)
+    page = template.render(found=search_shown(traced), **_around(traced))
     assert '<div id="boundary"></div>' in page
     assert "Boundary in objects.a.start_s and objects.a.offset_m; " in page
 

@@ -14,6 +14,7 @@ from schemas.kinds.kpi import scalars_by_name
 from schemas.kinds.registry import implementation
 from schemas.kinds.sampler import sampler_kinds
 from schemas.kinds.scenario import kind_of
+from schemas.searching.search_limits import budget_mistakes, constant_problem
 from schemas.sections.fork import Branch, Fork
 from schemas.sections.scenario import Scenario
 from schemas.sections.search import (
@@ -129,6 +130,7 @@ def search_mistakes(
     mistakes += _correlation_mistakes(search)
     mistakes += _objective_mistakes(search, scenario)
     mistakes += _sampler_mistakes(search)
+    mistakes += _domain_mistakes(search)
     mistakes += _fork_mistakes(search) if not mistakes else []
     for generation, given in enumerate(search.proposed):
         where = f"search.proposed[{generation}]"
@@ -161,7 +163,9 @@ def _parameter_mistakes(search: Search, matrix: dict[str, list[Value]]) -> list[
             mistakes.append(Mistake(where, "is an axis of the matrix as well; name it once"))
         if problem := _out_of_range(distribution):
             mistakes.append(Mistake(where, problem))
-    return mistakes
+    kind = sampler_kinds().get(search.sampler)
+    least = kind.generation_min if kind else 1
+    return [*mistakes, *budget_mistakes(search.budget, search.sampler, least)]
 
 
 def _out_of_range(distribution: Distribution) -> str:
@@ -187,7 +191,7 @@ def _out_of_range(distribution: Distribution) -> str:
         nearest = min(max(distribution.mean, distribution.low), distribution.high)
         if abs(nearest - distribution.mean) > Z_MAX * distribution.sd:
             return f"its limits are more than {Z_MAX:g} standard deviations from the mean"
-    return ""
+    return constant_problem(distribution)
 
 
 def _correlation_mistakes(search: Search) -> list[Mistake]:
@@ -373,13 +377,17 @@ def _sampler_mistakes(search: Search) -> list[Mistake]:
         mistakes.append(Mistake("search.chains", alone))
     goes_on = objective.goal is not UNSET and objective.formula is UNSET
     if kind.gives != "extreme" and goes_on:
-        limit = f"sampler {kind.name} gives a {kind.gives}; say fails_below or fails_above"
+        answer = "indices of failures" if kind.gives == "indices" else f"a {kind.gives}"
+        limit = f"sampler {kind.name} gives {answer}; say fails_below or fails_above"
         mistakes.append(Mistake("search.objective.goal", limit))
     if kind.forks and (problem := _course_problem(objective)):
         mistakes.append(Mistake("search.objective", f"sampler {kind.name} {problem}"))
     if len(search.parameters) < kind.parameters_min:
         least = f"{len(search.parameters)} given, sampler {kind.name} needs {kind.parameters_min}"
         mistakes.append(Mistake("search.parameters", least))
+    if kind.gives == "indices" and search.correlations:
+        apart = f"sampler {kind.name} needs independent parameters; remove them"
+        mistakes.append(Mistake("search.correlations", apart))
     if budget.cases > kind.cases_max:
         most = f"given {budget.cases}, sampler {kind.name} takes at most {kind.cases_max}"
         mistakes.append(Mistake("search.budget.cases", most))
@@ -390,4 +398,20 @@ def _sampler_mistakes(search: Search) -> list[Mistake]:
     ):
         no_interval = f"sampler {kind.name} gives no interval; remove half_width"
         mistakes.append(Mistake("search.budget", no_interval))
+    return mistakes
+
+
+def _domain_mistakes(search: Search) -> list[Mistake]:
+    mistakes = []
+    for axis, cells in ({} if search.domain is UNSET else search.domain).items():
+        where = f"search.domain.{axis}"
+        if axis not in search.parameters:
+            hint = suggest(axis, list(search.parameters))
+            mistakes.append(Mistake(where, f"no parameter '{axis}'; {hint}"))
+        elif isinstance(search.parameters[axis], Choices):
+            mistakes.append(Mistake(where, "each of its choices is a cell; remove it"))
+        elif (cells.bins is UNSET) == (cells.edges is UNSET):
+            mistakes.append(Mistake(where, "give one of bins and edges"))
+        elif cells.edges is not UNSET and sorted(set(cells.edges)) != cells.edges:
+            mistakes.append(Mistake(f"{where}.edges", "do not ascend"))
     return mistakes
