@@ -8,13 +8,14 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from msgspec import Meta, Struct
+from msgspec import UNSET, Meta, Struct, UnsetType
 
 from schemas.names import Name
 from schemas.sections.autonomy import Sandbox, Told
 from schemas.sections.camera import Camera
 from schemas.sections.environment import Environment
 from schemas.sections.foreign import Foreign
+from schemas.sections.fork import FORKS_MAX, Fork
 from schemas.sections.lidar import Lidar
 from schemas.sections.objects import ObjectVariation
 from schemas.sections.perception import Perception
@@ -107,6 +108,8 @@ class Variation(_Part, frozen=True, kw_only=True):
     deadline_s: float
     scenario: Scenario
     """Scenario as the campaign has it; what is built of its scene and vehicle is the rig's."""
+    formula: str = ""
+    """Formula of a search, whose margin is among its scalars; empty: there is none."""
     sensors: Sensors = Sensors()
     """Errors of the vehicle's own sensors; which there are, and how often they speak, is the
     rig's."""
@@ -133,6 +136,8 @@ class Variation(_Part, frozen=True, kw_only=True):
     """Whether the record of its drive plane is kept."""
     tell: list[Told] = []
     """What its stack is told beyond what it needs, sorted."""
+    forks: Annotated[list[Fork], Meta(min_length=1, max_length=FORKS_MAX)] | UnsetType = UNSET
+    """Whose random numbers it has, from its start on by the first of them; unset: its own."""
 
 
 class Case(_Part, frozen=True, kw_only=True):

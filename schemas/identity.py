@@ -36,6 +36,8 @@ def case_digest(case: Case) -> str:
     # Which sensors there are, and their rates, stand in their sections.
     del rig["sensor_hz"], rig["scene"], rig["vehicle"]
     del rig["bodies"]  # follows from the family of the scenario
+    if not variation["formula"]:
+        del variation["formula"]
     variation["scenario"] = msgspec.to_builtins(scenario_by_content(case))
     undecisive = {
         "batch": 0,
@@ -112,7 +114,7 @@ def _digest_of(campaign: Campaign, cases: Iterable[Case]) -> str:
     plugins = sorted(campaign.plugins.items())
     section = []
     if campaign.search is not UNSET:
-        asked = msgspec.structs.replace(campaign.search, first=[], proposed=[])
+        asked = msgspec.structs.replace(campaign.search, first=[], proposed=[], forks=UNSET)
         fields = msgspec.to_builtins(asked)
         if asked.chains == 1:
             del fields["chains"]  # there was no other number once
@@ -162,6 +164,14 @@ def stream_key(campaign_seed: int, case_id: str, stream: str) -> int:
     return int.from_bytes(bytes.fromhex(digest(parts))[:8], "little")
 
 
+def case_stream(case: Case, stream: str, name: str = "") -> int:
+    """Key of a random stream of a case, see :func:`stream_key`; of the one that it has from its
+    start, or of that which it has while its numbers are those of ``name``."""
+    forks = case.variation.forks
+    name = name or (case.id if forks is UNSET else forks[0].case)
+    return stream_key(case.variation.seed, name, stream)
+
+
 def stack_name(case: Case) -> str:
     """What a stack knows ``case`` by: the same in every attempt and on every worker, and without
     the campaign's seed nobody tells which case it is. Its name, if the campaign says so."""
@@ -179,7 +189,7 @@ def stack_seed(case: Case) -> int:
     simulator's numbers again. The campaign's, if the campaign says so."""
     if "seed" in case.variation.tell:
         return case.variation.seed
-    return stream_key(case.variation.seed, case.id, "stack") >> 1
+    return case_stream(case, "stack") >> 1
 
 
 def is_told_truth(case: Case) -> bool:

@@ -16,6 +16,7 @@ from schemas.kinds.plugins import ForeignKind, foreign_kinds
 from schemas.kinds.scenario import kind_of
 from schemas.points import Point, points_of, probe_mistakes
 from schemas.rulebook_rows import axes_beyond, rows_called
+from schemas.search_points import lineage
 from schemas.sections.autonomy import DELAYS, driver
 from schemas.sections.camera import Camera
 from schemas.sections.perception import file_fields
@@ -237,6 +238,7 @@ def _case(campaign: Campaign, point: Point, batch: int, shared: _Shared) -> Case
         seed=campaign.seed,
         deadline_s=campaign.deadline_s,
         scenario=point.scenario,
+        formula=shared.formula,
         sensors=point.sensors,
         environment=point.environment,
         latency_ms=autonomy.latency_ms,
@@ -256,6 +258,7 @@ def _case(campaign: Campaign, point: Point, batch: int, shared: _Shared) -> Case
         batch=batch,
         drive=campaign.recording.drive,
         tell=shared.tell,
+        forks=UNSET if campaign.search is UNSET else lineage(campaign.search, point.id),
     )
     return Case(rig=shared.rig(point), variation=variation)
 
@@ -275,6 +278,8 @@ class _Shared:
             {path for variant in variants for path in file_fields(variant).values()}
         )
         self.tell = sorted(campaign.autonomy.tell)
+        search = campaign.search
+        self.formula = "" if search is UNSET else search.objective.formula or ""
         self._rigs: dict[Hashable, RigSpec] = {}
 
     def rig(self, point: Point) -> RigSpec:

@@ -5,12 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from msgspec import UNSET
+import msgspec
+from msgspec import UNSET, UnsetType
 
 from schemas.axes import axes_allowed, is_axis
+from schemas.formulas.objective import formula_mistakes
 from schemas.kinds.kpi import scalars_by_name
+from schemas.kinds.registry import implementation
 from schemas.kinds.sampler import sampler_kinds
 from schemas.kinds.scenario import kind_of
+from schemas.sections.fork import Branch, Fork
 from schemas.sections.scenario import Scenario
 from schemas.sections.search import (
     Choices,
@@ -19,12 +23,14 @@ from schemas.sections.search import (
     Integers,
     LogNormal,
     Normal,
+    Objective,
     Search,
     Triangular,
     TruncatedNormal,
     Uniform,
     Value,
     name_of,
+    place_of,
     rows_of,
 )
 from schemas.validation import Mistake, convert_all, suggest
@@ -123,6 +129,7 @@ def search_mistakes(
     mistakes += _correlation_mistakes(search)
     mistakes += _objective_mistakes(search, scenario)
     mistakes += _sampler_mistakes(search)
+    mistakes += _fork_mistakes(search) if not mistakes else []
     for generation, given in enumerate(search.proposed):
         where = f"search.proposed[{generation}]"
         try:
@@ -243,8 +250,12 @@ def correlation_factor(search: Search) -> list[list[float]]:
 
 def _objective_mistakes(search: Search, scenario: Scenario) -> list[Mistake]:
     objective, kind = search.objective, kind_of(scenario)
+    if objective.formula is not UNSET:
+        return formula_mistakes(objective, objective.formula, kind)
     known = [scalar.name for scalar in kind.scalars if scalar.type != "name"]
     mistakes = []
+    if not objective.kpi:
+        return [Mistake("search.objective", "give kpi or formula")]
     if objective.kpi not in known:
         other = objective.kpi in scalars_by_name()
         why = f"scenario type {kind.name} does not give it" if other else "unknown"
@@ -258,24 +269,123 @@ def _objective_mistakes(search: Search, scenario: Scenario) -> list[Mistake]:
     return mistakes
 
 
+def _course_problem(objective: Objective) -> str:
+    """Why cases cannot fork when their KPI reaches a value, or nothing."""
+    scalar = scalars_by_name().get(objective.kpi)
+    if scalar is None:
+        return ""  # said where the KPI is looked at
+    if scalar.course is None:
+        courses = [name for name, kind in scalars_by_name().items() if kind.course is not None]
+        return (
+            f"forks cases on the way to their KPI, and {objective.kpi} is no extreme of a column; "
+            f"such are {', '.join(courses)}"
+        )
+    if scalar.course.extreme == "least" and objective.fails_below is UNSET:
+        return f"needs fails_below with {objective.kpi}, the least value of a case"
+    if scalar.course.extreme == "most" and objective.fails_above is UNSET:
+        return f"needs fails_above with {objective.kpi}, the greatest value of a case"
+    return ""
+
+
+def lineage(search: Search, name: str) -> list[Fork] | UnsetType:
+    """Whose random numbers a proposed case has; unset: its own from start to end.
+
+    A child's margin is smaller than its parent's, so its moments come in this order.
+    """
+    if search.forks is UNSET:
+        return UNSET
+    chain: list[tuple[str, Branch]] = []
+    root = name
+    while (branch := _branch(search.forks, root)) is not None:
+        chain.append((root, branch))
+        root = branch.parent
+    if not chain:
+        return UNSET
+    scalar, objective = scalars_by_name()[search.objective.kpi], search.objective
+    assert scalar.course is not None
+    above = objective.fails_below is UNSET
+    limit = objective.fails_above if above else objective.fails_below
+    assert limit is not UNSET
+    course = scalar.course
+    waits = Fork(case=root, column=course.column, size=course.size, above=above, limit=limit)
+    forks = [
+        msgspec.structs.replace(waits, case=child, margin=branch.margin)
+        for child, branch in reversed(chain)
+    ]
+    return [Fork(case=root), *forks]
+
+
+def with_forks(
+    search: Search, generation: int, forks: list[Branch | None]
+) -> list[list[Branch | None]]:
+    """The forks of a search with those of its next generation."""
+    before = [] if search.forks is UNSET else search.forks
+    gap: list[list[Branch | None]] = [[] for _ in range(generation - len(before))]
+    return [*before, *gap, forks]
+
+
+def _branch(forks: list[list[Branch | None]], name: str) -> Branch | None:
+    generation, number = place_of(name)
+    rows = forks[generation] if generation < len(forks) else []
+    return rows[number] if number < len(rows) else None
+
+
+def _fork_mistakes(search: Search) -> list[Mistake]:
+    """What is wrong with forks, which a campaign file of a run lists."""
+    forks = [] if search.forks is UNSET else search.forks
+    if forks and not sampler_kinds().find(search.sampler).forks:
+        return [Mistake("search.forks", f"sampler {search.sampler} proposes none; remove the key")]
+    sizes = [len(rows) for rows in _proposed(search)]
+    for generation, rows in enumerate(forks):
+        where = f"search.forks[{generation}]"
+        size = sizes[generation] if generation < len(sizes) else 0
+        if len(rows) not in (0, size) and not search.chosen:
+            return [Mistake(where, f"{len(rows)} forks for {size} cases")]
+        for number, branch in enumerate(rows):
+            if branch is not None and not _earlier(
+                sizes[:generation], branch.parent, named=not search.chosen
+            ):
+                problem = f"'{branch.parent}' is no case of an earlier generation"
+                return [Mistake(f"{where}[{number}]", problem)]
+    return []
+
+
+def _earlier(sizes: list[int], parent: str, *, named: bool) -> bool:
+    """Whether a name is that of a case of generations with so many cases; not ``named``: whatever
+    its number, since a file of chosen cases does not list all others."""
+    try:
+        generation, number = place_of(parent)
+    except ValueError:
+        return False
+    return generation < len(sizes) and (number < sizes[generation] or not named)
+
+
 def _sampler_mistakes(search: Search) -> list[Mistake]:
     try:
         kind = sampler_kinds().find(search.sampler)
     except ValueError as error:
         return [Mistake("search.sampler", str(error))]
-    _, wrong = convert_all(search.options, kind.options)
+    options, wrong = convert_all(search.options, kind.options)
     mistakes = [Mistake(f"search.options.{m.path}".rstrip("."), m.message) for m in wrong]
     objective, budget = search.objective, search.budget
     if search.chains > 1 and kind.chains == "none":
         alone = f"given {search.chains}, sampler {kind.name} has one chain"
         mistakes.append(Mistake("search.chains", alone))
-    if kind.gives == "probability" and objective.goal is not UNSET:
-        limit = f"sampler {kind.name} gives a probability; say fails_below or fails_above"
+    goes_on = objective.goal is not UNSET and objective.formula is UNSET
+    if kind.gives != "extreme" and goes_on:
+        limit = f"sampler {kind.name} gives a {kind.gives}; say fails_below or fails_above"
         mistakes.append(Mistake("search.objective.goal", limit))
+    if kind.forks and (problem := _course_problem(objective)):
+        mistakes.append(Mistake("search.objective", f"sampler {kind.name} {problem}"))
     if len(search.parameters) < kind.parameters_min:
         least = f"{len(search.parameters)} given, sampler {kind.name} needs {kind.parameters_min}"
         mistakes.append(Mistake("search.parameters", least))
-    if kind.gives == "extreme" and not (
+    if budget.cases > kind.cases_max:
+        most = f"given {budget.cases}, sampler {kind.name} takes at most {kind.cases_max}"
+        mistakes.append(Mistake("search.budget.cases", most))
+    if kind.checks and options is not None:
+        mistakes += implementation(kind.checks)(search, options)
+    if kind.gives != "probability" and not (
         budget.half_width is UNSET and budget.relative_half_width is UNSET
     ):
         no_interval = f"sampler {kind.name} gives no interval; remove half_width"

@@ -58,6 +58,10 @@ DRIVES: dict[str, list[tuple[str, dict[str, Any], Policy]]] = {
 WEATHERS = ("clear", "heavy_rain")
 
 
+FORMULA = "always (ttc_s > 1.0 or speed_mps < 0.5)"
+"""Formula of all drives."""
+
+
 def cases(scene: str) -> list[tuple[Case, Policy]]:
     """The drives of a scene, each in its weather."""
     found = []
@@ -73,7 +77,7 @@ def cases(scene: str) -> list[tuple[Case, Policy]]:
             }
         )
         assert campaign is not None, mistakes
-        found.append((changed(expand(campaign)[0], id=f"{scene}-{name}"), policy))
+        found.append((changed(expand(campaign)[0], id=f"{scene}-{name}", formula=FORMULA), policy))
     return found
 
 

@@ -140,7 +140,8 @@ def _as_begun(known: CampaignState | None, given: dict[str, Any]) -> Mapping[str
     before = known.campaign.search
     assert before is not UNSET
     begun = {"first": before.first, "proposed": before.proposed[: before.chains]}
-    return {**given, "search": {**search, **begun}}
+    asked = {key: value for key, value in search.items() if key != "forks"}
+    return {**given, "search": {**asked, **begun}}
 
 
 def _unbegun(campaign: Campaign) -> str:
@@ -163,7 +164,7 @@ def _begun_with(known: CampaignState) -> str:
     search = known.campaign.search
     if known.search is None or search is UNSET:
         return known.digest
-    begun = msgspec.structs.replace(search, proposed=search.proposed[: search.chains])
+    begun = msgspec.structs.replace(search, proposed=search.proposed[: search.chains], forks=UNSET)
     campaign = msgspec.structs.replace(known.campaign, search=begun)
     return campaign_digest(campaign, [c.case for c in known.ordered[: len(search.first)]])
 

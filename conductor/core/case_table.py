@@ -10,7 +10,7 @@ from collections.abc import Hashable, Sequence
 from typing import Any
 
 import msgspec
-from msgspec import Struct
+from msgspec import UNSET, Struct
 
 from schemas.campaign import CASES_MAX
 from schemas.case import Case, RigSpec, Variation
@@ -22,6 +22,8 @@ _RIG = "rig"
 _FIELDS = {_RIG: RigSpec, **{field.encode_name: field.type for field in _VARYING}}
 _OPTIONAL = {field.encode_name for field in _VARYING if not field.required}
 """Fields that tables of older versions may lack."""
+_UNSET = {field.encode_name for field in _VARYING if field.default is UNSET}
+"""Fields that a case may lack: null there, and without a column where all lack it."""
 
 
 class CaseColumn(Struct, frozen=True):
@@ -49,6 +51,10 @@ def pack(cases: Sequence[Case]) -> CaseTable:
             **{
                 field.encode_name: _column([getattr(case.variation, field.name) for case in cases])
                 for field in _VARYING
+                if not (
+                    field.encode_name in _UNSET
+                    and all(getattr(case.variation, field.name) is UNSET for case in cases)
+                )
             },
         },
     )
@@ -70,8 +76,10 @@ def unpack(table: CaseTable) -> list[Case]:
     columns = []
     names = [name for name in _FIELDS if name in table.columns or name not in _OPTIONAL]
     for name in names:
-        type_ = _FIELDS[name]
+        type_ = _FIELDS[name] | None if name in _UNSET else _FIELDS[name]
         values = msgspec.convert(table.columns[name].values, list[type_])  # type: ignore[valid-type]
+        if name in _UNSET:
+            values = [UNSET if value is None else value for value in values]
         columns.append(_values(table, name, values))
     rigs, *varying = columns
     return [
@@ -95,7 +103,7 @@ def _values(table: CaseTable, name: str, different: list[Any]) -> list[Any]:
 def _column(values: list[Any]) -> CaseColumn:
     first = values[0]
     if all(value is first for value in values):
-        return CaseColumn(values=msgspec.to_builtins([first]))
+        return CaseColumn(values=_plain([first]))
     positions: dict[Hashable, int] = {}
     index = []
     unique: list[Any] = []
@@ -108,13 +116,20 @@ def _column(values: list[Any]) -> CaseColumn:
         if position == len(unique):
             unique.append(value)
         index.append(position)
-    plain = msgspec.to_builtins(unique)
+    plain = _plain(unique)
     if len(unique) == 1 or index == list(range(len(values))):
         return CaseColumn(values=plain)
     return CaseColumn(values=plain, index=index)
 
 
+def _plain(values: Sequence[Any]) -> list[Any]:
+    plain: list[Any] = msgspec.to_builtins([None if value is UNSET else value for value in values])
+    return plain
+
+
 def _key(value: Any) -> Hashable:
+    if value is UNSET:
+        return None
     # 1, 1.0 and True are equal and not the same.
     if isinstance(value, str | int):
         return type(value), value

@@ -13,6 +13,7 @@ from msgspec import Struct
 from conductor.core.case_table import CaseTable
 from conductor.core.searching.record import SearchRecord
 from schemas.files.search_result import ChainEstimate, SearchAnswer
+from schemas.sections.fork import Branch
 from schemas.wire.control import Release, Reply, Result, Share
 
 SHARED = 0
@@ -82,6 +83,8 @@ class Generation(_Fact, frozen=True):
     """Standard normal coordinates of the new cases: float64, little-endian, cases by parameters."""
     values: str = ""
     """Values of their parameters, JSON of the same shape."""
+    forks: list[Branch | None] = []
+    """What the new cases are forks of; empty: of nothing."""
     cases: CaseTable | None = None
     """The new cases; None: there are none."""
     versions: dict[str, str] = {}

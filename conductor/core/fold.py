@@ -57,6 +57,7 @@ from conductor.core.state import (
 )
 from schemas.campaign import Campaign
 from schemas.identity import rig_key
+from schemas.search_points import with_forks
 from schemas.wire.control import Result, Touch
 
 DEPARTED_MAX = 10_000
@@ -189,6 +190,8 @@ def _generation(state: State, fact: Generation) -> None:
     record.chains.append(record.chains[number])
     record.sizes.append(len(cases))
     grown = msgspec.structs.replace(search, proposed=[*search.proposed, fact.values])
+    if fact.forks or search.forks is not UNSET:
+        grown = msgspec.structs.replace(grown, forks=with_forks(search, fact.number, fact.forks))
     campaign.campaign = msgspec.structs.replace(campaign.campaign, search=grown)
     campaign.digest = fact.digest
     campaign.extend(cases, [rig_key(case) for case in cases])

@@ -11,7 +11,13 @@ from conductor.core.searching.record import unpacked
 from conductor.core.state import CampaignState
 from schemas.files.json_text import JsonError, decode_json
 from schemas.files.regular_file import read_regular
-from schemas.files.search_result import FILE_NAME, SearchCluster, SearchFile, SearchGeneration
+from schemas.files.search_result import (
+    FILE_NAME,
+    SearchBoundary,
+    SearchCluster,
+    SearchFile,
+    SearchGeneration,
+)
 from schemas.kinds.sampler import sampler_kinds
 from schemas.sections.search import Search, name_of, rows_of
 from twin.base.errors import InfrastructureError, UsageError
@@ -48,15 +54,17 @@ def search_file(campaign: CampaignState) -> SearchFile:
     assert record is not None
     objective = search.objective
     generations = []
+    forks = [] if search.forks is UNSET else search.forks
     for number, (u, values) in enumerate(zip(record.u, search.proposed, strict=True)):
         closed = number < len(record.results)
-        rows = unpacked(u, len(search.parameters))
+        rows = unpacked(u, record.sizes[number])
         generations.append(
             SearchGeneration(
                 cases=[name_of(number, index) for index in range(len(rows))],
                 values=rows_of(values),
                 u=rows,
                 results=record.results[number] if closed else [],
+                forks=forks[number] if number < len(forks) else [],
                 answer=record.answers[number] if number < len(record.answers) else None,
                 chain=record.chains[number],
             )
@@ -67,12 +75,14 @@ def search_file(campaign: CampaignState) -> SearchFile:
         title=sampler_kinds().find(search.sampler).title,
         chains=search.chains,
         kpi=objective.kpi,
+        formula="" if objective.formula is UNSET else objective.formula,
         fails_below=None if objective.fails_below is UNSET else objective.fails_below,
         fails_above=None if objective.fails_above is UNSET else objective.fails_above,
         parameters=list(search.parameters),
         ended=record.ended,
         answer=record.answers[-1] if record.answers else None,
         clusters=_clusters(search, campaign) if record.ended else [],
+        boundary=_boundary(search, campaign),
         versions=record.versions,
         cpus=record.cpus,
         generations=generations,
@@ -87,3 +97,14 @@ def _clusters(search: Search, campaign: CampaignState) -> list[SearchCluster]:
     if search.objective.goal is not UNSET:
         return []
     return clusters(search, Closed(record.u[: len(record.results)], record.results))
+
+
+def _boundary(search: Search, campaign: CampaignState) -> SearchBoundary | None:
+    record = campaign.search
+    assert record is not None
+    if sampler_kinds().find(search.sampler).gives != "boundary" or not record.results:
+        return None
+    from conductor.search.driver import Closed
+    from conductor.search.traced import boundary_of
+
+    return boundary_of(search, Closed(record.u[: len(record.results)], record.results))

@@ -259,6 +259,7 @@ def _begun(asked: bytes, campaign: str, seed: int) -> Search:
         search,
         first=[row for proposal in proposals for row in proposal.u],
         proposed=[proposal.values for proposal in proposals],
+        forks=UNSET,
     )
 
 

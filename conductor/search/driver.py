@@ -16,17 +16,28 @@ import numpy as np
 from msgspec import UNSET, convert
 
 from conductor.search.chains import history_of, mean_of
-from conductor.search.protocol import Array, Estimate, History, Problem, Sampler
+from conductor.search.protocol import (
+    Array,
+    Estimate,
+    Forker,
+    Forks,
+    History,
+    Problem,
+    Sampler,
+    Traced,
+    TracesBoundary,
+)
 from conductor.search.space import values_of
 from schemas.files.search_result import ChainEstimate, SearchAnswer, SearchCluster
 from schemas.identity import stream_key
 from schemas.kinds.registry import implementation
 from schemas.kinds.sampler import SamplerKind, sampler_kinds
-from schemas.sections.search import Objective, Search, Value, name_of
+from schemas.sections.fork import Branch
+from schemas.sections.search import WITH_TAILS, Objective, Search, Value, name_of
 
 EXTRA = "pip install 'drivetwin[search]'"
 """What brings the libraries of the samplers."""
-LIBRARIES = ("numpy", "scipy", "cma")
+LIBRARIES = ("numpy", "scipy", "cma", "sklearn")
 """Libraries whose versions are kept with every generation."""
 REACH = 1.0
 """Distance of a failure from the mildest one of its cluster, in units of the square root of the
@@ -41,6 +52,8 @@ class Proposal:
     """Standard normal coordinates [cases][parameters]."""
     values: list[list[Value]]
     """Values of the parameters [cases][parameters]."""
+    forks: list[Branch | None] = field(default_factory=list)
+    """What each case is a fork of; empty: none is one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,10 +135,21 @@ def _follow(search: Search, sampler: Sampler, streams: _Streams, closed: Closed)
         u = np.zeros((0, 0)) if settled else sampler.propose(history, streams)
         if len(u) and history.cases + len(u) <= _budget(search):
             proposal = _proposal(search, u)
+            if isinstance(sampler, Forker):
+                forks = _branches(sampler.forks(history, streams), history)
+                proposal = replace(proposal, forks=forks)
         elif not closed.open:  # else other chains go on
             spent = f"the budget of {search.budget.cases} cases is spent"
             ended = "the sampler has its answer" if settled else spent
     return SearchStep(answer, proposal, ended, known)
+
+
+def _branches(forks: Forks, history: History) -> list[Branch | None]:
+    """Forks by the names of the cases that they are of; a sampler that forks has one chain."""
+    names = [name_of(i, j) for i, g in enumerate(history.g) for j in range(len(g))]
+    pairs = zip(forks.parents.tolist(), forks.margins.tolist(), strict=True)
+    branches = [Branch(names[parent], margin) if parent >= 0 else None for parent, margin in pairs]
+    return branches if any(branches) else []
 
 
 def _estimate(
@@ -175,6 +199,17 @@ def clusters(search: Search, closed: Closed) -> list[SearchCluster]:
     ]
 
 
+def traced(search: Search, closed: Closed) -> Traced | None:
+    """The boundary that the sampler knows after the closed generations; None: it traces none."""
+    sampler = _sampler(search, 0)
+    return sampler.trace(_history(search, closed)) if isinstance(sampler, TracesBoundary) else None
+
+
+def closed_history(search: Search, closed: Closed) -> History:
+    """The closed generations as samplers see them, for who makes further answers of them."""
+    return _history(search, closed)
+
+
 def versions() -> dict[str, str]:
     """Versions of the libraries that are loaded: whoever proposed has done that."""
     loaded = {name: sys.modules.get(name) for name in LIBRARIES}
@@ -207,6 +242,8 @@ def _sampler(search: Search, chain: int) -> Sampler:
     budget = search.budget
     problem = Problem(
         dimension=len(search.parameters),
+        names=list(search.parameters),
+        tails=[isinstance(d, WITH_TAILS) for d in search.parameters.values()],
         cases=_budget(search),
         generation=budget.generation,
         repeats=budget.half_width is not UNSET or budget.relative_half_width is not UNSET,
@@ -236,7 +273,10 @@ def _first_missing(closed: Closed) -> str:
 def _history(search: Search, closed: Closed) -> History:
     dimension = len(search.parameters)
     return History(
-        [_rows(rows).reshape(-1, dimension) for rows in closed.u],
+        [
+            _rows(rows).reshape(len(results), dimension)
+            for rows, results in zip(closed.u, closed.results, strict=True)
+        ],
         [_margins(search.objective, results) for results in closed.results],
     )
 

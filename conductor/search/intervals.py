@@ -38,6 +38,15 @@ def lognormal(probability: float, relative: float) -> tuple[float, float]:
     return probability * math.exp(-half), min(1.0, probability * math.exp(half))
 
 
+def of_logarithms(estimates: Array) -> tuple[float, float]:
+    """Interval of the mean of independent estimates that are positive and skewed: lognormal, with
+    the relative error of the mean by Student's distribution."""
+    count, mean = len(estimates), float(np.mean(estimates))
+    relative = float(np.std(estimates, ddof=1)) / math.sqrt(count) / mean
+    half = float(stdtrit(count - 1, 0.975)) * math.sqrt(math.log1p(relative * relative))
+    return mean * math.exp(-half), min(1.0, mean * math.exp(half))
+
+
 def relative_error(probability: float, low: float | None) -> float:
     """The relative standard error of which :func:`lognormal` made an interval that begins at
     ``low``; 0 where there is none.

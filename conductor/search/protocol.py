@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -29,6 +29,10 @@ class Problem:
     """Most cases; of a chain, where there are several."""
     generation: int
     """Cases of a generation, where the sampler does not say otherwise."""
+    names: Sequence[str] = ()
+    """Their names."""
+    tails: Sequence[bool] = ()
+    """Which of them thin out towards their ends, as a normal one does."""
     repeats: bool = False
     """Whether an interval is asked for: a sampler that has its answer goes on for a better one."""
     chain: int = 0
@@ -73,3 +77,56 @@ class Sampler(Protocol):
 
     def answer(self, history: History, /) -> Estimate:
         """What is known after ``history``."""
+
+
+@dataclass(frozen=True, slots=True)
+class Forks:
+    """What the cases of a generation are forks of."""
+
+    parents: npt.NDArray[np.int64]
+    """Case of the history [cases], counted over all generations; -1: it is no fork."""
+    margins: Array
+    """Margin below which the parent's had fallen when the fork goes its own way [cases]."""
+
+
+@runtime_checkable
+class Forker(Sampler, Protocol):
+    """A sampler whose cases may go on from the middle of others: they have their coordinates, and
+    other random numbers from there on."""
+
+    def forks(self, history: History, streams: Streams, /) -> Forks:
+        """What the cases of :meth:`propose` are forks of, for the same arguments."""
+
+
+@dataclass(frozen=True, slots=True)
+class Crossing:
+    """A point of a boundary, between two cases."""
+
+    holds: int
+    """Number of a case that holds, in the order of proposals."""
+    fails: int
+    """Number of one that fails."""
+    share: float
+    """Where the boundary is likely between them: 0 at the one that holds, 1 at the other."""
+    width: float
+    """Distance between them, as a share of the plane's side."""
+
+
+@dataclass(frozen=True, slots=True)
+class Traced:
+    """A boundary in the plane of two parameters."""
+
+    x: int
+    """Number of the one parameter."""
+    y: int
+    points: Sequence[Crossing]
+    lines: Sequence[Sequence[int]]
+    """Points by number along each of its parts; a closed part ends where it began."""
+
+
+@runtime_checkable
+class TracesBoundary(Protocol):
+    """A sampler that knows a boundary between cases that hold and cases that fail."""
+
+    def trace(self, history: History, /) -> Traced:
+        """The boundary as far as it is known after ``history``."""

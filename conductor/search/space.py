@@ -36,7 +36,7 @@ def values_of(search: Search, u: Array) -> list[list[Value]]:
             z[:, i] += weight * u[:, j]
     z = np.clip(z, -Z_MAX, Z_MAX)
     columns = [_column(d, z[:, i]) for i, d in enumerate(search.parameters.values())]
-    return [list(row) for row in zip(*columns, strict=True)]
+    return [[column[case] for column in columns] for case in range(len(u))]
 
 
 def _column(distribution: Distribution, z: Array) -> list[Value]:

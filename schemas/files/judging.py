@@ -10,7 +10,7 @@ from __future__ import annotations
 import hashlib
 from typing import Literal
 
-from msgspec import Struct
+from msgspec import UNSET, Struct, UnsetType
 
 from schemas.digest import digest
 from schemas.sections.scenario import Scenario
@@ -74,6 +74,8 @@ class JudgeRecord(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True)
     """Name of the target, where a trial is about one; its hull is that at the start."""
     events: list[str] = []
     """Names of what may happen in the case; columns of events count them from 1."""
+    formula: str | UnsetType = UNSET
+    """Formula of its search, whose margin is among its scalars."""
 
 
 class Claim(Struct, frozen=True, kw_only=True):

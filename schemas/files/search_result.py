@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from msgspec import Struct
 
+from schemas.sections.fork import Branch
 from schemas.sections.search import Value
 
 FILE_NAME = "search.json"
@@ -74,10 +75,42 @@ class SearchGeneration(Struct, frozen=True, kw_only=True):
     """Standard normal coordinates behind them."""
     results: list[float | None]
     """KPI per case; None: missing. Empty: the generation runs."""
+    forks: list[Branch | None] = []
+    """Per case the case that it is a fork of, and the margin below which the other's had fallen
+    there; empty: none is one."""
     answer: SearchAnswer | None = None
     """What was known when it had closed, by all that had closed before."""
     chain: int = 0
     """The chain that proposed it."""
+
+
+class BoundaryPoint(Struct, frozen=True, kw_only=True):
+    """A point of a boundary between cases that hold and cases that fail."""
+
+    at: list[float]
+    """x and y, where the boundary is likely if margins are linear in between."""
+    holds: str
+    """The nearest case that holds."""
+    holds_at: list[float]
+    """Its x and y."""
+    fails: str
+    """The nearest case that fails."""
+    fails_at: list[float]
+    width: float
+    """Distance between the two, as a share of the plane's side."""
+
+
+class SearchBoundary(Struct, frozen=True, kw_only=True):
+    """A boundary in the plane of two parameters."""
+
+    x: str
+    """The one parameter."""
+    y: str
+    fixed: dict[str, Value]
+    """All other parameters, at their medians."""
+    points: list[BoundaryPoint]
+    lines: list[list[int]]
+    """Points by number along each part of the boundary; a closed part ends where it began."""
 
 
 class SearchFile(Struct, frozen=True, kw_only=True):
@@ -89,6 +122,8 @@ class SearchFile(Struct, frozen=True, kw_only=True):
     title: str
     """The sampler's name in sentences."""
     kpi: str
+    formula: str = ""
+    """Formula whose margin the KPI is; empty: it is a KPI of its own."""
     fails_below: float | None = None
     fails_above: float | None = None
     chains: int = 1
@@ -99,8 +134,18 @@ class SearchFile(Struct, frozen=True, kw_only=True):
     answer: SearchAnswer | None
     clusters: list[SearchCluster]
     """Failures by cluster, the largest first."""
+    boundary: SearchBoundary | None = None
+    """Boundary that it traced; None: it traces none, or no point is known yet."""
     versions: dict[str, str]
     """Libraries that proposed."""
     cpus: list[str]
     """Classes of the processors that proposed; more than one: it went on on another."""
     generations: list[SearchGeneration]
+
+    def fails(self, kpi: float | None) -> bool:
+        """Whether a value of the KPI is a failure; a missing one is none."""
+        if kpi is None:
+            return False
+        if self.fails_below is not None:
+            return kpi < self.fails_below
+        return self.fails_above is not None and kpi > self.fails_above

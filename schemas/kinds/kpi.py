@@ -18,6 +18,7 @@ GROUP = "drivetwin.kpis"
 OURS = {
     "base": "schemas.kinds.kpis.base:KPIS",
     "storyboard": "schemas.kinds.kpis.storyboard:KPIS",
+    "formula": "schemas.kinds.kpis.formula:KPIS",
 }
 """KPIs that are shipped; the same as in pyproject.toml."""
 
@@ -50,6 +51,17 @@ class CurveLook:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Course:
+    """Column of which a scalar is the extreme: how a case came to its value, tick by tick."""
+
+    column: str
+    """Column that comes with every row."""
+    extreme: Literal["least", "most"]
+    size: bool = False
+    """Whether the column counts without its sign."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class KpiKind:
     """Declaration of one KPI."""
 
@@ -76,6 +88,9 @@ class KpiKind:
     """Short name beside a case's picture; empty: it does not stand there."""
     curve: CurveLook | None = None
     """Looks of its curve; None: it is not drawn."""
+    course: Course | None = None
+    """Column of which it is the extreme; None: of none. A case may pass the extreme of its rows at
+    its very end, as a collision between two of them does."""
     implementation: str = ""
     """``module:attribute`` of a function that takes the rows of a case,
     :class:`twin.scenario.protocol.Rows`: a column's gives float64 [rows], NaN where missing; a

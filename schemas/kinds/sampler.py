@@ -8,10 +8,15 @@ from typing import Annotated, Literal
 
 from msgspec import Meta, Struct
 
+from schemas.kinds.boundary import BoundaryOptions
 from schemas.kinds.registry import Kinds, read_kinds
+from schemas.sections.search import SEARCH_CASES_MAX
 
 GROUP = "drivetwin.samplers"
 """Entry points that bring samplers."""
+
+PROCESS_CASES_MAX = 500
+"""Most cases of a search by a Gaussian process, whose effort grows with their third power."""
 
 OURS = {"shipped": "schemas.kinds.sampler:KINDS"}
 """Samplers that are shipped; the same as in pyproject.toml."""
@@ -45,11 +50,31 @@ class ImportanceOptions(_Options, frozen=True, kw_only=True):
     """Normal densities of the mixture that is fitted."""
 
 
+class SplittingOptions(_Options, frozen=True, kw_only=True):
+    """Options of multilevel splitting."""
+
+    particles: Annotated[int, Meta(ge=10, le=5000)] = 50
+    """Cases that a run begins with."""
+    runs: Annotated[int, Meta(ge=4, le=100)] = 10
+    """Runs side by side, independent of each other."""
+    share: Annotated[float, Meta(ge=0.02, le=0.8)] = 0.5
+    """Share of a run's cases that a generation replaces by forks of the others."""
+
+
 class CmaOptions(_Options, frozen=True, kw_only=True):
     """Options of CMA-ES."""
 
     sigma: Annotated[float, Meta(gt=0, le=10)] = 1.0
     """First step size, in standard deviations of the parameters."""
+
+
+class BayesianOptions(_Options, frozen=True, kw_only=True):
+    """Options of Bayesian search."""
+
+    first: Annotated[int, Meta(ge=0, le=500)] = 0
+    """Cases that are spread evenly before the first fit; 0: as many as the parameters want."""
+    explore: Annotated[float, Meta(ge=0, le=1)] = 0.25
+    """Share of a generation that is far from all cases, however good others look."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,14 +85,22 @@ class SamplerKind:
     """The word in ``search.sampler``."""
     title: str
     """The name in sentences."""
-    gives: Literal["probability", "extreme"]
-    """What it answers; a probability needs an objective with a limit."""
+    gives: Literal["probability", "extreme", "boundary"]
+    """What it answers; a probability and a boundary need an objective with a limit."""
     implementation: str
     """``module:attribute`` of its :class:`conductor.search.protocol.Sampler`, made of options and
     a :class:`conductor.search.protocol.Problem`."""
     options: type[Struct] = NoOptions
+    checks: str = ""
+    """``module:attribute`` of a function that says what else is wrong with a section: the section
+    and the options -> list of :class:`schemas.validation.Mistake`."""
     parameters_min: int = 1
     """Fewest parameters with which it works."""
+    forks: bool = False
+    """Whether it proposes forks: its implementation is a :class:`conductor.search.protocol.Forker`,
+    and its objective a KPI that is the extreme of a column."""
+    cases_max: int = SEARCH_CASES_MAX
+    """Most cases with which it works."""
     chains: Literal["none", "pooled", "mean", "best"] = "none"
     """What is made of chains side by side: they are refused; all their generations are one history;
     their probabilities have a mean; their worst case is the answer."""
@@ -105,6 +138,24 @@ KINDS = (
         parameters_min=2,
     ),
     SamplerKind(
+        name="bayesian",
+        title="Bayesian search",
+        gives="extreme",
+        implementation="conductor.search.samplers.bayesian:Bayesian",
+        chains="best",
+        options=BayesianOptions,
+        cases_max=PROCESS_CASES_MAX,
+    ),
+    SamplerKind(
+        name="boundary",
+        title="Boundary tracing",
+        gives="boundary",
+        implementation="conductor.search.samplers.boundary:Boundary",
+        options=BoundaryOptions,
+        checks="schemas.kinds.boundary:boundary_mistakes",
+        parameters_min=2,
+    ),
+    SamplerKind(
         name="importance",
         title="cross-entropy importance sampling",
         gives="probability",
@@ -119,6 +170,15 @@ KINDS = (
         implementation="conductor.search.samplers.subset:Subset",
         chains="mean",
         options=SubsetOptions,
+    ),
+    SamplerKind(
+        name="splitting",
+        title="adaptive multilevel splitting",
+        gives="probability",
+        implementation="conductor.search.samplers.splitting:Splitting",
+        options=SplittingOptions,
+        parameters_min=0,
+        forks=True,
     ),
 )
 """The samplers that are shipped."""

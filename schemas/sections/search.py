@@ -10,6 +10,10 @@ from typing import Annotated, Literal
 
 import msgspec
 from msgspec import UNSET, Meta, Struct, UnsetType
+from msgspec.structs import force_setattr
+
+from schemas.kinds.kpis.formula import ROBUSTNESS
+from schemas.sections.fork import Branch
 
 SEARCH_CASES_MAX = 100_000
 """Most cases of a search."""
@@ -130,6 +134,10 @@ Distribution = (
 )
 
 
+WITH_TAILS = (Normal, TruncatedNormal, LogNormal, Exponential)
+"""Distributions that thin out towards their ends."""
+
+
 class _Part(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Base of the other parts of the section."""
 
@@ -144,10 +152,14 @@ class Correlation(_Part, frozen=True, kw_only=True):
 
 
 class Objective(_Part, frozen=True, kw_only=True):
-    """The KPI that is searched, and which of its values are failures."""
+    """The KPI that is searched, and which of its values are failures; or a formula, whose margin
+    is that KPI then."""
 
-    kpi: str
+    kpi: str = ""
     """A scalar of the scenario, such as ``dtc_min_m``."""
+    formula: str | UnsetType = UNSET
+    """A condition over the columns of a case in signal temporal logic, such as
+    ``always (ttc_s > 1.0 or speed_mps < 0.5)``; a case fails if its margin is below 0."""
     fails_below: float | UnsetType = UNSET
     """Smaller values are failures."""
     fails_above: float | UnsetType = UNSET
@@ -157,6 +169,13 @@ class Objective(_Part, frozen=True, kw_only=True):
     missing: Literal["ends", "fails", "holds"] = "ends"
     """Meaning of a case without the KPI: the search ends there, the case is a failure, or it is
     none."""
+
+    def __post_init__(self) -> None:
+        """With a formula, the KPI is its margin, and failures are below 0."""
+        if self.formula is not UNSET and not self.kpi:
+            force_setattr(self, "kpi", ROBUSTNESS)
+        if self.formula is not UNSET and self.fails_below is UNSET:
+            force_setattr(self, "fails_below", 0.0)
 
 
 class SearchBudget(_Part, frozen=True, kw_only=True):
@@ -175,7 +194,7 @@ class SearchBudget(_Part, frozen=True, kw_only=True):
 class Search(_Part, frozen=True, kw_only=True):
     """A search for failures, or for their probability."""
 
-    parameters: Annotated[dict[str, Distribution], Meta(min_length=1, max_length=PARAMETERS_MAX)]
+    parameters: Annotated[dict[str, Distribution], Meta(max_length=PARAMETERS_MAX)]
     """Axis -> distribution; the axes of a matrix."""
     correlations: list[Correlation] = []
     objective: Objective
@@ -193,6 +212,9 @@ class Search(_Part, frozen=True, kw_only=True):
     proposed: list[Rows] = []
     """Generation -> case -> values of the parameters, a generation also as JSON text; filled in at
     submission and as it runs. The file of a run names `proposed.jsonl` here, which has them."""
+    forks: list[list[Branch | None]] | UnsetType = UNSET
+    """Generation -> case -> what it is a fork of, of generations with forks; filled in as it
+    runs."""
     chosen: list[str] = []
     """Cases of `proposed` that are run again by name; nothing is searched then."""
 
@@ -222,3 +244,16 @@ def text_of(rows: Rows) -> str:
 def name_of(generation: int, number: int) -> str:
     """The name of a case: ``g0003-0017``."""
     return f"g{generation:04d}-{number:04d}"
+
+
+def place_of(name: str) -> tuple[int, int]:
+    """Generation and number of the case that :func:`name_of` gives a name.
+
+    Raises:
+        ValueError: it gives nobody this name.
+    """
+    generation, _, number = name.removeprefix("g").partition("-")
+    place = int(generation), int(number)
+    if name_of(*place) != name or min(place) < 0:
+        raise ValueError(f"no name of a proposed case: {name}")
+    return place

@@ -30,6 +30,7 @@ from twin.base.errors import InfrastructureError
 from twin.kpi import verdict as judging
 from twin.kpi.computed import computed_column
 from twin.kpi.judge_record import hit_of, state_of, surroundings_of
+from twin.kpi.robustness import formula_scalars
 from twin.records.kpi_file import kpi_sha256, read_kpi
 from twin.scenario.families import replay
 
@@ -121,6 +122,7 @@ def _judged(claim: Claim, record: JudgeRecord, rows: TableRows) -> list[str]:
     # What is computed and not claimed, the version that ran the case did not have.
     known = [scalar for scalar in kind.scalars if scalar.name in claim.scalars]
     scalars = judging.scalars(rows, state, run, hit, known)
+    scalars |= formula_scalars(record.formula or "", rows)
     differences += _of_values("scalar", claim.scalars, scalars)
     if claim.outcome != "verdict":
         return differences

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from msgspec import UNSET
 
 from schemas import SCHEMA_VERSION
 from schemas.case import Case
@@ -42,6 +43,7 @@ def judge_record(
         hit=None if hit is None else HitRecord(hit.name, hit.kind, hit.hull, hit.hulls),
         target_name=ground.target_name,
         events=[*ground.events],
+        formula=case.variation.formula or UNSET,
     )
 
 

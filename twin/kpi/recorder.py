@@ -119,9 +119,7 @@ class KpiRecorder:
         which = np.array(slots, np.int64)
         row = self._rows[which]
         if row.size and int(row.max()) == self._values["tick"].shape[1]:
-            for columns in (self._values, self._valid):
-                for name, values in columns.items():
-                    columns[name] = np.concatenate([values, np.zeros_like(values)], axis=1)
+            self._grow()
         self._set("tick", which, row, tick[which])
         self._set("sim_time_ns", which, row, sim_time_ns[which])
         for name in _STATE:
@@ -198,6 +196,48 @@ class KpiRecorder:
             self._values[name][which, row] = np.where(valid, values, 0)
         if name in _NULLABLE:
             self._valid[name][which, row] = True if valid is None else valid
+
+    def last(self, slot: int, column: str) -> float | None:
+        """The latest value of a column that comes with every row; None: missing."""
+        row = int(self._rows[slot]) - 1
+        if column in self._valid and not self._valid[column][slot, row]:
+            return None
+        return float(self._values[column][slot, row])
+
+    def known(self, slot: int, column: str) -> np.ndarray:
+        """Whether a column that comes with every row has a value, bool [rows]."""
+        rows = int(self._rows[slot])
+        if column not in self._valid:
+            return np.ones(rows, np.bool_)
+        return self._valid[column][slot, :rows]
+
+    def save(self, slot: int) -> dict[str, Any]:
+        """The rows of a slot so far, copied."""
+        rows = int(self._rows[slot])
+        return {
+            "values": {name: column[slot, :rows].copy() for name, column in self._values.items()},
+            "valid": {name: column[slot, :rows].copy() for name, column in self._valid.items()},
+            "detected": list(self._detected[slot]),
+            "offsets": list(self._offsets[slot]),
+            "commanded": list(self._commanded[slot]),
+        }
+
+    def restore(self, slot: int, saved: dict[str, Any]) -> None:
+        """Go on behind saved rows, in a slot whose case has just begun."""
+        rows = len(saved["values"]["tick"])
+        while rows > self._values["tick"].shape[1]:
+            self._grow()
+        for columns, its in ((self._values, saved["values"]), (self._valid, saved["valid"])):
+            for name, values in its.items():
+                columns[name][slot, :rows] = values
+        self._rows[slot] = rows
+        self._detected[slot], self._offsets[slot] = list(saved["detected"]), list(saved["offsets"])
+        self._commanded[slot] = list(saved["commanded"])
+
+    def _grow(self) -> None:
+        for columns in (self._values, self._valid):
+            for name, values in columns.items():
+                columns[name] = np.concatenate([values, np.zeros_like(values)], axis=1)
 
     def of(self, slot: int) -> CaseRows:
         """The rows of a slot so far, with the columns that are computed of them."""

@@ -8,11 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from schemas.campaign import Scenario
+from schemas.case import Variation
 from schemas.files.kpi import SCALARS
 from schemas.kinds.kpi import KpiKind
 from schemas.kinds.scenario import kind_of
 from twin.kpi.computed import computed_scalars
 from twin.kpi.recorder import CaseRows
+from twin.kpi.robustness import formula_scalars
 from twin.scenario.protocol import (
     FirstContact,
     HoldsTrial,
@@ -62,6 +64,18 @@ def have_ended(limits: Limits, sim_time_ns: np.ndarray, state: np.ndarray) -> np
     crashed = state[:, COLUMN["collisions"]] > 0
     ended: np.ndarray = crashed | rested | (sim_time_ns >= limits.duration_ns)
     return ended
+
+
+def case_scalars(
+    case: Variation,
+    recorder: CaseRows,
+    state: np.ndarray,
+    run: ScenarioRun,
+    hit: Thing | None = None,
+) -> Scalars:
+    """All scalars of a case: :func:`scalars` with those of its family, and of its formula."""
+    kinds = kind_of(case.scenario).scalars
+    return scalars(recorder, state, run, hit, kinds) | formula_scalars(case.formula, recorder)
 
 
 def scalars(

@@ -176,6 +176,14 @@ class RayCamera:
         """Pictures are made without a slot for a while; its last one stays the one before."""
         self._before.hold(slot, held=held)
 
+    def save(self, slot: int) -> dict[str, np.ndarray]:
+        """Poses of the last picture of a slot."""
+        return self._before.save(slot)
+
+    def restore(self, slot: int, saved: dict[str, np.ndarray]) -> None:
+        """The last picture of a slot had these poses."""
+        self._before.restore(slot, saved)
+
     def clear(self, slot: int) -> None:
         """Blank the image and outputs of a slot."""
         self._before.forget(slot)

@@ -16,6 +16,7 @@ from schemas.sections.lens_curve import intrinsics, reach
 from twin.render.shading import ShadedPoint
 from twin.render.trace.geometry import ObjectPose, RayScene, into_object, out_of_object
 from twin.render.trace.rays import SlotPose
+from twin.world.mirror import put_row, row_of
 
 wp.set_module_options({"enable_backward": False})
 
@@ -180,6 +181,17 @@ class PictureBefore:
         else:
             for then, kept in zip(self._then, self._kept.pop(slot), strict=True):
                 _copy_row(then, slot, kept, 0)
+
+    def save(self, slot: int) -> dict[str, np.ndarray]:
+        """Poses of a slot's last picture, and whether there was none."""
+        rows = {f"pose {i}": row_of(then, slot) for i, then in enumerate(self._then)}
+        return {"new": np.array(self._new[slot]), **rows}
+
+    def restore(self, slot: int, saved: dict[str, np.ndarray]) -> None:
+        """The last picture of a slot had these poses."""
+        self._new[slot] = saved["new"]
+        for i, then in enumerate(self._then):
+            put_row(then, slot, saved[f"pose {i}"])
 
     def forget(self, slot: int) -> None:
         """A slot is cleared."""

@@ -8,13 +8,13 @@ from __future__ import annotations
 import hashlib
 import struct
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
 import numpy as np
 
 from schemas.case import Case
-from schemas.identity import stream_key
+from schemas.identity import case_stream
 from schemas.messages import Command, Lights
 from twin.vehicle.fleet import Fleet
 from twin.vehicle.model import PHYSICS_STEP_NS
@@ -30,9 +30,11 @@ class Delays:
         self._jitter_ns = case.variation.latency_jitter_ms * 1_000_000
         self._every = case.rig.control_hz // case.variation.rate_hz if case.variation.rate_hz else 1
         self._drop = int(case.variation.drop * _ONE)
-        self._keys = {
-            name: stream_key(case.variation.seed, case.id, name) for name in ("latency", "drop")
-        }
+        self.redraw(lambda stream: case_stream(case, stream))
+
+    def redraw(self, key: Callable[[str], int]) -> None:
+        """Draw by other keys, by the names of the streams, from the next command on."""
+        self._keys = {name: key(name) for name in ("latency", "drop")}
 
     def send(
         self, pending: deque[tuple[int, Command]], first_step: int, tick: int, command: Command

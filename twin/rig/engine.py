@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 import warp as wp
 
 from schemas.case import Case
-from schemas.identity import stream_key
+from schemas.identity import case_stream
 from schemas.kinds.scenario import kind_of
 from schemas.messages import Command, Lights, Pose, SensorErrors, command_mistake
 from schemas.wire.interventions import PlaceEgo
@@ -22,13 +21,15 @@ from twin.kpi import verdict as judging
 from twin.kpi.judge_record import judge_record
 from twin.kpi.recorder import KpiRecorder
 from twin.render.light.ground_light import GroundLight
-from twin.rig.command_delay import Delays, put_in_force
+from twin.rig.command_delay import put_in_force
+from twin.rig.running.case_run import CaseRun
+from twin.rig.running.forking import Forking
+from twin.rig.running.saving import Keeps, SlotSaver
 from twin.rig.slot import Finished
 from twin.scenario import families
 from twin.scenario.case_files import check_files
 from twin.scenario.case_motion import StartPose
 from twin.scenario.driving_robot import DrivingRobots
-from twin.scenario.protocol import ScenarioRun
 from twin.scenario.surroundings import Surroundings
 from twin.sensors.camera.cameras import camera_sites
 from twin.sensors.data import SensorData
@@ -52,33 +53,11 @@ from twin.world.sky.wind import Winds
 from twin.world.street.build import World, build_world
 from twin.world.things import Thing
 
-_NO_LIGHTS = Lights()
 _HEIGHT = COLUMN["z_m"]
 _PLACE = [COLUMN["x_m"], COLUMN["y_m"]]
 
 CARRIED = "co-simulated: the stack commanded the car's poses"
 """Reason beside the verdict of a case whose car the simulator's own model did not move."""
-
-
-@dataclass(slots=True)
-class _Run:
-    """What a slot remembers of its case."""
-
-    case: Case
-    environment: CaseEnvironment
-    scenario: ScenarioRun
-    ground: Surroundings
-    pending: deque[tuple[int, Command]] = field(default_factory=deque)
-    """Commands with the physics step from which they are in force."""
-    delays: Delays = field(init=False)
-    """Between command and effect."""
-    lights: Lights = _NO_LIGHTS
-    """Lamps in force."""
-    carried: bool = False
-    """The stack has commanded a pose."""
-
-    def __post_init__(self) -> None:
-        self.delays = Delays(self.case)
 
 
 class Engine:
@@ -148,9 +127,9 @@ class Engine:
         """New cases begin only at ticks of this period: all sensors are due together then."""
         self._ground_light = GroundLight(self._world, scene.furniture, slots)
         self._extinction_per_m = np.zeros(slots)
-        self._runs: list[_Run | None] = [None] * slots
-        names = [thing.name for thing in self._world.things]
-        self._recorder = KpiRecorder(slots, names)
+        self._runs: list[CaseRun | None] = [None] * slots
+        self._recorder = KpiRecorder(slots, [thing.name for thing in self._world.things])
+        self._forking = Forking(self._recorder)
         self._limits = judging.Limits.of(slots)
         self._nearest = np.zeros((slots, len(NEAREST)))
         self._surveyed = False
@@ -234,12 +213,10 @@ class Engine:
         self._surveyed = False
         self._vehicles.active[slot] = 1
         self._exteroceptive.reset(slot, case)
-        self._winds.reset(
-            slot, stream_key(case.variation.seed, case.id, "wind"), environment.wind_towards
-        )
+        self._winds.reset(slot, case_stream(case, "wind"), environment.wind_towards)
         self._suite.reset(slot, case)
         run = families.begin(case.variation.scenario, ground, x_m, y_m)
-        self._runs[slot] = _Run(case, environment, run, ground)
+        self._runs[slot] = CaseRun(case, environment, run, ground)
         kind = kind_of(case.variation.scenario)
         self._recorder.begin(
             slot,
@@ -248,6 +225,7 @@ class Engine:
             nearest=kind.nearest,
             names=[thing.name for thing in self.things(slot)] if self._motion else None,
         )
+        self._forking.begin(slot, case)
         self._limits.begin(slot, case.variation.scenario)
         self.active[slot] = True
         self.tick[slot] = 0
@@ -287,6 +265,7 @@ class Engine:
     def clear(self, slot: int) -> None:
         """Make ``slot`` inactive; its case is forgotten."""
         self._runs[slot] = None
+        self._forking.clear(slot)
         if self._motion is not None:
             self._motion.clear(slot)
         self.objects.clear(slot)
@@ -304,6 +283,8 @@ class Engine:
 
         All active slots are due together: a rig refills slots only every ``refill_every`` ticks.
         """
+        for slot, name in self._forking.due(self.tick, self.active):
+            self._redraw(slot, name)
         for slot, run in self._running():
             if run.environment.changes:
                 self.apply_environment(slot)
@@ -329,6 +310,18 @@ class Engine:
         self._watch.lap("render")
         sensors.update(images)
         return sensors
+
+    def _redraw(self, slot: int, name: str) -> None:
+        """From now on the random numbers of a slot are those of another name."""
+        run = self._run(slot)
+
+        def key(stream: str) -> int:
+            return case_stream(run.case, stream, name)
+
+        self._winds.redraw(slot, key("wind"))
+        run.delays.redraw(key)
+        self._suite.redraw(slot, key)
+        self._exteroceptive.redraw(slot, key)
 
     # --- what interventions need ------------------------------------------------------------
 
@@ -371,6 +364,15 @@ class Engine:
         run.scenario = families.begin(run.case.variation.scenario, run.ground, x_m, y_m)
         self._exteroceptive.moved(slot)
 
+    def saver(self) -> SlotSaver:
+        """Saves slots between two ticks, and goes on with them in others."""
+        parts: dict[str, Keeps] = {"vehicles": self._vehicles, "winds": self._winds}
+        parts |= {"own": self._suite, "rays": self._exteroceptive}
+        parts |= {"rows": self._recorder, "forks": self._forking}
+        if self._motion is not None and self._robots is not None:
+            parts |= {"bodies": self._motion, "robots": self._robots}
+        return SlotSaver(self, self._runs, parts)
+
     def sensors_mistake(self, errors: SensorErrors) -> str:
         """What is wrong with changed errors, or an empty string."""
         return self._suite.mistake(errors)
@@ -386,12 +388,12 @@ class Engine:
 
     # --- a tick -----------------------------------------------------------------------------
 
-    def _run(self, slot: int) -> _Run:
+    def _run(self, slot: int) -> CaseRun:
         run = self._runs[slot]
         assert run is not None, f"slot {slot} has no case"
         return run
 
-    def _running(self) -> Iterator[tuple[int, _Run]]:
+    def _running(self) -> Iterator[tuple[int, CaseRun]]:
         """Active slots with their cases; those that are held are left out."""
         for slot in np.flatnonzero(self.active).tolist():
             yield slot, self._run(slot)
@@ -424,7 +426,7 @@ class Engine:
             of range, at the current one.
         """
         mistakes = {}
-        good: list[tuple[int, _Run, Command]] = []
+        good: list[tuple[int, CaseRun, Command]] = []
         for slot, run in self._running():
             command = commands[slot]
             assert command is not None, f"slot {slot} is active and has no command"
@@ -506,6 +508,7 @@ class Engine:
         self._recorder.add(
             slots, self.tick, self.sim_time_ns, self.state, commands, given, self._nearest
         )
+        self._forking.watch(slots)
 
     def _columns(self, slot: int, command: Command | None) -> Mapping[str, float]:
         """KPI columns that only some families have."""
@@ -568,8 +571,7 @@ class Engine:
         hit = self._hit(slot)
         result = judging.judge(rows, state, run.scenario, hit)
         reasons = [*result.reasons, *([CARRIED] if run.carried else [])]
-        kinds = kind_of(run.case.variation.scenario).scalars
-        scalars = judging.scalars(rows, state, run.scenario, hit, kinds)
+        scalars = judging.case_scalars(run.case.variation, rows, state, run.scenario, hit)
         names = judging.names(rows, state, hit)
         table = rows.table()
         record = judge_record(run.case, state, run.ground, hit)
@@ -588,9 +590,9 @@ class Engine:
 
     def _fail(self, slot: int, reason: str) -> Finished:
         run, rows = self._run(slot), self._recorder.of(slot)
-        kinds = kind_of(run.case.variation.scenario).scalars
-        scalars = judging.scalars(rows, self.state[slot], run.scenario, kinds=kinds)
+        case, state = run.case.variation, self.state[slot]
+        scalars = judging.case_scalars(case, rows, state, run.scenario)
         table = rows.table()
-        record = judge_record(run.case, self.state[slot], run.ground, None)
+        record = judge_record(run.case, state, run.ground, None)
         self.clear(slot)
         return Finished(slot, "failed", "", [reason], scalars, table, record=record)

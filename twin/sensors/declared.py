@@ -12,6 +12,7 @@ from schemas.kinds.sensor import SensorKind, sensor_kinds
 from twin.fabric.frames import FrameChannel
 from twin.render.memory import MemoryRow
 from twin.sensors.data import SensorData
+from twin.sensors.mount import KeepsReading, KeyOf, Redraws
 from twin.sensors.ray_sensor import Moment, RayMount, RaySensor, Sight
 from twin.vehicle.vehicle_file import Vehicle
 from twin.world.sky.sun import Daylight
@@ -70,6 +71,11 @@ class DeclaredRay:
         """See :class:`twin.sensors.ray_sensor.RaySensor`, as of all others."""
         self._sensor.reset(slot, case)
 
+    def redraw(self, slot: int, key: KeyOf) -> None:
+        """Draw by other keys, if it draws."""
+        if isinstance(self._sensor, Redraws):
+            self._sensor.redraw(slot, key)
+
     def light(
         self,
         slot: int,
@@ -87,6 +93,21 @@ class DeclaredRay:
     def hold(self, slot: int, *, held: bool) -> None:
         """Leave a slot out of the readings, or take it in again as it was."""
         self._sensor.hold(slot, held=held)
+
+    def save(self, slot: int) -> dict[str, np.ndarray]:
+        """What it remembers of a slot.
+
+        Raises:
+            ValueError: it cannot be saved; one line.
+        """
+        if not isinstance(self._sensor, KeepsReading):
+            raise ValueError(f"sensor '{self._channel.name}' cannot be saved")
+        return self._sensor.save(slot)
+
+    def restore(self, slot: int, saved: dict[str, np.ndarray]) -> None:
+        """Go on with that."""
+        assert isinstance(self._sensor, KeepsReading)
+        self._sensor.restore(slot, saved)
 
     def moved(self, slot: int) -> None:
         """The ego was put elsewhere."""

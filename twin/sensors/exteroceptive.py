@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -16,6 +17,7 @@ from twin.fabric.frames import FrameChannel
 from twin.render.memory import check_free, free_bytes
 from twin.render.trace.geometry import Geometry
 from twin.sensors.data import SensorData
+from twin.sensors.mount import KeepsReading, KeyOf, Redraws
 from twin.sensors.ray_kinds import ray_rigs
 from twin.sensors.ray_sensor import Moment, RayMount, Sight
 from twin.sensors.rig_memory import rig_memory
@@ -88,6 +90,32 @@ class ExteroceptiveSuite:
         """Leave a slot out of the readings, or take it in again as it was."""
         for sensor in self._sensors:
             sensor.hold(slot, held=held)
+
+    def redraw(self, slot: int, key: KeyOf) -> None:
+        """Draw a slot's noise by other keys from the next reading on."""
+        for sensor in self._sensors:
+            if isinstance(sensor, Redraws):
+                sensor.redraw(slot, key)
+
+    def save(self, slot: int) -> dict[str, Any]:
+        """What the sensors remember of a slot, by their order.
+
+        Raises:
+            ValueError: one of them cannot be saved; one line.
+        """
+        saved = {}
+        for number, sensor in enumerate(self._sensors):
+            if not isinstance(sensor, KeepsReading):
+                raise ValueError(f"a ray sensor of {type(sensor).__name__} cannot be saved")
+            saved[f"{number}"] = sensor.save(slot)
+        return saved
+
+    def restore(self, slot: int, saved: dict[str, Any]) -> None:
+        """Go on with what was saved, in a slot whose case has just begun."""
+        for number, its in saved.items():
+            sensor = self._sensors[int(number)]
+            assert isinstance(sensor, KeepsReading)
+            sensor.restore(slot, its)
 
     def moved(self, slot: int) -> None:
         """The ego was put elsewhere: nothing leads from the last readings to the next."""

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 import warp as wp
@@ -11,6 +12,29 @@ import warp as wp
 from schemas.case import Case
 from schemas.messages import SensorErrors
 from twin.world.scene import Origin
+
+KeyOf = Callable[[str], int]
+"""Key of a random stream by its name, :func:`schemas.identity.case_stream`."""
+
+
+@runtime_checkable
+class Redraws(Protocol):
+    """A sensor whose random numbers may be others from a moment of a case on. One that draws and
+    does not say so keeps its own."""
+
+    def redraw(self, slot: int, key: KeyOf) -> None:
+        """Draw by other keys from the next reading on; whatever was drawn before stays."""
+
+
+@runtime_checkable
+class KeepsReading(Protocol):
+    """A sensor of which slots can be saved: also one that has nothing to remember says so."""
+
+    def save(self, slot: int) -> dict[str, np.ndarray]:
+        """What the next reading of a slot depends on beside the case, the tick and the truth."""
+
+    def restore(self, slot: int, saved: dict[str, np.ndarray]) -> None:
+        """Go on with that, in a slot whose case has just begun."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -11,7 +12,7 @@ from schemas.case import Case
 from schemas.kinds.registry import implementation
 from schemas.kinds.sensor import sensor_kinds
 from schemas.messages import SensorErrors
-from twin.sensors.mount import Sensor, SensorMount
+from twin.sensors.mount import KeepsReading, KeyOf, Redraws, Sensor, SensorMount
 from twin.world.scene import Origin
 
 
@@ -46,6 +47,32 @@ class SensorSuite:
         """Leave a slot out of the readings, or take it in again as it was."""
         for sensor in self._sensors.values():
             sensor.hold(slot, held=held)
+
+    def redraw(self, slot: int, key: KeyOf) -> None:
+        """Draw a slot's errors by other keys from the next reading on."""
+        for sensor in self._sensors.values():
+            if isinstance(sensor, Redraws):
+                sensor.redraw(slot, key)
+
+    def save(self, slot: int) -> dict[str, Any]:
+        """What the sensors remember of a slot.
+
+        Raises:
+            ValueError: one of them cannot be saved; one line.
+        """
+        saved = {}
+        for name, sensor in self._sensors.items():
+            if not isinstance(sensor, KeepsReading):
+                raise ValueError(f"sensor '{name}' cannot be saved")
+            saved[name] = sensor.save(slot)
+        return saved
+
+    def restore(self, slot: int, saved: dict[str, Any]) -> None:
+        """Go on with what was saved, in a slot whose case has just begun."""
+        for name, its in saved.items():
+            sensor = self._sensors[name]
+            assert isinstance(sensor, KeepsReading)
+            sensor.restore(slot, its)
 
     def mistake(self, errors: SensorErrors | None) -> str:
         """What is wrong with changed errors, or an empty string."""

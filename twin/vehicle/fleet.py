@@ -251,6 +251,33 @@ class Fleet:
         row[COLUMN["steering_rad"]] = steering_rad
         row[COLUMN["gear"]], row[COLUMN["rpm"]] = gear_at(model, speed_mps)
 
+    def save(self, slot: int) -> dict[str, np.ndarray]:
+        """Vehicles of a slot and what they hit, copied; the load is the case's."""
+        self._see()
+        return {name: mirror.host[slot].copy() for name, mirror in self._remembered().items()}
+
+    def restore(self, slot: int, saved: dict[str, np.ndarray]) -> None:
+        """Put saved vehicles into a slot whose case has been placed and measured."""
+        self._see()
+        assert slot not in self._placed, "vehicles are measured before they are restored"
+        mirrors = self._remembered()
+        for name, mirror in mirrors.items():
+            mirror.host[slot] = saved[name]
+            mirror.push()
+
+    def _remembered(self) -> dict[str, Mirror]:
+        """What a slot takes from one period into the next."""
+        return {
+            "state": self._state,
+            "events": self._events,
+            "event_count": self._event_count,
+            "friction": self._friction,
+            "wind": self._wind,
+            "commands": self._commands,
+            "switch_step": self._switch_step,
+            "first_step": self._first_step,
+        }
+
     def refresh(self) -> None:
         """Derived columns anew, after ``state`` was written on the host."""
         self._see()

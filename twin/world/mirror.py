@@ -67,3 +67,16 @@ class Mirror:
             wp.copy(self._view, self.device)
             wp.synchronize_stream(self.device.device.stream)
         return self.host
+
+
+def row_of(array: wp.array, slot: int) -> np.ndarray:
+    """A copy of a slot's values of an array [S, ...] on a device."""
+    row: np.ndarray = array[slot : slot + 1].numpy().copy()
+    return row
+
+
+def put_row(array: wp.array, slot: int, row: np.ndarray) -> None:
+    """Write what :func:`row_of` gave into a slot."""
+    count = array.size // array.shape[0]
+    values = wp.array(row, dtype=array.dtype, device=array.device)
+    wp.copy(array, values, dest_offset=slot * count, count=count)

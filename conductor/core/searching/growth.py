@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import msgspec
 from msgspec import UNSET
@@ -25,7 +26,11 @@ from schemas.files.search_result import SearchAnswer
 from schemas.identity import grown_digest
 from schemas.plan import Plan
 from schemas.points import points_of
-from schemas.sections.search import Rows, Search, Value, text_of
+from schemas.search_points import with_forks
+from schemas.sections.search import Rows, Search, text_of
+
+if TYPE_CHECKING:
+    from conductor.search.driver import Proposal
 
 WHY_CHARS_MAX = 500
 """Longest reason why a search ended that is kept [characters]."""
@@ -83,24 +88,27 @@ def next_generation(campaign: CampaignState, cpu: str) -> Generation:
     fact = replace(fact, ended=escape(step.ended, WHY_CHARS_MAX))
     if step.proposal is None:
         return fact
-    cases, mistake = _cases(campaign, search, number, step.proposal.values)
+    cases, mistake = _cases(campaign, search, number, step.proposal)
     if mistake:
         return replace(fact, ended=f"a proposed case is not allowed: {mistake}")
     return replace(
         fact,
         u=packed(step.proposal.u),
         values=text_of(step.proposal.values),
+        forks=step.proposal.forks,
         cases=pack(cases),
         digest=grown_digest(campaign.digest, cases),
     )
 
 
 def _cases(
-    campaign: CampaignState, search: Search, number: int, values: list[list[Value]]
+    campaign: CampaignState, search: Search, number: int, proposal: Proposal
 ) -> tuple[list[Case], str]:
     """The cases of a generation; or none, and what is wrong with one of them in a line."""
     proposed: list[Rows] = [[] for _ in range(number)]
-    alone = msgspec.structs.replace(search, proposed=[*proposed, values])
+    alone = msgspec.structs.replace(search, proposed=[*proposed, proposal.values])
+    if proposal.forks:
+        alone = msgspec.structs.replace(alone, forks=with_forks(search, number, proposal.forks))
     whole = msgspec.structs.replace(campaign.campaign, search=alone)
     points, mistakes = points_of(whole)
     if mistakes:

@@ -100,7 +100,8 @@ def packed(u: Sequence[Sequence[float]]) -> bytes:
     return struct.pack(f"<{len(flat)}d", *flat)
 
 
-def unpacked(u: bytes, parameters: int) -> list[list[float]]:
-    """Coordinates [cases][parameters] of :func:`packed`."""
+def unpacked(u: bytes, cases: int) -> list[list[float]]:
+    """Coordinates [cases][parameters] of :func:`packed`; there may be no parameter."""
     flat = struct.unpack(f"<{len(u) // 8}d", u)
-    return [list(flat[at : at + parameters]) for at in range(0, len(flat), parameters)]
+    size = len(flat) // cases
+    return [list(flat[at * size : (at + 1) * size]) for at in range(cases)]

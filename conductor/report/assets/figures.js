@@ -1,7 +1,7 @@
 // --- figures that come as they are: effects, resources, leases ---
 at("no-effects").hidden = Boolean(data.effects);
 at("interaction-section").hidden = !data.effects;
-const FIGURES = [["residual", CONFIG], ["searched", CONFIG], ["effects", PLAIN], ["resources", PLAIN], ["leases", CONFIG]].filter(([id]) => data[id]);
+const FIGURES = [["residual", CONFIG], ["searched", CONFIG], ["boundary", CONFIG], ["effects", PLAIN], ["resources", PLAIN], ["leases", CONFIG]].filter(([id]) => data[id]);
 function drawFigures() {
   for (const [id, config] of FIGURES) {
     const layout = themed(((NARROW.matches && data[`${id}_stacked`]) || data[id]).layout);
@@ -12,7 +12,7 @@ function drawFigures() {
   drawInteractions();
 }
 drawFigures();
-for (const id of ["residual", "searched", "leases"].filter((name) => data[name])) {
+for (const id of ["residual", "searched", "boundary", "leases"].filter((name) => data[name])) {
   at(id).on("plotly_click", (event) => {
     const clicked = /<b>(.*?)<\/b>/.exec(event.points[0].text ?? "");
     if (clicked && byId.has(clicked[1])) pick(clicked[1], true);

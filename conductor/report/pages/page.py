@@ -45,6 +45,7 @@ from conductor.report.reading.recorded import Failure
 from conductor.report.reading.systems import system_names
 from conductor.report.rulebook.figure import residual_figure
 from conductor.report.rulebook.shown import RULE, rulebook_shown
+from conductor.report.searching.boundary import boundary_figure
 from conductor.report.searching.section import search_figure, search_shown
 from schemas.kinds.kpi import scalars_by_name
 
@@ -176,6 +177,7 @@ def _page_data(content: Content) -> dict[str, Any]:
         "leases": leases_figure(dossier, content.leases),
         **_residuals(content),
         "searched": search_figure(content.search),
+        "boundary": boundary_figure(content.search),
     }
 
 

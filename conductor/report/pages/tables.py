@@ -15,6 +15,7 @@ from conductor.report.reading.dossier import NOT_ENDED, CaseRow, Dossier
 from conductor.report.reading.systems import system_name, system_text
 from schemas.files.kpi import NAMES
 from schemas.kinds.kpi import scalars_by_name
+from schemas.kinds.kpis.formula import KPIS as OF_FORMULA
 from schemas.kinds.scenario import verdict_kinds
 
 KNOWN_STATUSES = (
@@ -146,6 +147,7 @@ def case_record(dossier: Dossier, row: CaseRow) -> dict[str, Any]:
         "no_collision": row.no_collision,
         "reasons": end.reasons,
         **{column.name: row.scalar(column.name) for column in dossier.scenario.scalars},
+        **{k.name: row.scalar(k.name) for k in OF_FORMULA if k.name in end.scalars},
         **{column.name: row.end.names.get(column.name) for column in NAMES},
         "realtime": msgspec.to_builtins(end.realtime),
         "attempts": end.attempts if dossier.imported is None else None,

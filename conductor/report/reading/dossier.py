@@ -15,6 +15,7 @@ from schemas.campaign import Campaign
 from schemas.case import Case
 from schemas.identity import campaign_digest
 from schemas.kinds.kpi import KpiKind
+from schemas.kinds.kpis.formula import KPIS as OF_FORMULA
 from schemas.kinds.scenario import ScenarioKind, kind_of
 from schemas.verdict import no_collision
 from twin.base.errors import EXIT_FAILED, EXIT_PASS, InfrastructureError, UsageError
@@ -94,8 +95,8 @@ class Dossier:
         """Scalars of its cases, in the order of files; without those that are computed and that the
         version that ran them did not have."""
         had = {name for row in self.rows for name in row.end.scalars}
-        every = self.scenario.scalars
-        return [kind for kind in every if not kind.implementation or kind.name in had]
+        every = [k for k in self.scenario.scalars if not k.implementation or k.name in had]
+        return [*every, *(kind for kind in OF_FORMULA if kind.name in had)]
 
     def of_scenario(self, text: str) -> str:
         """A text of the scenario's declaration with the values of the scenario's keys."""

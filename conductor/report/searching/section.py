@@ -51,7 +51,9 @@ def search_shown(file: SearchFile | None) -> SearchShown | None:
         return None
     kind = scalars_by_name().get(file.kpi)
     unit = f" {kind.unit}" if kind is not None and kind.unit else ""
-    if file.fails_below is not None:
+    if file.formula:
+        title = f"A case fails if it breaks: {file.formula}."
+    elif file.fails_below is not None:
         title = f"A case fails if {file.kpi} is below {file.fails_below:g}{unit}."
     elif file.fails_above is not None:
         title = f"A case fails if {file.kpi} is above {file.fails_above:g}{unit}."
@@ -112,7 +114,7 @@ def _cases(figure: go.Figure, file: SearchFile) -> None:
         text=[f"<b>{names[index]}</b>" for index in places],
         hovertemplate="%{text}<br>%{y:.4g}<extra></extra>",
         mode="markers",
-        marker={"size": 5, "color": [_FAILED if _fails(file, kpis[i]) else _HELD for i in places]},
+        marker={"size": 5, "color": [_FAILED if file.fails(kpis[i]) else _HELD for i in places]},
         row=1,
         col=1,
     )
@@ -126,14 +128,6 @@ def _cases(figure: go.Figure, file: SearchFile) -> None:
             row=1,
             col=1,
         )
-
-
-def _fails(file: SearchFile, value: float | None) -> bool:
-    if value is None:
-        return False
-    if file.fails_below is not None:
-        return value < file.fails_below
-    return file.fails_above is not None and value > file.fails_above
 
 
 def _answers(figure: go.Figure, file: SearchFile) -> None:

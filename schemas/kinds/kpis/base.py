@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from schemas.kinds.kpi import CurveLook, KpiKind
+from schemas.kinds.kpi import Course, CurveLook, KpiKind
 
 _COLUMNS = (
     KpiKind(name="tick", place="column", type="int32", doc="Case tick, 0 at reset"),
@@ -220,6 +220,7 @@ _SCALARS = (
         better="more",
         compared="Closest distance [m]",
         panel="closest",
+        course=Course(column="dtc_m", extreme="least"),
     ),
     KpiKind(
         name="dtc_end_m",
@@ -288,6 +289,7 @@ _SCALARS = (
         unit="m/s",
         doc="Highest speed",
         label="Top speed [m/s]",
+        course=Course(column="speed_mps", extreme="most"),
     ),
     KpiKind(
         name="collisions",
@@ -334,6 +336,7 @@ _SCALARS = (
         better="less",
         compared="Largest lateral error [m]",
         panel="largest lateral error",
+        course=Course(column="lateral_error_m", extreme="most", size=True),
     ),
     KpiKind(
         name="nearest_min_m",
@@ -343,6 +346,7 @@ _SCALARS = (
         doc="Smallest distance to anything; 0: collision",
         nullable=True,
         better="more",
+        course=Course(column="nearest_m", extreme="least"),
     ),
     KpiKind(
         name="nearest_ttc_min_s",
@@ -352,6 +356,7 @@ _SCALARS = (
         doc="Least time to any collision",
         nullable=True,
         better="more",
+        course=Course(column="nearest_ttc_s", extreme="least"),
     ),
     KpiKind(
         name="hit_hull",

@@ -20,7 +20,9 @@ _LAYERS = wp.constant(4)
 # Width of a lane of rain, and pitch of the flakes next to the camera [m].
 _LANE_M = wp.constant(0.055)
 _FLAKE_GRID_M = wp.constant(0.10)
-_SEED_MASK = wp.constant(wp.uint64(0xFFFFF))
+DROPS_MASK = 0xFFFFF
+"""Bits of a camera's key that say where drops and flakes are."""
+_SEED_MASK = wp.constant(wp.uint64(DROPS_MASK))
 
 
 @wp.func

@@ -8,16 +8,18 @@ import numpy as np
 
 from schemas.campaign import Camera
 from schemas.case import Case
-from schemas.identity import stream_key
+from schemas.identity import case_stream
 from schemas.kinds.picture import MAIN, OUTPUTS_BY_NAME
 from schemas.messages import CameraSite, Lights
 from twin.fabric.frames import FrameChannel
 from twin.render.camera import RayCamera
 from twin.render.light.light import advance_light, begin_sky, fill_light, fill_sky, switch_lamps
+from twin.render.light.precipitation import DROPS_MASK
 from twin.render.looks import has_looks
 from twin.render.memory import MemoryRow, camera_rows
 from twin.sensors.camera.boxes import BoxSensor
 from twin.sensors.data import SensorData
+from twin.sensors.mount import KeyOf
 from twin.sensors.ray_sensor import Moment, RayMount, Sight
 from twin.vehicle.vehicle_file import Vehicle
 from twin.world.sky.sun import Daylight
@@ -115,6 +117,7 @@ class MountedCamera:
             {o: buffers[o + suffix] for o in spec.outputs if o + suffix in buffers},
         )
         self._spec = spec
+        self._stream = f"camera/{spec.name}"
         self._suffix = suffix
         self._boxes = BoxSensor(geometry.classes, geometry.slots, geometry.device)
         self._lamps: list[Lights | None] = [None] * geometry.slots
@@ -126,10 +129,17 @@ class MountedCamera:
         """Begin a case; :meth:`light` must follow."""
         row = self.camera.lights.host[slot]
         row["noise"] = int(self._spec.noise)
-        row["key"] = stream_key(case.variation.seed, case.id, f"camera/{self._spec.name}")
+        row["key"] = case_stream(case, self._stream)
         row["active"] = 1
-        begin_sky(row, stream_key(case.variation.seed, case.id, "clouds"))
+        begin_sky(row, case_stream(case, "clouds"))
         self.camera.reset(slot)
+
+    def redraw(self, slot: int, key: KeyOf) -> None:
+        """Draw by another key. The drops that hang in the air stay: of the key they have the lowest
+        bits, and those are the case's from its start."""
+        row = self.camera.lights.host[slot]
+        drops = int(row["key"]) & DROPS_MASK
+        row["key"] = key(self._stream) & ~DROPS_MASK | drops
 
     def light(
         self,
@@ -160,6 +170,17 @@ class MountedCamera:
             return
         for name, value in zip(_ALOFT, self._aloft.pop(slot), strict=True):
             row[name] = value
+
+    def save(self, slot: int) -> dict[str, np.ndarray]:
+        """Keys, light, clouds and drops, and the poses of the last picture."""
+        light = self.camera.lights.host[slot].copy()
+        return {"light": light, **self.camera.save(slot)}
+
+    def restore(self, slot: int, saved: dict[str, np.ndarray]) -> None:
+        """Go on with them; lamps are written anew."""
+        self.camera.lights.host[slot] = saved["light"]
+        self._lamps[slot] = None
+        self.camera.restore(slot, saved)
 
     def moved(self, slot: int) -> None:
         """The ego was put elsewhere."""

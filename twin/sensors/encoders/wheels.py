@@ -62,6 +62,13 @@ class WheelEncoders:
     def hold(self, slot: int, *, held: bool) -> None:
         """A reading follows from the truth alone, and nobody reads that of a slot left out."""
 
+    def save(self, _slot: int) -> dict[str, np.ndarray]:
+        """A reading follows from the truth alone."""
+        return {}
+
+    def restore(self, slot: int, saved: dict[str, np.ndarray]) -> None:
+        """There is nothing to go on with."""
+
     def modulate(self, slot: int, errors: SensorErrors) -> None:
         """An encoder has no errors but its steps."""
 

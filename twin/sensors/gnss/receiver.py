@@ -13,14 +13,14 @@ import numpy as np
 import warp as wp
 
 from schemas.case import Case
-from schemas.identity import stream_key
+from schemas.identity import case_stream
 from schemas.kinds.sensors.gnss import COLUMNS
 from schemas.messages import SensorErrors
 from twin.sensors.gnss.geodesy import Datum, datum_of, geodetic
-from twin.sensors.mount import SensorMount
+from twin.sensors.mount import KeyOf, SensorMount
 from twin.sensors.noise import Wander, gaussian, uniform, wander, wander_numbers
 from twin.sensors.truth import POSITION, rotation_at, vector_at
-from twin.world.mirror import Mirror
+from twin.world.mirror import Mirror, put_row, row_of
 
 wp.set_module_options({"enable_backward": False})
 
@@ -121,10 +121,14 @@ class SatelliteReceiver:
             row["bias"] = [*[gnss.bias_horizontal_m] * 2, gnss.bias_vertical_m]
             row["lose"] = -math.expm1(-period_s * gnss.dropouts_per_min / 60.0)
         row["wander"] = wander_numbers(period_s, gnss.bias_time_s)
-        row["key"] = stream_key(case.variation.seed, case.id, "gnss")
+        row["key"] = case_stream(case, "gnss")
         row["noise_factor"] = row["bias_factor"] = 1.0
         row["blocked"] = 0
         row["active"] = 1
+
+    def redraw(self, slot: int, key: KeyOf) -> None:
+        """Draw by another key; the bias wanders on from where it is."""
+        self._errors.host[slot]["key"] = key("gnss")
 
     def clear(self, slot: int) -> None:
         """Make a slot inactive."""
@@ -133,6 +137,15 @@ class SatelliteReceiver:
     def hold(self, slot: int, *, held: bool) -> None:
         """Leave a slot out, or take it in again; its biases stay where they are."""
         self._errors.host[slot]["active"] = int(not held)
+
+    def save(self, slot: int) -> dict[str, np.ndarray]:
+        """Keys, factors and biases."""
+        return {"errors": self._errors.host[slot].copy(), "memory": row_of(self._memory, slot)}
+
+    def restore(self, slot: int, saved: dict[str, np.ndarray]) -> None:
+        """Go on with them."""
+        self._errors.host[slot] = saved["errors"]
+        put_row(self._memory, slot, saved["memory"])
 
     def modulate(self, slot: int, errors: SensorErrors) -> None:
         """Errors from the next fix on."""

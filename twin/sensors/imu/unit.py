@@ -14,13 +14,13 @@ import numpy as np
 import warp as wp
 
 from schemas.case import Case
-from schemas.identity import stream_key
+from schemas.identity import case_stream
 from schemas.kinds.sensors.imu import COLUMNS
 from schemas.messages import SensorErrors
-from twin.sensors.mount import SensorMount
+from twin.sensors.mount import KeyOf, SensorMount
 from twin.sensors.noise import GAUSS_MARKOV_PEAK, Wander, gaussian, wander, wander_numbers
 from twin.sensors.truth import FORCE
-from twin.world.mirror import Mirror
+from twin.world.mirror import Mirror, put_row, row_of
 
 wp.set_module_options({"enable_backward": False})
 
@@ -105,9 +105,13 @@ class InertialUnit:
         for name, *pair in zip(("noise", "bias", "scale"), accel, gyro, strict=True):
             row[name] = pair if imu.noise else 0.0
         row["wander"] = wander_numbers(1.0 / self._hz, imu.bias_time_s)
-        row["key"] = stream_key(case.variation.seed, case.id, "imu")
+        row["key"] = case_stream(case, "imu")
         row["noise_factor"] = row["bias_factor"] = 1.0
         row["active"] = 1
+
+    def redraw(self, slot: int, key: KeyOf) -> None:
+        """Draw by another key; the bias wanders on from where it is, and the scale stays."""
+        self._errors.host[slot]["key"] = key("imu")
 
     def clear(self, slot: int) -> None:
         """Make a slot inactive."""
@@ -116,6 +120,15 @@ class InertialUnit:
     def hold(self, slot: int, *, held: bool) -> None:
         """Leave a slot out, or take it in again; its biases stay where they are."""
         self._errors.host[slot]["active"] = int(not held)
+
+    def save(self, slot: int) -> dict[str, np.ndarray]:
+        """Keys, factors and biases."""
+        return {"errors": self._errors.host[slot].copy(), "memory": row_of(self._memory, slot)}
+
+    def restore(self, slot: int, saved: dict[str, np.ndarray]) -> None:
+        """Go on with them."""
+        self._errors.host[slot] = saved["errors"]
+        put_row(self._memory, slot, saved["memory"])
 
     def modulate(self, slot: int, errors: SensorErrors) -> None:
         """Errors from the next sample on."""

@@ -26,7 +26,7 @@ from twin.sensors.lidar import sweep as lidar_sweep
 from twin.sensors.lidar.air import LidarAir, fog_extinction
 from twin.sensors.lidar.surface import SNOW_REFLECTANCE, face_colors, face_returns, is_long_wave
 from twin.sensors.truth import POSITION, ROTATION
-from twin.world.mirror import Mirror
+from twin.world.mirror import Mirror, put_row, row_of
 
 assert (POSITION, ROTATION) == (0, 3), "the sweep keeps the first seven columns of the truth"
 _POSE_COLUMNS = 7
@@ -163,6 +163,21 @@ class LidarSensor:
             row["drop_row"] = _nearest(rates, rate) + (len(rates) if snowing else 0)
             # Of a Poisson number of drops in the beam, at least one.
             row["drop_share"] = -math.expm1(-self._drops_expected[row["drop_row"]])
+
+    def save(self, slot: int) -> dict[str, np.ndarray]:
+        """What the next sweep of a slot depends on: key, and the vehicle at the last one."""
+        row = self.air.host[slot]
+        return {
+            "key": np.array(row["key"]),
+            "fresh": np.array(row["fresh"]),
+            "before": row_of(self._before, slot),
+        }
+
+    def restore(self, slot: int, saved: dict[str, np.ndarray]) -> None:
+        """Go on with that, in a slot whose case has just begun."""
+        row = self.air.host[slot]
+        row["key"], row["fresh"] = saved["key"], saved["fresh"]
+        put_row(self._before, slot, saved["before"])
 
     def clear(self, slot: int) -> None:
         """No case in ``slot``: its points and count become zeros."""

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from schemas.case import Case
-from schemas.identity import stream_key
+from schemas.identity import case_stream
 from schemas.messages import LidarSite
 from schemas.sections.lidar import lidar_columns
 from twin.fabric.frames import FrameChannel
@@ -11,6 +13,7 @@ from twin.render.memory import LidarLoad, MemoryRow
 from twin.sensors.data import SensorData
 from twin.sensors.lidar.lidar import LidarSensor, LidarWeather
 from twin.sensors.lidar.profile_file import mounted_profile
+from twin.sensors.mount import KeyOf
 from twin.sensors.ray_sensor import Moment, RayMount, Sight
 from twin.vehicle.vehicle_file import Vehicle
 from twin.world.sky.sun import Daylight
@@ -104,6 +107,7 @@ class MountedLidar:
         on_vehicle = mount.vehicle.lidar(site.name)
         self.every = mount.case.rig.control_hz // site.hz
         self._site = site
+        self._stream = f"lidar/{site.name}"
         self._sensor = LidarSensor(
             mounted_profile(on_vehicle),
             on_vehicle,
@@ -114,8 +118,11 @@ class MountedLidar:
 
     def reset(self, slot: int, case: Case) -> None:
         """Begin a case."""
-        key = stream_key(case.variation.seed, case.id, f"lidar/{self._site.name}")
-        self._sensor.reset(slot, key)
+        self._sensor.reset(slot, case_stream(case, self._stream))
+
+    def redraw(self, slot: int, key: KeyOf) -> None:
+        """Draw by another key."""
+        self._sensor.air.host[slot]["key"] = key(self._stream)
 
     def light(
         self,
@@ -141,6 +148,14 @@ class MountedLidar:
     def hold(self, slot: int, *, held: bool) -> None:
         """Leave a slot out of sweeps, or take it in again as it was."""
         self._sensor.air.host[slot]["active"] = int(not held)
+
+    def save(self, slot: int) -> dict[str, np.ndarray]:
+        """Key, and where the sweep before began."""
+        return self._sensor.save(slot)
+
+    def restore(self, slot: int, saved: dict[str, np.ndarray]) -> None:
+        """Go on with them."""
+        self._sensor.restore(slot, saved)
 
     def moved(self, slot: int) -> None:
         """The ego was put elsewhere."""

@@ -35,6 +35,13 @@ class TruePose:
         """Leave a slot out, or take it in again; there is nothing to remember."""
         self._active[slot] = not held
 
+    def save(self, _slot: int) -> dict[str, np.ndarray]:
+        """A reading follows from the truth alone."""
+        return {}
+
+    def restore(self, slot: int, saved: dict[str, np.ndarray]) -> None:
+        """There is nothing to go on with."""
+
     def modulate(self, slot: int, errors: SensorErrors) -> None:
         """The truth has no errors."""
 

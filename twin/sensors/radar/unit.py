@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from schemas.case import Case
-from schemas.identity import stream_key
+from schemas.identity import case_stream
 from schemas.kinds.sensors.radar import COLUMNS, DETECTIONS_MAX, PROFILES
 from twin.sensors.data import SensorData
+from twin.sensors.mount import KeyOf
 from twin.sensors.radar.profile import load_radar_profile
 from twin.sensors.radar.sensor import RadarSensor, bodies_in, bytes_per_slot
 from twin.sensors.ray_sensor import Moment, RayMount, Sight
@@ -61,12 +62,16 @@ class RadarUnit:
         self._profile[slot] = config.profile
         self._active[slot] = True
         self._weather[slot] = config.weather
-        key = stream_key(case.variation.seed, case.id, "radar")
+        key = case_stream(case, "radar")
         sensor.reset(slot, key, noise=config.noise)
         row = sensor.state.host[slot]
         row["multipath"], row["clutter"] = int(config.multipath), int(config.clutter)
         position_m, (_, _, yaw_deg) = site_of(case, self._mount.vehicle)
         sensor.mount(slot, position_m, yaw_deg)
+
+    def redraw(self, slot: int, key: KeyOf) -> None:
+        """Draw by another key."""
+        self._sensors[self._profile[slot]].state.host[slot]["key"] = key("radar")
 
     def _sensor(self, profile: str) -> RadarSensor:
         if profile not in self._sensors:
@@ -95,6 +100,15 @@ class RadarUnit:
     def hold(self, slot: int, *, held: bool) -> None:
         """Leave a slot out of the measurements, or take it in again as it was."""
         self._active[slot] = not held
+
+    def save(self, slot: int) -> dict[str, np.ndarray]:
+        """The key of the noise."""
+        row = self._sensors[self._profile[slot]].state.host[slot]
+        return {"key": np.array(row["key"])}
+
+    def restore(self, slot: int, saved: dict[str, np.ndarray]) -> None:
+        """Go on with it."""
+        self._sensors[self._profile[slot]].state.host[slot]["key"] = saved["key"]
 
     def moved(self, slot: int) -> None:
         """A measurement depends on nothing before it."""

@@ -46,6 +46,10 @@ class Winds:
         self._key[slot] = np.uint64(key)
         self._toward[slot] = toward
 
+    def redraw(self, slot: int, key: int) -> None:
+        """Draw by another key from the next period on; the gusts go on from what they are."""
+        self._key[slot] = np.uint64(key)
+
     def set(self, slot: int, mean_mps: float, gust_mps: float) -> None:
         """Strength of a slot's wind from now on: mean and standard deviation of its gusts."""
         self._mean[slot], self._sigma[slot] = mean_mps, gust_mps
@@ -67,6 +71,16 @@ class Winds:
             self._held[slot] = self._gust[slot].copy()
         else:
             self._gust[slot] = self._held.pop(slot)
+
+    def save(self, slot: int) -> dict[str, np.ndarray]:
+        """The stream and the gusts of a slot; strength and direction are set from outside."""
+        names = ("_key", "_gust", "now")
+        return {name: getattr(self, name)[slot].copy() for name in names}
+
+    def restore(self, slot: int, saved: dict[str, np.ndarray]) -> None:
+        """Go on from saved gusts."""
+        for name, values in saved.items():
+            getattr(self, name)[slot] = values
 
     def advance(self, tick: np.ndarray) -> np.ndarray:
         """Wind during the control period that begins at each slot's case ``tick`` [S]: ``now``.

@@ -12,6 +12,7 @@ from conductor.core.case_table import CaseTable, pack, unpack
 from conductor.core.durations import BUCKET_MAX, Durations
 from schemas.case import Case
 from schemas.plan import parse_plan
+from schemas.sections.fork import Fork
 
 
 def _cases(**fields: object) -> list[Case]:
@@ -161,3 +162,17 @@ def test_the_longest_times_share_a_bucket() -> None:
     durations.add(1e12)
     durations.add(float("inf"))
     assert durations.counts == {BUCKET_MAX: 2}
+
+
+def test_a_field_that_some_cases_lack_is_null_and_without_a_column_where_all_do() -> None:
+    plain = _cases(matrix={"repeat": [0, 1, 2]})
+    assert "forks" not in pack(plain).columns
+    forked = [
+        msgspec.structs.replace(
+            case, variation=msgspec.structs.replace(case.variation, forks=[Fork(case=case.id)])
+        )
+        for case in plain
+    ]
+    for cases in (forked, [plain[0], forked[1], plain[2]], [forked[0], *plain[1:]]):
+        data = msgspec.msgpack.encode(pack(cases))
+        assert unpack(msgspec.msgpack.decode(data, type=CaseTable)) == cases

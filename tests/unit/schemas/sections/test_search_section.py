@@ -26,6 +26,10 @@ def _parameter(axis: str = ONE, **distribution: Any) -> dict[str, Any]:
     return section(parameters={axis: distribution})
 
 
+def _traced(**changes: Any) -> dict[str, Any]:
+    return section("boundary", budget={"cases": 100}, **changes)
+
+
 def test_a_good_one_has_no_mistake() -> None:
     assert _told(section()) == []
 
@@ -52,6 +56,29 @@ def test_a_good_one_has_no_mistake() -> None:
         (
             section(objective={"kpi": "lane_departures", "fails_above": 0}),
             "objective.kpi: 'lane_departures': ",
+        ),
+        (section(objective={"missing": "fails"}), "objective: give kpi or formula"),
+        (
+            section(objective={"formula": "always (ttc > 1.0)"}),
+            "objective.formula: no column 'ttc' of scenario type jump_scare; did you mean 'ttc_s'?",
+        ),
+        (section(objective={"formula": "always ttc_s"}), "objective.formula: 'ttc_s' has no bound"),
+        (section(objective={"formula": "ttc_s >"}), "objective.formula: ends too early"),
+        (
+            section(objective={"formula": "hit_object > 1"}),
+            "objective.formula: no column 'hit_object' of scenario type jump_scare",
+        ),
+        (
+            section(objective={"formula": "ttc_s > 1", "kpi": KPI}),
+            "objective.kpi: a formula is the objective; remove one of the two",
+        ),
+        (
+            section(objective={"formula": "ttc_s > 1", "fails_below": 2.0}),
+            "objective.fails_below: a formula is the objective; remove one of the two",
+        ),
+        (
+            section(objective={"formula": "ttc_s > 1", "goal": "least"}),
+            "objective.goal: a formula is the objective; remove one of the two",
         ),
         (
             section(objective={"kpi": KPI, "goal": "least"}),
@@ -110,6 +137,33 @@ def test_a_good_one_has_no_mistake() -> None:
                 parameters={ONE: UNIFORM},
             ),
             "search.parameters: 1 given, sampler cma_es needs 2",
+        ),
+        (
+            section("bayesian", budget={"cases": 501}),
+            "budget.cases: given 501, sampler bayesian takes at most 500",
+        ),
+        (
+            section("boundary", budget={"cases": 50}),
+            "budget.cases: given 50, a grid of 8 cells per side takes 81, and its boundary more",
+        ),
+        (_traced(options={"x": "a"}), "options.x: no parameter 'a'; allowed: objects.a.start_s"),
+        (_traced(options={"x": NAMES[1]}), "options.y: the same as x; name another parameter"),
+        (_traced(options={"grid": 1}), "options.grid: given 1, allowed"),
+        (_traced(options={"width": 0.0}), "options.width: given 0"),
+        (
+            _traced(correlations=[{"between": list(NAMES), "rho": 0.5}]),
+            "correlations: a boundary is traced with all other parameters fixed; remove them",
+        ),
+        (
+            _traced(
+                parameters={ONE: UNIFORM, NAMES[1]: {"distribution": "choices", "values": [0]}}
+            ),
+            f"options.y: '{NAMES[1]}' has choices, which have no order",
+        ),
+        (_traced(parameters={ONE: UNIFORM}), "parameters: 1 given, sampler boundary needs 2"),
+        (
+            _traced(objective={"kpi": KPI, "goal": "least"}),
+            "objective.goal: sampler boundary gives a boundary; say fails_below or fails_above",
         ),
         (section("annealing"), "sampler: no 'annealing'; there: monte_carlo"),
         (section(proposed=["[[1"]), "search.proposed[0]: no rows of values: "),

@@ -86,6 +86,14 @@ def test_a_changed_scalar_and_another_scenario_are_told(attempts: list[Claim]) -
     assert found.differences == ["the scenario in judge.json is not that of the campaign"]
 
 
+def test_the_margin_of_a_formula_is_computed_again(attempts: list[Claim]) -> None:
+    claim = _named(attempts, "hits")
+    assert claim.scalars["robustness"] == pytest.approx(-1.0, abs=0.1)
+    scalars = {**claim.scalars, "robustness": 0.5}
+    found = examine(msgspec.structs.replace(claim, scalars=scalars))
+    assert found.differences[0].startswith("scalar robustness is -")
+
+
 def test_the_last_bits_of_another_processor_are_no_difference(attempts: list[Claim]) -> None:
     claim = _named(attempts, "stops")
     near = {k: v * (1 + 1e-13) if isinstance(v, float) else v for k, v in claim.scalars.items()}

@@ -1,0 +1,1 @@
+"""Formulas in signal temporal logic over the KPI columns of a case."""
