@@ -29,7 +29,7 @@ ROWS_MIN = 16
 """Fewest rows of a design."""
 CASES_MIN = 100
 """Fewest cases that give an estimate without a design."""
-CLASS_CASES, CLASSES_MAX = 25, 20
+CLASS_CASES, CLASSES_MAX = 25, 50
 """Cases of a class, about, and most classes of a parameter."""
 EACH_MIN = 10
 """Fewest cases that fail, and that hold, for indices of failures."""
