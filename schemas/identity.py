@@ -18,6 +18,7 @@ from schemas.kinds.scenario import kind_of
 from schemas.sections.perception import Perception, file_fields
 from schemas.sections.repeated import CaseOrigin
 from schemas.sections.scenario import Scenario
+from schemas.sections.search import rows_of
 from schemas.sections.stack_identity import StackIdentity, StackSource
 
 DIGESTS = 1
@@ -92,14 +93,15 @@ def _by_content(rig: RigSpec) -> RigSpec:
 def campaign_digest(campaign: Campaign, cases: Iterable[Case]) -> str:
     """Digest of a campaign: equal for files that list the same cases in another order. It has the
     versions of the plug-ins that the campaign uses, and of no others. A search begins with the
-    digest of its section and its first generation, and every later one is added to it."""
+    digest of its section and the first generation of its chains, and every later one is added to
+    it."""
     if campaign.search is not UNSET and not campaign.search.chosen:
-        listed, sizes = list(cases), [len(rows) for rows in campaign.search.proposed]
-        sizes = sizes or [0]
-        whole = _digest_of(campaign, listed[: sizes[0]])
-        for number in range(1, len(sizes)):
-            begin = sum(sizes[:number])
-            whole = grown_digest(whole, listed[begin : begin + sizes[number]])
+        listed, sizes = list(cases), [len(rows_of(rows)) for rows in campaign.search.proposed]
+        begin = sum(sizes[: campaign.search.chains])
+        whole = _digest_of(campaign, listed[:begin])
+        for size in sizes[campaign.search.chains :]:
+            whole = grown_digest(whole, listed[begin : begin + size])
+            begin += size
         return whole
     return _digest_of(campaign, cases)
 
@@ -114,7 +116,10 @@ def _digest_of(campaign: Campaign, cases: Iterable[Case]) -> str:
     section = []
     if campaign.search is not UNSET:
         asked = msgspec.structs.replace(campaign.search, first=[], proposed=[], forks=UNSET)
-        section = [b"search " + _canonical(msgspec.to_builtins(asked))]
+        fields = msgspec.to_builtins(asked)
+        if asked.chains == 1:
+            del fields["chains"]  # there was no other number once
+        section = [b"search " + _canonical(fields)]
     return digest(
         [
             campaign.campaign.encode(),

@@ -21,6 +21,7 @@ from schemas.sections.autonomy import DELAYS, driver
 from schemas.sections.camera import Camera
 from schemas.sections.perception import file_fields
 from schemas.sections.scenario import SCENE, Scenario
+from schemas.sections.search import Rows, Search, name_of
 from schemas.validation import Mistake, convert_all
 
 AMENDABLE = frozenset(
@@ -136,14 +137,23 @@ class Plan:
         plugins = _plugins(self.campaign, points)
         search = self.campaign.search
         if search is not UNSET:  # names of its cases do not follow from their values
-            names = [point.id for point in points]
-            search = msgspec.structs.replace(search, chosen=names)
+            search = _choosing(search, [point.id for point in points])
             chosen = msgspec.structs.replace(self.campaign, search=search, plugins=plugins)
             return Plan(chosen, points)
         campaign = msgspec.structs.replace(
             self.campaign, matrix={}, exclude=[], cases=listed, plugins=plugins
         )
         return Plan(campaign, points)
+
+
+def _choosing(search: Search, names: list[str]) -> Search:
+    """A search whose cases of these names are run again; of other generations it knows nothing."""
+    needed = {name.partition("-")[0] for name in names}
+    proposed: list[Rows] = [
+        rows if name_of(generation, 0).partition("-")[0] in needed else []
+        for generation, rows in enumerate(search.proposed)
+    ]
+    return msgspec.structs.replace(search, first=[], proposed=proposed, chosen=names)
 
 
 def parse_campaign(data: Any) -> tuple[Campaign | None, list[Mistake]]:

@@ -31,6 +31,7 @@ from schemas.sections.search import (
     Value,
     name_of,
     place_of,
+    rows_of,
 )
 from schemas.validation import Mistake, convert_all, suggest
 
@@ -48,7 +49,7 @@ def search_grid(
     """Where each proposed case stands in the file, its name, and its values."""
     fixed = {axis: values[0] for axis, values in base.items()}
     chosen = set(search.chosen)
-    for generation, rows in enumerate(search.proposed):
+    for generation, rows in enumerate(_proposed(search)):
         for number, row in enumerate(rows):
             name = name_of(generation, number)
             if chosen and name not in chosen:
@@ -59,7 +60,16 @@ def search_grid(
 
 def proposed_count(search: Search) -> int:
     """Number of cases that are proposed so far."""
-    return sum(map(len, search.proposed))
+    return sum(map(len, _proposed(search)))
+
+
+def _proposed(search: Search) -> Iterator[list[list[Value]]]:
+    """The values of every generation; none of one that cannot be read, which is told elsewhere."""
+    for rows in search.proposed:
+        try:
+            yield rows_of(rows)
+        except ValueError:
+            yield []
 
 
 def probes(search: Search, base: dict[str, list[Value]]) -> Iterator[tuple[str, dict[str, Value]]]:
@@ -121,19 +131,23 @@ def search_mistakes(
     mistakes += _sampler_mistakes(search)
     mistakes += _domain_mistakes(search)
     mistakes += _fork_mistakes(search) if not mistakes else []
-    for generation, rows in enumerate(search.proposed):
+    for generation, given in enumerate(search.proposed):
+        where = f"search.proposed[{generation}]"
+        try:
+            rows = rows_of(given)
+        except ValueError as error:
+            return [*mistakes, Mistake(where, str(error))]
         for number, row in enumerate(rows):
             if len(row) != len(search.parameters):
-                where = f"search.proposed[{generation}][{number}]"
                 problem = f"{len(row)} values for {len(search.parameters)} parameters"
-                return [*mistakes, Mistake(where, problem)]
+                return [*mistakes, Mistake(f"{where}[{number}]", problem)]
     if search.chosen and not {*_names(search)} & {*search.chosen}:
         mistakes.append(Mistake("search.chosen", "names no proposed case"))
     return mistakes
 
 
 def _names(search: Search) -> Iterator[str]:
-    for generation, rows in enumerate(search.proposed):
+    for generation, rows in enumerate(_proposed(search)):
         yield from (name_of(generation, number) for number in range(len(rows)))
 
 
@@ -322,24 +336,29 @@ def _fork_mistakes(search: Search) -> list[Mistake]:
     forks = [] if search.forks is UNSET else search.forks
     if forks and not sampler_kinds().find(search.sampler).forks:
         return [Mistake("search.forks", f"sampler {search.sampler} proposes none; remove the key")]
+    sizes = [len(rows) for rows in _proposed(search)]
     for generation, rows in enumerate(forks):
         where = f"search.forks[{generation}]"
-        size = len(search.proposed[generation]) if generation < len(search.proposed) else 0
-        if len(rows) not in (0, size):
+        size = sizes[generation] if generation < len(sizes) else 0
+        if len(rows) not in (0, size) and not search.chosen:
             return [Mistake(where, f"{len(rows)} forks for {size} cases")]
         for number, branch in enumerate(rows):
-            if branch is not None and not _earlier(search, branch.parent, generation):
+            if branch is not None and not _earlier(
+                sizes[:generation], branch.parent, named=not search.chosen
+            ):
                 problem = f"'{branch.parent}' is no case of an earlier generation"
                 return [Mistake(f"{where}[{number}]", problem)]
     return []
 
 
-def _earlier(search: Search, parent: str, generation: int) -> bool:
+def _earlier(sizes: list[int], parent: str, *, named: bool) -> bool:
+    """Whether a name is that of a case of generations with so many cases; not ``named``: whatever
+    its number, since a file of chosen cases does not list all others."""
     try:
-        its, number = place_of(parent)
+        generation, number = place_of(parent)
     except ValueError:
         return False
-    return its < min(generation, len(search.proposed)) and number < len(search.proposed[its])
+    return generation < len(sizes) and (number < sizes[generation] or not named)
 
 
 def _sampler_mistakes(search: Search) -> list[Mistake]:
@@ -350,6 +369,9 @@ def _sampler_mistakes(search: Search) -> list[Mistake]:
     options, wrong = convert_all(search.options, kind.options)
     mistakes = [Mistake(f"search.options.{m.path}".rstrip("."), m.message) for m in wrong]
     objective, budget = search.objective, search.budget
+    if search.chains > 1 and kind.chains == "none":
+        alone = f"given {search.chains}, sampler {kind.name} has one chain"
+        mistakes.append(Mistake("search.chains", alone))
     goes_on = objective.goal is not UNSET and objective.formula is UNSET
     if kind.gives != "extreme" and goes_on:
         answer = "indices of failures" if kind.gives == "indices" else f"a {kind.gives}"

@@ -16,10 +16,10 @@ from conductor.core.fold import fold
 from conductor.core.invariants import check
 from conductor.core.state import Config, State
 from conductor.records.search import encode_search
-from conductor.search.driver import Closed, Proposal, first, follow
+from conductor.search.driver import Closed, first, follow
 from schemas import SCHEMA_VERSION as V
 from schemas.campaign import Campaign
-from schemas.files.search_result import SearchAnswer
+from schemas.files.search_result import ChainEstimate, SearchAnswer
 from schemas.plan import examine
 from schemas.sections.search import Search
 from schemas.wire.control import Lease, Result, Submit
@@ -57,9 +57,13 @@ def content(search: dict[str, Any], name: str = "searched", **fields: Any) -> di
     assert not mistakes, mistakes[0].line(name)
     assert plan is not None
     campaign: Campaign = plan.campaign
-    proposal = first(campaign.search, name, campaign.seed)
-    begun = {"first": proposal.u, "proposed": [proposal.values]}
-    return {**data, "search": {**search, **begun}}
+    asked = campaign.search
+    begun = [first(asked, name, campaign.seed, chain) for chain in range(asked.chains)]
+    proposed = {
+        "first": [row for proposal in begun for row in proposal.u],
+        "proposed": [proposal.values for proposal in begun],
+    }
+    return {**data, "search": {**search, **proposed}}
 
 
 def submission(search: dict[str, Any], **fields: Any) -> Submit:
@@ -132,10 +136,11 @@ def searched(
     seed: int = 0,
     form: LimitState = plane,
     config: Config = CONFIG,
+    out: str = "",
 ) -> Bench:
     """A search that was run to its end."""
     bench = Unchecked(config)
-    reply = bench.ask(submission(search))
+    reply = bench.ask(msgspec.structs.replace(submission(search), out=out))
     assert not reply.error, reply.error
     Crew(bench, workers, slots, seed, form).work()
     bench.verify()
@@ -168,17 +173,30 @@ def tilted(distance: float) -> LimitState:
 def solve(search: dict[str, Any], seed: int, form: LimitState) -> SearchAnswer:
     """The answer of a search on a closed form, by its driver alone: no conductor, no cases."""
     section = msgspec.convert(search, Search)
-    proposal: Proposal | None = first(section, "solved", seed)
-    u: list[list[list[float]]] = []
+    chains = list(range(section.chains))
+    u = [first(section, "solved", seed, chain).u for chain in chains]
     results: list[list[float | None]] = []
+    estimates: list[ChainEstimate] = []
+    ended = ""
     while True:
-        assert proposal is not None
-        u.append(proposal.u)
-        results.append([form(row) for row in proposal.u])
-        step = follow(section, "solved", seed, Closed(u, results))
-        if step.ended:
+        results.append([form(row) for row in u[len(results)]])
+        closed = len(results)
+        known = Closed(
+            u[:closed],
+            results,
+            chains[:closed],
+            estimates,
+            open=len(u) - closed,
+            ends=bool(ended),
+        )
+        step = follow(section, "solved", seed, known)
+        ended = ended or step.ended
+        estimates.append(step.estimate)
+        if step.proposal is not None:
+            u.append(step.proposal.u)
+            chains.append(chains[closed - 1])
+        if len(u) == closed:
             return step.answer
-        proposal = step.proposal
 
 
 def normal_section(dimension: int, sampler: str, **changes: Any) -> dict[str, Any]:

@@ -17,6 +17,7 @@ def add_further_commands(app: typer.Typer) -> None:
     """Add the commands to ``app``."""
     app.command("bench")(bench_command)
     app.command("bench-report")(bench_report_command)
+    app.command("bench-search")(bench_search_command)
     app.command("bench-tls")(bench_tls_command)
     app.command()(fields)
     app.command("campaigns")(campaigns_command)
@@ -65,6 +66,25 @@ def bench_report_command(
 
     as_json = output is Output.json
     raise typer.Exit(bench_report(cases, folder, as_json=as_json, check=check))
+
+
+def bench_search_command(
+    chains: Annotated[int, typer.Option(min=1, help="Chains beside which one is measured.")] = 8,
+    generation: Annotated[int, typer.Option(min=1, help="Cases of a generation.")] = 50,
+    cases: Annotated[int, typer.Option(min=1, help="Cases of a search.")] = 4000,
+    slots: Annotated[int, typer.Option(min=1, help="Slots of all workers.")] = 64,
+    spread: Annotated[
+        float, typer.Option(min=0.0, help="Standard deviation of the logarithm of a case's time.")
+    ] = 0.5,
+    sampler: Annotated[str, typer.Option(help="A sampler of probabilities.")] = "importance",
+    check: CheckOption = False,
+    output: OutputOption = Output.human,
+) -> None:
+    """Measure how busy a search keeps simulated workers, with one chain and with several."""
+    from conductor.bench.search import SearchLoad, bench_search
+
+    load = SearchLoad(chains, generation, cases, slots, spread, sampler)
+    raise typer.Exit(bench_search(load, as_json=output is Output.json, check=check))
 
 
 def bench_tls_command(

@@ -16,6 +16,7 @@ from schemas.campaign import CASES_MAX, Campaign, cases_given
 from schemas.escape import escape
 from schemas.identity import DIGESTS, campaign_digest
 from schemas.plan import parse_plan
+from schemas.search_points import proposed_count
 from schemas.sections.autonomy import open_by_nature
 from schemas.sections.stack_identity import difference
 from schemas.wire.control import Submit
@@ -131,14 +132,14 @@ def _other_plugins(request: Submit, here: Campaign) -> str:
 
 
 def _as_begun(known: CampaignState | None, given: dict[str, Any]) -> Mapping[str, object]:
-    """A submission of a search that is known, with the first generation that it was begun with:
+    """A submission of a search that is known, with the first generations that it was begun with:
     what was proposed is read back, wherever it is submitted again."""
     search = given.get("search")
     if known is None or known.search is None or not isinstance(search, dict):
         return given
     before = known.campaign.search
     assert before is not UNSET
-    begun = {"first": before.first, "proposed": before.proposed[:1]}
+    begun = {"first": before.first, "proposed": before.proposed[: before.chains]}
     asked = {key: value for key, value in search.items() if key != "forks"}
     return {**given, "search": {**asked, **begun}}
 
@@ -148,10 +149,12 @@ def _unbegun(campaign: Campaign) -> str:
     search = campaign.search
     if search is UNSET or search.chosen:
         return ""
-    if len(search.proposed) != 1 or len(search.first) != len(search.proposed[0]):
+    given = len(search.proposed)
+    if given != search.chains or len(search.first) != proposed_count(search):
+        wanted = "one" if search.chains == 1 else f"one in each of {search.chains} chains"
         return (
-            f"search.proposed: {counted(len(search.proposed), 'generation')} given, a search "
-            "begins with one; submit it by `conductor run` or `conductor submit`"
+            f"search.proposed: {counted(given, 'generation')} given, a search begins with "
+            f"{wanted}; submit it by `conductor run` or `conductor submit`"
         )
     return ""
 
@@ -161,7 +164,7 @@ def _begun_with(known: CampaignState) -> str:
     search = known.campaign.search
     if known.search is None or search is UNSET:
         return known.digest
-    begun = msgspec.structs.replace(search, proposed=search.proposed[:1], forks=UNSET)
+    begun = msgspec.structs.replace(search, proposed=search.proposed[: search.chains], forks=UNSET)
     campaign = msgspec.structs.replace(known.campaign, search=begun)
     return campaign_digest(campaign, [c.case for c in known.ordered[: len(search.first)]])
 

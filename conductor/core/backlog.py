@@ -39,13 +39,15 @@ class Backlog:
             self._push(order, group, rig)
 
     def extend(self, rig: str, orders: list[int], group: int) -> None:
-        """Many cases at once, into an empty lane; ``orders`` ascend."""
+        """Many cases at once, behind all others of their lane; ``orders`` ascend."""
         lanes = self.lanes.setdefault(rig, {})
-        if group in lanes:
-            raise AssertionError(f"lane {group} of rig {rig} is not empty")
-        lanes[group] = [-order for order in reversed(orders)]
+        before = lanes.get(group, [])
+        if before and -before[0] >= orders[0]:
+            raise AssertionError(f"case {orders[0]} is not behind lane {group} of rig {rig}")
+        lanes[group] = [-order for order in reversed(orders)] + before
         self.count += len(orders)
-        self._push(orders[0], group, rig)
+        if not before:
+            self._push(orders[0], group, rig)
 
     def remove(self, rig: str, order: int, group: int) -> None:
         """A waiting case waits no longer."""

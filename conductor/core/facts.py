@@ -12,9 +12,8 @@ from msgspec import Struct
 
 from conductor.core.case_table import CaseTable
 from conductor.core.searching.record import SearchRecord
-from schemas.files.search_result import SearchAnswer
+from schemas.files.search_result import ChainEstimate, SearchAnswer
 from schemas.sections.fork import Branch
-from schemas.sections.search import Value
 from schemas.wire.control import Release, Reply, Result, Share
 
 SHARED = 0
@@ -64,26 +63,30 @@ class Submitted(_Fact, frozen=True):
 
 
 class Generation(_Fact, frozen=True):
-    """The latest generation of a search has closed, and the next was proposed; or it ended."""
+    """The oldest open generation of a search has closed, and the next of its chain was proposed; or
+    the chain, or the search, has ended."""
 
     campaign: str
     number: int
-    """Generations before; the first one came with the campaign."""
+    """Generations that were proposed before; those that came with the campaign are the first."""
     results: list[float | None]
     """KPI of the cases that have closed, in the order in which they were proposed."""
     digest: str
     """Digest of the campaign with the new cases."""
     answer: SearchAnswer | None = None
+    estimate: ChainEstimate = ChainEstimate()
+    """What its chain knows, where chains have a mean."""
     ended: str = ""
-    """Why the search has ended; empty: it goes on."""
-    u: list[list[float]] = []
-    """Standard normal coordinates of the new cases [cases][parameters]."""
-    values: list[list[Value]] = []
-    """Values of their parameters."""
+    """Why the search proposes nothing more since this generation has closed; empty: it does, or it
+    was said before."""
+    u: bytes = b""
+    """Standard normal coordinates of the new cases: float64, little-endian, cases by parameters."""
+    values: str = ""
+    """Values of their parameters, JSON of the same shape."""
     forks: list[Branch | None] = []
     """What the new cases are forks of; empty: of nothing."""
     cases: CaseTable | None = None
-    """The new cases; None: the search has ended."""
+    """The new cases; None: there are none."""
     versions: dict[str, str] = {}
     """Libraries that proposed."""
     cpu: str = ""

@@ -41,7 +41,7 @@ from conductor.core.facts import (
 )
 from conductor.core.lease import token_of
 from conductor.core.relocate import campaign_at, case_at, out_at
-from conductor.core.searching.record import SearchRecord
+from conductor.core.searching.record import SearchRecord, begun
 from conductor.core.snapshot import restore, submitted_again
 from conductor.core.state import (
     FAR_NS,
@@ -160,8 +160,8 @@ def _begun(state: State, campaign: Campaign, record: SearchRecord | None) -> Sea
     search = campaign.search
     if search is UNSET or search.chosen:
         return None
-    record = record or SearchRecord(u=[search.first])
-    if not record.ended:
+    record = record or begun(search)
+    if not record.ended or record.open:
         state.searches[campaign.campaign] = None
     return record
 
@@ -169,23 +169,26 @@ def _begun(state: State, campaign: Campaign, record: SearchRecord | None) -> Sea
 def _generation(state: State, fact: Generation) -> None:
     campaign = state.campaigns[fact.campaign]
     record, search = campaign.search, campaign.campaign.search
-    _expect(record is not None and not record.ended and not campaign.left, fact)
+    _expect(record is not None and record.open > 0, fact)
     assert record is not None
     assert search is not UNSET
-    _expect(fact.number == len(record.u) and len(fact.results) == len(record.u[-1]), fact)
-    record.results.append(fact.results)
-    if fact.answer is not None:
-        record.answers.append(fact.answer)
-    record.ended, record.versions = fact.ended, fact.versions
+    number = len(record.results)
+    _expect(fact.number == len(record.u) and len(fact.results) == record.sizes[number], fact)
+    record.close(fact.results, fact.answer, fact.estimate, fact.ended)
+    record.versions = fact.versions
     if fact.cpu not in record.cpus:
         record.cpus.append(fact.cpu)
     campaign.grown = True
     if fact.cases is None:
-        _expect(bool(fact.ended), fact)
-        del state.searches[fact.campaign]
+        _expect(bool(record.ended) or record.open > 0, fact)
+        if not record.open:
+            del state.searches[fact.campaign]
         return
+    _expect(not record.ended, fact)
     cases = unpack(fact.cases)
     record.u.append(fact.u)
+    record.chains.append(record.chains[number])
+    record.sizes.append(len(cases))
     grown = msgspec.structs.replace(search, proposed=[*search.proposed, fact.values])
     if fact.forks or search.forks is not UNSET:
         grown = msgspec.structs.replace(grown, forks=with_forks(search, fact.number, fact.forks))
@@ -196,14 +199,10 @@ def _generation(state: State, fact: Generation) -> None:
 
 
 def _reopened(state: State, campaign: CampaignState, case: CaseState) -> None:
-    """A search that has ended goes on when a case of its latest generation gets another chance."""
+    """A search that has ended goes on when a case gets another chance of the generation that ended
+    it, or of one that closed since."""
     record = campaign.search
-    if record is None or not record.ended:
-        return
-    if case.order >= len(campaign.ordered) - len(record.u[-1]):
-        record.ended = ""
-        record.results.pop()
-        record.answers.pop()
+    if record is not None and record.reopen(record.generation_of(case.order)):
         state.searches[campaign.campaign.campaign] = None
         campaign.grown = True
 

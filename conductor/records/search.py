@@ -8,6 +8,7 @@ from typing import NamedTuple
 import msgspec
 from msgspec import UNSET
 
+from conductor.core.searching.record import unpacked
 from conductor.core.state import CampaignState
 from schemas.files.json_text import JsonError, decode_json
 from schemas.files.regular_file import read_regular
@@ -22,11 +23,11 @@ from schemas.files.search_result import (
     SearchIndices,
 )
 from schemas.kinds.sampler import sampler_kinds
-from schemas.sections.search import Search, name_of
+from schemas.sections.search import Search, name_of, rows_of
 from twin.base.errors import InfrastructureError, UsageError
 
 SEARCH_BYTES_MAX = 256 << 20
-"""Largest file that is read: ten thousand cases of forty parameters take a tenth."""
+"""Largest file that is read: a hundred thousand cases of forty parameters take 180 MB."""
 
 
 def encode_search(campaign: CampaignState) -> bytes:
@@ -60,14 +61,16 @@ def search_file(campaign: CampaignState) -> SearchFile:
     forks = [] if search.forks is UNSET else search.forks
     for number, (u, values) in enumerate(zip(record.u, search.proposed, strict=True)):
         closed = number < len(record.results)
+        rows = unpacked(u, record.sizes[number])
         generations.append(
             SearchGeneration(
-                cases=[name_of(number, index) for index in range(len(u))],
-                values=values,
-                u=u,
+                cases=[name_of(number, index) for index in range(len(rows))],
+                values=rows_of(values),
+                u=rows,
                 results=record.results[number] if closed else [],
                 forks=forks[number] if number < len(forks) else [],
                 answer=record.answers[number] if number < len(record.answers) else None,
+                chain=record.chains[number],
             )
         )
     further = _further(search, campaign)
@@ -75,6 +78,7 @@ def search_file(campaign: CampaignState) -> SearchFile:
         campaign=campaign.campaign.campaign,
         sampler=search.sampler,
         title=sampler_kinds().find(search.sampler).title,
+        chains=search.chains,
         kpi=objective.kpi,
         formula="" if objective.formula is UNSET else objective.formula,
         fails_below=None if objective.fails_below is UNSET else objective.fails_below,

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from schemas.files.proposals import with_proposals
 from schemas.files.yaml_file import YamlError, load_yaml
 from schemas.validation import Mistake
 from twin.base.errors import UsageError
@@ -66,6 +67,6 @@ def _base(name: str, folder: Path, shown: str, find: Callable[[str], Path]) -> P
 
 def _read(path: Path) -> Any:
     try:
-        return load_yaml(path)
+        return with_proposals(load_yaml(path), path.parent, str(path))
     except YamlError as error:
         raise UsageError(str(error)) from None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import importlib.util
 from collections.abc import Iterator
 from pathlib import Path
@@ -23,6 +24,7 @@ from schemas.plan import Plan, examine, plan_of
 from schemas.sections.autonomy import driver
 from schemas.sections.lidar import Lidar
 from schemas.sections.perception import file_fields, with_absolute_files
+from schemas.sections.search import Search
 from schemas.sections.stack_identity import StackIdentity
 from schemas.validation import Mistake, suggest
 from twin.base.errors import InfrastructureError, UsageError
@@ -225,8 +227,8 @@ def chosen(plan: Plan, case: str, cases: int | None, rows: str, *, quick: bool) 
 
 
 def begun(plan: Plan) -> Plan:
-    """The plan with the first generation of its search alone, proposed anew: a file that a run has
-    left lists all that were. The plan as it is, if it is no search.
+    """The plan with the first generation of each chain of its search alone, proposed anew: a file
+    that a run has left lists all that were. The plan as it is, if it is no search.
 
     Raises:
         UsageError: nothing can be proposed.
@@ -234,17 +236,31 @@ def begun(plan: Plan) -> Plan:
     search = plan.campaign.search
     if search is UNSET or search.chosen:
         return plan
+    asked = msgspec.structs.replace(search, first=[], proposed=[])
+    try:
+        begun_search = _begun(
+            msgspec.msgpack.encode(asked), plan.campaign.campaign, plan.campaign.seed
+        )
+    except ValueError as error:
+        raise UsageError(f"search: {error}") from None
+    return plan_of(msgspec.structs.replace(plan.campaign, search=begun_search))
+
+
+@functools.lru_cache(maxsize=1)
+def _begun(asked: bytes, campaign: str, seed: int) -> Search:
+    """A search, packed, with the first generation of each chain; a command needs it when it checks
+    a campaign and when it submits it."""
     # Late: only who searches has the libraries.
     from conductor.search.driver import first
 
-    try:
-        proposal = first(search, plan.campaign.campaign, plan.campaign.seed)
-    except ValueError as error:
-        raise UsageError(f"search: {error}") from None
-    begun_search = msgspec.structs.replace(
-        search, first=proposal.u, proposed=[proposal.values], forks=UNSET
+    search = msgspec.msgpack.decode(asked, type=Search)
+    proposals = [first(search, campaign, seed, chain) for chain in range(search.chains)]
+    return msgspec.structs.replace(
+        search,
+        first=[row for proposal in proposals for row in proposal.u],
+        proposed=[proposal.values for proposal in proposals],
+        forks=UNSET,
     )
-    return plan_of(msgspec.structs.replace(plan.campaign, search=begun_search))
 
 
 def with_drive(plan: Plan) -> Plan:

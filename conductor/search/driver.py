@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from msgspec import UNSET, convert
 
+from conductor.search.chains import history_of, mean_of
 from conductor.search.protocol import (
     Array,
     Estimate,
@@ -27,7 +28,7 @@ from conductor.search.protocol import (
     TracesBoundary,
 )
 from conductor.search.space import values_of
-from schemas.files.search_result import SearchAnswer, SearchCluster
+from schemas.files.search_result import ChainEstimate, SearchAnswer, SearchCluster
 from schemas.identity import stream_key
 from schemas.kinds.registry import implementation
 from schemas.kinds.sampler import SamplerKind, sampler_kinds
@@ -61,74 +62,107 @@ class SearchStep:
 
     answer: SearchAnswer
     proposal: Proposal | None
-    """The next generation; None: the search has ended."""
+    """The next generation, of the chain whose generation closed last; None: the chain, or the
+    search, has ended."""
     ended: str
-    """Why it has ended; empty: it goes on."""
+    """Why the search proposes nothing more; empty: it does, or another chain will."""
+    estimate: ChainEstimate = field(default_factory=ChainEstimate)
+    """What the chain knows, where chains have a mean."""
 
 
 @dataclass(frozen=True, slots=True)
 class Closed:
-    """The closed generations: coordinates and KPI of every case."""
+    """The closed generations in their order: coordinates and KPI of every case."""
 
-    u: Sequence[Sequence[Sequence[float]]]
+    u: Sequence[bytes | Sequence[Sequence[float]]]
+    """Per generation as rows, or packed: float64, little-endian, cases by parameters."""
     results: Sequence[Sequence[float | None]]
+    chains: Sequence[int] = ()
+    """Chain of each; empty: there is one."""
+    estimates: Sequence[ChainEstimate] = ()
+    """What its chain knew after each but the last, as the steps before said."""
+    open: int = 0
+    """Generations that are proposed and have not closed."""
+    ends: bool = False
+    """Whether it was decided before that the search ends: nothing more is proposed."""
 
 
-def first(search: Search, campaign: str, seed: int) -> Proposal:
-    """The first generation.
+def first(search: Search, campaign: str, seed: int, chain: int = 0) -> Proposal:
+    """The first generation of a chain.
 
     Raises:
         ValueError: it cannot be proposed; one line.
     """
-    sampler = _sampler(search)
+    sampler = _sampler(search, chain)
     with _one_thread(search.sampler):
-        u = sampler.propose(History([], []), _Streams(campaign, seed))
+        u = sampler.propose(History([], []), _Streams(campaign, seed, chain))
     if not len(u):
-        cases = search.budget.cases
-        raise ValueError(f"{cases} cases are too few for one generation of {search.sampler}")
+        cases, chains = search.budget.cases, search.chains
+        each = f" in each of {chains} chains" if chains > 1 else ""
+        raise ValueError(f"{cases} cases are too few for one generation of {search.sampler}{each}")
     return _proposal(search, u)
 
 
 def follow(search: Search, campaign: str, seed: int, closed: Closed) -> SearchStep:
-    """What follows from the closed generations; at least one.
+    """What follows when the last of the closed generations has closed; at least one has.
 
     Raises:
         ValueError: a library is missing; one line.
     """
-    sampler = _sampler(search)
+    chain = closed.chains[-1] if closed.chains else 0
+    sampler = _sampler(search, chain)
     with _one_thread(search.sampler):
-        return _follow(search, sampler, _Streams(campaign, seed), closed)
+        return _follow(search, sampler, _Streams(campaign, seed, chain), closed)
 
 
 def _follow(search: Search, sampler: Sampler, streams: _Streams, closed: Closed) -> SearchStep:
     objective = search.objective
     if objective.missing == "ends" and (name := _first_missing(closed)):
         answer = _answer(search, closed, Estimate(method="none: a value is missing"))
+        if closed.ends and None not in closed.results[-1]:
+            return SearchStep(answer, None, "")  # it was said before
         why = f"{name} has no {objective.kpi}; see its outcome, retry it, or say in "
         return SearchStep(answer, None, f"{why}search.objective.missing what that means")
-    history = _history(search, closed)
-    estimate = sampler.answer(history)
+    whole = _history(search, closed)
+    history = history_of(streams.chain, whole, closed.chains)
+    estimate, known = _estimate(search, sampler, whole, history, closed)
     answer = _answer(search, closed, estimate)
-    if estimate.settled:
-        return SearchStep(answer, None, "the sampler has its answer")
-    if _narrow(search, estimate, answer):
-        return SearchStep(answer, None, "the interval asked for is reached")
-    u = sampler.propose(history, streams)
-    if not len(u) or history.cases + len(u) > search.budget.cases:
-        return SearchStep(answer, None, f"the budget of {search.budget.cases} cases is spent")
-    proposal = _proposal(search, u)
-    if isinstance(sampler, Forker):
-        forks = _branches(sampler.forks(history, streams), history)
-        proposal = replace(proposal, forks=forks)
-    return SearchStep(answer, proposal, "")
+    settled, proposal, ended = estimate.settled, None, ""
+    if closed.ends:
+        pass
+    elif not settled and _narrow(search, estimate, answer):
+        ended = "the interval asked for is reached"
+    else:
+        u = np.zeros((0, 0)) if settled else sampler.propose(history, streams)
+        if len(u) and history.cases + len(u) <= _budget(search):
+            proposal = _proposal(search, u)
+            if isinstance(sampler, Forker):
+                forks = _branches(sampler.forks(history, streams), history)
+                proposal = replace(proposal, forks=forks)
+        elif not closed.open:  # else other chains go on
+            spent = f"the budget of {search.budget.cases} cases is spent"
+            ended = "the sampler has its answer" if settled else spent
+    return SearchStep(answer, proposal, ended, known)
 
 
 def _branches(forks: Forks, history: History) -> list[Branch | None]:
-    """Forks by the names of the cases that they are of."""
+    """Forks by the names of the cases that they are of; a sampler that forks has one chain."""
     names = [name_of(i, j) for i, g in enumerate(history.g) for j in range(len(g))]
     pairs = zip(forks.parents.tolist(), forks.margins.tolist(), strict=True)
     branches = [Branch(names[parent], margin) if parent >= 0 else None for parent, margin in pairs]
     return branches if any(branches) else []
+
+
+def _estimate(
+    search: Search, sampler: Sampler, whole: History, history: History, closed: Closed
+) -> tuple[Estimate, ChainEstimate]:
+    """What all chains know, settled if the chain of ``history`` is; and what it knows itself."""
+    if search.chains == 1 or sampler_kind(search).chains != "mean":
+        return sampler.answer(whole), ChainEstimate()
+    one = sampler.answer(history)
+    known = ChainEstimate(one.method, one.probability, one.low, one.high)
+    latest = dict(zip(closed.chains, [*closed.estimates, known], strict=True))
+    return replace(mean_of(search.chains, list(latest.values())), settled=one.settled), known
 
 
 def clusters(search: Search, closed: Closed) -> list[SearchCluster]:
@@ -173,8 +207,13 @@ def closed_history(search: Search, closed: Closed) -> History:
 
 def traced(search: Search, closed: Closed) -> Traced | None:
     """The boundary that the sampler knows after the closed generations; None: it traces none."""
-    sampler = _sampler(search)
+    sampler = _sampler(search, 0)
     return sampler.trace(_history(search, closed)) if isinstance(sampler, TracesBoundary) else None
+
+
+def closed_history(search: Search, closed: Closed) -> History:
+    """The closed generations as samplers see them, for who makes further answers of them."""
+    return _history(search, closed)
 
 
 def versions() -> dict[str, str]:
@@ -189,17 +228,18 @@ def sampler_kind(search: Search) -> SamplerKind:
 
 
 class _Streams:
-    """Random numbers of a search by name, keyed as those of cases are."""
+    """Random numbers of a chain by name, keyed as those of cases are."""
 
-    def __init__(self, campaign: str, seed: int) -> None:
-        self._campaign, self._seed = campaign, seed
+    def __init__(self, campaign: str, seed: int, chain: int) -> None:
+        self._campaign, self._seed, self.chain = campaign, seed, chain
 
     def __call__(self, name: str) -> np.random.Generator:
+        name = f"chain {self.chain}/{name}" if self.chain else name
         key = stream_key(self._seed, self._campaign, f"search/{name}")
         return np.random.Generator(np.random.Philox(key=[key, 0]))
 
 
-def _sampler(search: Search) -> Sampler:
+def _sampler(search: Search, chain: int) -> Sampler:
     kind = sampler_kind(search)
     try:
         made: Any = implementation(kind.implementation)
@@ -210,12 +250,18 @@ def _sampler(search: Search) -> Sampler:
         dimension=len(search.parameters),
         names=list(search.parameters),
         tails=[isinstance(d, WITH_TAILS) for d in search.parameters.values()],
-        cases=budget.cases,
+        cases=_budget(search),
         generation=budget.generation,
         repeats=budget.half_width is not UNSET or budget.relative_half_width is not UNSET,
+        chain=chain,
     )
     sampler: Sampler = made(convert(search.options, kind.options), problem)
     return sampler
+
+
+def _budget(search: Search) -> int:
+    """Most cases of one chain."""
+    return search.budget.cases // search.chains
 
 
 def _proposal(search: Search, u: Array) -> Proposal:
@@ -234,9 +280,16 @@ def _first_missing(closed: Closed) -> str:
 def _history(search: Search, closed: Closed) -> History:
     dimension = len(search.parameters)
     return History(
-        [np.array(rows, np.float64).reshape(len(rows), dimension) for rows in closed.u],
+        [
+            _rows(rows).reshape(len(results), dimension)
+            for rows, results in zip(closed.u, closed.results, strict=True)
+        ],
         [_margins(search.objective, results) for results in closed.results],
     )
+
+
+def _rows(u: bytes | Sequence[Sequence[float]]) -> Array:
+    return np.frombuffer(u, "<f8") if isinstance(u, bytes) else np.array(u, np.float64)
 
 
 def _margins(objective: Objective, results: Sequence[float | None]) -> Array:

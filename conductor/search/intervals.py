@@ -45,3 +45,15 @@ def of_logarithms(estimates: Array) -> tuple[float, float]:
     relative = float(np.std(estimates, ddof=1)) / math.sqrt(count) / mean
     half = float(stdtrit(count - 1, 0.975)) * math.sqrt(math.log1p(relative * relative))
     return mean * math.exp(-half), min(1.0, mean * math.exp(half))
+
+
+def relative_error(probability: float, low: float | None) -> float:
+    """The relative standard error of which :func:`lognormal` made an interval that begins at
+    ``low``; 0 where there is none.
+
+    The lower end, since the upper one is cut at 1.
+    """
+    if not probability > 0.0 or low is None or not 0.0 < low < probability:
+        return 0.0
+    sigma = math.log(probability / low) / Z
+    return math.sqrt(math.expm1(sigma * sigma))

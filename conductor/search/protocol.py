@@ -26,7 +26,7 @@ class Problem:
     dimension: int
     """Parameters."""
     cases: int
-    """Most cases."""
+    """Most cases; of a chain, where there are several."""
     generation: int
     """Cases of a generation, where the sampler does not say otherwise."""
     names: Sequence[str] = ()
@@ -35,6 +35,8 @@ class Problem:
     """Which of them thin out towards their ends, as a normal one does."""
     repeats: bool = False
     """Whether an interval is asked for: a sampler that has its answer goes on for a better one."""
+    chain: int = 0
+    """Which of the chains side by side it proposes for."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from conductor.search.driver import Closed, traced
+from conductor.search.driver import Closed, closed_history, traced
 from conductor.search.space import DIGITS, values_of
 from schemas.files.search_result import BoundaryPoint, SearchBoundary
 from schemas.sections.search import Search, Value, name_of
@@ -17,9 +17,9 @@ def boundary_of(search: Search, closed: Closed) -> SearchBoundary | None:
     if boundary is None or not boundary.points:
         return None
     parameters = list(search.parameters)
-    rows = [row for generation in closed.u for row in generation]
-    names = [name_of(i, j) for i, rows in enumerate(closed.u) for j in range(len(rows))]
-    values = values_of(search, np.array(rows, np.float64))
+    history = closed_history(search, closed)
+    names = [name_of(i, j) for i, rows in enumerate(history.u) for j in range(len(rows))]
+    values = values_of(search, np.concatenate(history.u))
     axes = (boundary.x, boundary.y)
     points = []
     for point in boundary.points:

@@ -14,6 +14,7 @@ import time
 from pathlib import Path
 
 import msgspec
+from msgspec import UNSET
 
 from conductor.core.admit import out_mistake
 from conductor.core.facts import Committed
@@ -24,6 +25,8 @@ from conductor.records.outcomes import encode_campaign
 from conductor.records.search import encode_search
 from schemas.campaign import Name
 from schemas.escape import escape
+from schemas.files.proposals import FILE_NAME as PROPOSED_FILE
+from schemas.files.proposals import beside, encode_proposed
 from schemas.files.regular_file import open_regular
 from schemas.files.search_result import FILE_NAME as SEARCH_FILE
 from schemas.files.yaml_file import dump_yaml
@@ -125,7 +128,7 @@ class Folders:
     def open_campaign(self, campaign: CampaignState) -> None:
         """A campaign was submitted, or found in the journal, or pinned."""
         out = Path(campaign.out)
-        self._stale[out / CAMPAIGN_FILE] = self._campaign_yaml(campaign)
+        self._describe(campaign)
         if self._conductor_file is not None:
             self._stale[out / CONDUCTOR_FILE] = msgspec.json.encode(self._conductor_file) + b"\n"
 
@@ -142,9 +145,8 @@ class Folders:
     def record(self, campaign: CampaignState) -> None:
         """Write the outcomes as they stand; of a search, what it has proposed as well."""
         if campaign.search is not None:
-            out = Path(campaign.out)
-            self._stale[out / CAMPAIGN_FILE] = self._campaign_yaml(campaign)
-            self._stale[out / SEARCH_FILE] = encode_search(campaign)
+            self._describe(campaign)
+            self._stale[Path(campaign.out) / SEARCH_FILE] = encode_search(campaign)
         self._stale[Path(campaign.out) / OUTCOMES_FILE] = encode_campaign(campaign)
         self._changed.discard(campaign.campaign.campaign)
 
@@ -210,11 +212,21 @@ class Folders:
             except OSError as error:
                 _log.error("%s", storage_error(error, str(folder / CONDUCTOR_FILE)))
 
-    def _campaign_yaml(self, campaign: CampaignState) -> bytes:
-        """The effective campaign; digests stand in comments, so that the file can be submitted."""
-        name = campaign.campaign.campaign
+    def _describe(self, campaign: CampaignState) -> None:
+        """The effective campaign; what its search has proposed lies beside it, written first."""
+        out, name, search = Path(campaign.out), campaign.campaign.campaign, campaign.campaign.search
         if name not in self._yaml:
-            self._yaml[name] = dump_yaml(msgspec.to_builtins(campaign.campaign))
+            content = msgspec.to_builtins(campaign.campaign)
+            if campaign.search is not None and search is not UNSET:
+                data = encode_proposed(search.proposed)
+                self._stale[out / PROPOSED_FILE] = data
+                content = beside(content, data)
+            self._yaml[name] = dump_yaml(content)
+        self._stale[out / CAMPAIGN_FILE] = self._campaign_yaml(campaign)
+
+    def _campaign_yaml(self, campaign: CampaignState) -> bytes:
+        """The campaign file; digests stand in comments, so that it can be submitted."""
+        name = campaign.campaign.campaign
         lines = [_head_line(campaign)]
         if campaign.pinned:
             lines.append(f"# software digest: {campaign.software}")

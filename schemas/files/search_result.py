@@ -43,6 +43,15 @@ class SearchAnswer(Struct, frozen=True, kw_only=True):
         return ", ".join(parts)
 
 
+class ChainEstimate(Struct, frozen=True, array_like=True):
+    """What one of several chains knows after a generation of it has closed."""
+
+    method: str = ""
+    probability: float | None = None
+    low: float | None = None
+    high: float | None = None
+
+
 class SearchCluster(Struct, frozen=True, kw_only=True):
     """Failures that lie beside each other."""
 
@@ -70,7 +79,9 @@ class SearchGeneration(Struct, frozen=True, kw_only=True):
     """Per case the case that it is a fork of, and the margin below which the other's had fallen
     there; empty: none is one."""
     answer: SearchAnswer | None = None
-    """What was known when it had closed."""
+    """What was known when it had closed, by all that had closed before."""
+    chain: int = 0
+    """The chain that proposed it."""
 
 
 class SensitivityIndex(Struct, frozen=True, kw_only=True):
@@ -205,6 +216,8 @@ class SearchFile(Struct, frozen=True, kw_only=True):
     """Formula whose margin the KPI is; empty: it is a KPI of its own."""
     fails_below: float | None = None
     fails_above: float | None = None
+    chains: int = 1
+    """Searches side by side."""
     parameters: list[str]
     ended: str
     """Why it ended; empty: it runs."""

@@ -104,6 +104,9 @@ class SamplerKind:
     and its objective a KPI that is the extreme of a column."""
     cases_max: int = SEARCH_CASES_MAX
     """Most cases with which it works."""
+    chains: Literal["none", "pooled", "mean", "best"] = "none"
+    """What is made of chains side by side: they are refused; all their generations are one history;
+    their probabilities have a mean; their worst case is the answer."""
 
 
 KINDS = (
@@ -112,6 +115,7 @@ KINDS = (
         title="Monte Carlo",
         gives="probability",
         implementation="conductor.search.samplers.random_points:MonteCarlo",
+        chains="pooled",
         follows=True,
     ),
     SamplerKind(
@@ -119,6 +123,7 @@ KINDS = (
         title="Latin hypercube",
         gives="probability",
         implementation="conductor.search.samplers.spread_points:LatinHypercube",
+        chains="pooled",
         follows=True,
     ),
     SamplerKind(
@@ -126,6 +131,7 @@ KINDS = (
         title="scrambled Sobol points",
         gives="probability",
         implementation="conductor.search.samplers.spread_points:Sobol",
+        chains="pooled",
         follows=True,
     ),
     SamplerKind(
@@ -133,6 +139,7 @@ KINDS = (
         title="CMA-ES",
         gives="extreme",
         implementation="conductor.search.samplers.evolution:CmaEs",
+        chains="best",
         options=CmaOptions,
         parameters_min=2,
     ),
@@ -141,6 +148,7 @@ KINDS = (
         title="Bayesian search",
         gives="extreme",
         implementation="conductor.search.samplers.bayesian:Bayesian",
+        chains="best",
         options=BayesianOptions,
         cases_max=PROCESS_CASES_MAX,
     ),
@@ -158,6 +166,7 @@ KINDS = (
         title="cross-entropy importance sampling",
         gives="probability",
         implementation="conductor.search.samplers.importance:Importance",
+        chains="mean",
         options=ImportanceOptions,
     ),
     SamplerKind(
@@ -165,6 +174,7 @@ KINDS = (
         title="subset simulation",
         gives="probability",
         implementation="conductor.search.samplers.subset:Subset",
+        chains="mean",
         options=SubsetOptions,
     ),
     SamplerKind(

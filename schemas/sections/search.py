@@ -8,18 +8,21 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
+import msgspec
 from msgspec import UNSET, Meta, Struct, UnsetType
 from msgspec.structs import force_setattr
 
 from schemas.kinds.kpis.formula import ROBUSTNESS
 from schemas.sections.fork import Branch
 
-SEARCH_CASES_MAX = 10_000
-"""Most cases of a search: its campaign file lists them all."""
+SEARCH_CASES_MAX = 100_000
+"""Most cases of a search."""
 GENERATION_CASES_MAX = 5000
 """Most cases of one generation."""
 PARAMETERS_MAX = 40
 """Most parameters of a search."""
+CHAINS_MAX = 64
+"""Most chains of a search."""
 CHOICES_MAX = 1000
 """Most values that a parameter chooses from."""
 
@@ -27,6 +30,9 @@ CELLS_MAX = 32
 """Most cells of a parameter in the declared operational domain."""
 
 Value = bool | int | float | str
+Rows = str | list[list[Value]]
+"""Values of a generation's parameters [cases][parameters], or the same as JSON: a hundred thousand
+rows take a tenth of the memory so."""
 Positive = Annotated[float, Meta(gt=0)]
 
 
@@ -181,7 +187,7 @@ class SearchBudget(_Part, frozen=True, kw_only=True):
     cases: Annotated[int, Meta(ge=1, le=SEARCH_CASES_MAX)]
     """Most cases."""
     generation: Annotated[int, Meta(ge=1, le=GENERATION_CASES_MAX)] = 50
-    """Cases of one generation, all of which end before the next is proposed."""
+    """Cases of one generation, all of which end before the next of its chain is proposed."""
     half_width: Positive | UnsetType = UNSET
     """The search ends when half of the 95 % interval is no wider than this."""
     relative_half_width: Positive | UnsetType = UNSET
@@ -207,20 +213,47 @@ class Search(_Part, frozen=True, kw_only=True):
     budget: SearchBudget
     sampler: str = "monte_carlo"
     """What proposes the cases, see `docs/search.md`."""
+    chains: Annotated[int, Meta(ge=1, le=CHAINS_MAX)] = 1
+    """Searches side by side, each with random numbers and a share of the budget of its own, so that
+    workers do not wait for the last cases of a generation."""
     options: dict[str, bool | int | float | str] = {}
     """Options of the sampler."""
     domain: dict[str, DomainCells] | UnsetType = UNSET
     """Axis -> cells of the declared operational domain; others have eight of equal width, and
     `choices` one for each value."""
     first: list[list[float]] = []
-    """Standard normal coordinates of the first generation's cases; filled in at submission."""
-    proposed: list[list[list[Value]]] = []
-    """Generation -> case -> values of the parameters; filled in at submission and as it runs."""
+    """Standard normal coordinates of the cases of every chain's first generation, in the order of
+    `proposed`; filled in at submission."""
+    proposed: list[Rows] = []
+    """Generation -> case -> values of the parameters, a generation also as JSON text; filled in at
+    submission and as it runs. The file of a run names `proposed.jsonl` here, which has them."""
     forks: list[list[Branch | None]] | UnsetType = UNSET
     """Generation -> case -> what it is a fork of, of generations with forks; filled in as it
     runs."""
     chosen: list[str] = []
     """Cases of `proposed` that are run again by name; nothing is searched then."""
+
+
+def rows_of(rows: Rows) -> list[list[Value]]:
+    """The values of a generation.
+
+    Raises:
+        ValueError: they are text and no JSON of rows.
+    """
+    if not isinstance(rows, str):
+        return rows
+    try:
+        return _decoder.decode(rows)
+    except msgspec.MsgspecError as error:
+        raise ValueError(f"no rows of values: {error}") from None
+
+
+_decoder = msgspec.json.Decoder(list[list[Value]])
+
+
+def text_of(rows: Rows) -> str:
+    """The values of a generation as JSON on one line."""
+    return rows if isinstance(rows, str) else msgspec.json.encode(rows).decode()
 
 
 def name_of(generation: int, number: int) -> str:

@@ -18,6 +18,7 @@ HERE = Path(__file__).parent
 ELSEWHERE = {
     "conductor bench": "a measurement",
     "conductor bench-report": "a measurement",
+    "conductor bench-search": "a measurement",
     "conductor bench-tls": "a measurement",
     "conductor relay": "two hosts: test_two_hosts",
     "conductor compare": "two runs: test_compare_page",

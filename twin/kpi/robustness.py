@@ -46,11 +46,11 @@ def robustness(formula: str, rows: Rows) -> float | None:
         ValueError: the formula is none; one line.
     """
     with np.errstate(all="ignore"):
-        value = float(_values(parse_formula(formula), rows)[0])
+        value = float(evaluate(parse_formula(formula), rows)[0])
     return value + 0.0 if math.isfinite(value) else None
 
 
-def _values(node: Node, rows: Rows) -> np.ndarray:
+def evaluate(node: Node, rows: Rows) -> np.ndarray:
     """Numbers, or margins of a condition, float64 [rows]; NaN: missing, or unknown."""
     match node:
         case Constant():
@@ -58,23 +58,23 @@ def _values(node: Node, rows: Rows) -> np.ndarray:
         case Column():
             return _column(node.name, rows)
         case Unary():
-            part = _values(node.part, rows)
+            part = evaluate(node.part, rows)
             return np.abs(part) if node.operator == "abs" else -part
         case Arithmetic():
             return _calculated(node, rows)
         case AtLeast():
-            return _known(_values(node.large, rows) - _values(node.small, rows))
+            return _known(evaluate(node.large, rows) - evaluate(node.small, rows))
         case Not():
-            return -_values(node.part, rows)
+            return -evaluate(node.part, rows)
         case Both():
-            left, right = _values(node.left, rows), _values(node.right, rows)
+            left, right = evaluate(node.left, rows), evaluate(node.right, rows)
             return -_both(-left, -right) if node.either else _both(left, right)
         case Over():
-            part = _values(node.part, rows)
+            part = evaluate(node.part, rows)
             begin, end = _windows(rows, node.begin_ns, node.end_ns)
             return -_least(-part, begin, end) if node.once else _least(part, begin, end)
         case Until():
-            return _until(_values(node.holds, rows), _values(node.then, rows), node, rows)
+            return _until(evaluate(node.holds, rows), evaluate(node.then, rows), node, rows)
 
 
 def _column(name: str, rows: Rows) -> np.ndarray:
@@ -87,7 +87,7 @@ def _column(name: str, rows: Rows) -> np.ndarray:
 
 
 def _calculated(node: Arithmetic, rows: Rows) -> np.ndarray:
-    left, right = _values(node.left, rows), _values(node.right, rows)
+    left, right = evaluate(node.left, rows), evaluate(node.right, rows)
     if node.operator == "+":
         return _known(left + right)
     if node.operator == "-":

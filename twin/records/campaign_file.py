@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 from pathlib import Path
 
+from schemas.files.proposals import with_proposals
 from schemas.files.yaml_file import YamlError, parse_yaml, read_yaml_text
 from schemas.plan import Plan, parse_plan
 from twin.base.errors import InfrastructureError
@@ -23,14 +24,15 @@ def read_plan(path: Path) -> Plan:
         InfrastructureError: the file is damaged.
     """
     try:
-        return _plan_of(read_yaml_text(path), str(path))
+        return _plan_of(read_yaml_text(path), path)
     except YamlError as error:
         raise InfrastructureError(str(error)) from None
 
 
 @functools.lru_cache(maxsize=PLANS_MAX)
-def _plan_of(text: str, shown: str) -> Plan:
-    plan, mistakes = parse_plan(parse_yaml(text, shown))
+def _plan_of(text: str, path: Path) -> Plan:
+    content = with_proposals(parse_yaml(text, str(path)), path.parent, str(path))
+    plan, mistakes = parse_plan(content)
     if plan is None:
-        raise InfrastructureError(mistakes[0].line(shown))
+        raise InfrastructureError(mistakes[0].line(str(path)))
     return plan

@@ -366,13 +366,12 @@ class Engine:
 
     def saver(self) -> SlotSaver:
         """Saves slots between two ticks, and goes on with them in others."""
-        parts: dict[str, Keeps] = {
-            "vehicles": self._vehicles,
-            "winds": self._winds,
-            "own": self._suite,
-        }
-        parts |= {"rays": self._exteroceptive, "rows": self._recorder, "forks": self._forking}
-        return SlotSaver(self, self._runs, parts, moved=self._motion is not None)
+        parts: dict[str, Keeps] = {"vehicles": self._vehicles, "winds": self._winds}
+        parts |= {"own": self._suite, "rays": self._exteroceptive}
+        parts |= {"rows": self._recorder, "forks": self._forking}
+        if self._motion is not None and self._robots is not None:
+            parts |= {"bodies": self._motion, "robots": self._robots}
+        return SlotSaver(self, self._runs, parts)
 
     def sensors_mistake(self, errors: SensorErrors) -> str:
         """What is wrong with changed errors, or an empty string."""

@@ -13,6 +13,7 @@ import msgspec
 import warp as wp
 
 from schemas.case import Case
+from schemas.files.proposals import with_proposals
 from schemas.files.yaml_file import YamlError, load_yaml, parse_yaml
 from schemas.identity import rig_key
 from schemas.kinds.perception import perception_kind
@@ -84,7 +85,8 @@ def show_memory_of(
         if campaign == "-":
             data = parse_yaml(sys.stdin.read(), "standard input")
         else:
-            data = load_yaml(Path(campaign))
+            path = Path(campaign)
+            data = with_proposals(load_yaml(path), path.parent, campaign)
     except YamlError as error:
         raise UsageError(str(error)) from None
     free = _free_bytes(device) if free_gb is None else int(1e9 * free_gb)

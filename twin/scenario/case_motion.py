@@ -65,6 +65,16 @@ class CaseMotion(Protocol):
     def hold(self, slot: int, *, held: bool) -> None:
         """A slot stands still, or goes on as it was."""
 
+    def save(self, slot: int) -> dict[str, Any]:
+        """What the bodies of a slot remember from step to step, copied.
+
+        Raises:
+            ValueError: it cannot be saved; one line.
+        """
+
+    def restore(self, slot: int, saved: dict[str, Any]) -> None:
+        """Go on with that, in a slot in which the same case has just begun."""
+
     def step(self, state: np.ndarray, active: np.ndarray) -> None:
         """One step of all active slots.
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -51,6 +52,14 @@ class DrivingRobots:
         row[columns("com")], row[columns("orientation")] = self._carrier.body(slot, led.pose)
         self._fleet.roll(slot, led.speed_mps, 0.0)
         self._turns[slot] = False
+
+    def save(self, slot: int) -> dict[str, Any]:
+        """Whether a slot's vehicle has come along its path; the rest is the scenario's."""
+        return {"turns": bool(self._turns[slot])}
+
+    def restore(self, slot: int, saved: dict[str, Any]) -> None:
+        """Go on with that."""
+        self._turns[slot] = saved["turns"]
 
     def refuse(self, slot: int) -> None:
         """Let nobody else put the ego of a slot elsewhere.

@@ -1,8 +1,9 @@
-"""A search in a conductor: when its generation has closed, the next one is proposed.
+"""A search in a conductor: when a generation has closed, the next one of its chain is proposed.
 
 The request that ends the last case of a generation also brings the fact of the next one, so both
 are on disk together, before a case of it is leased. After a restart generations are read from
-facts, and never proposed again.
+facts, and never proposed again. Generations close in the order in which they were proposed: one
+whose cases have all ended waits for those before it.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from msgspec import UNSET
 
 from conductor.core.case_table import pack
 from conductor.core.facts import CaseEnded, Committed, Generation
+from conductor.core.searching.record import packed
 from conductor.core.state import CampaignState, CaseState
 from conductor.core.turn import RequestTurn
 from schemas.case import Case
@@ -25,7 +27,7 @@ from schemas.identity import grown_digest
 from schemas.plan import Plan
 from schemas.points import points_of
 from schemas.search_points import with_forks
-from schemas.sections.search import Search, Value
+from schemas.sections.search import Rows, Search, text_of
 
 if TYPE_CHECKING:
     from conductor.search.driver import Proposal
@@ -35,22 +37,32 @@ WHY_CHARS_MAX = 500
 
 
 def grow(turn: RequestTurn) -> None:
-    """Propose the next generation of every search whose latest has closed, or end it."""
+    """Close the generations of every search whose cases have ended, and propose what follows."""
     for name in list(turn.state.searches):
         campaign = turn.state.campaigns[name]
-        if not campaign.left:
+        while name in turn.state.searches and _over(campaign):
             turn.emit(next_generation(campaign, turn.state.config.cpu))
 
 
+def _over(campaign: CampaignState) -> bool:
+    """Whether all cases of the oldest open generation have ended; the last ones are leased last."""
+    record = campaign.search
+    assert record is not None
+    size = record.sizes[len(record.results)]
+    begin, ordered = record.closed, campaign.ordered
+    return all(ordered[place].ended for place in range(begin + size - 1, begin - 1, -1))
+
+
 def next_generation(campaign: CampaignState, cpu: str) -> Generation:
-    """The fact that follows when all cases of a search have ended."""
+    """The fact that follows when all cases of the oldest open generation have ended."""
     # Late: only who searches has the libraries, and waits for them.
     from conductor.search.driver import Closed, follow, versions
 
     search, record = campaign.campaign.search, campaign.search
     assert search is not UNSET
     assert record is not None
-    latest = campaign.ordered[-len(record.u[-1]) :]
+    closes = len(record.results)
+    latest = campaign.ordered[record.closed : record.closed + record.sizes[closes]]
     results = [_kpi(case, search.objective.kpi) for case in latest]
     name, number = campaign.campaign.campaign, len(record.u)
     fact = Generation(campaign=name, number=number, results=results, digest=campaign.digest)
@@ -60,12 +72,20 @@ def next_generation(campaign: CampaignState, cpu: str) -> Generation:
         why = "a case of its latest generation was cancelled"
         return replace(fact, answer=_nothing(record.answers, len(campaign.ordered)), ended=why)
     try:
-        closed = Closed(record.u, [*record.results, results])
+        closed = Closed(
+            record.u[: closes + 1],
+            [*record.results, results],
+            record.chains[: closes + 1],
+            record.estimates,
+            open=record.open - 1,
+            ends=bool(record.ended),
+        )
         step = follow(search, name, campaign.campaign.seed, closed)
     except Exception as error:  # a sampler may be anybody's: its search ends, and no other
         why = escape(f"its sampler failed: {type(error).__name__}: {error}", WHY_CHARS_MAX)
         return replace(fact, answer=_nothing(record.answers, len(campaign.ordered)), ended=why)
-    fact = replace(fact, answer=step.answer, ended=escape(step.ended, WHY_CHARS_MAX))
+    fact = replace(fact, answer=step.answer, estimate=step.estimate)
+    fact = replace(fact, ended=escape(step.ended, WHY_CHARS_MAX))
     if step.proposal is None:
         return fact
     cases, mistake = _cases(campaign, search, number, step.proposal)
@@ -73,8 +93,8 @@ def next_generation(campaign: CampaignState, cpu: str) -> Generation:
         return replace(fact, ended=f"a proposed case is not allowed: {mistake}")
     return replace(
         fact,
-        u=step.proposal.u,
-        values=step.proposal.values,
+        u=packed(step.proposal.u),
+        values=text_of(step.proposal.values),
         forks=step.proposal.forks,
         cases=pack(cases),
         digest=grown_digest(campaign.digest, cases),
@@ -85,7 +105,7 @@ def _cases(
     campaign: CampaignState, search: Search, number: int, proposal: Proposal
 ) -> tuple[list[Case], str]:
     """The cases of a generation; or none, and what is wrong with one of them in a line."""
-    proposed: list[list[list[Value]]] = [[] for _ in range(number)]
+    proposed: list[Rows] = [[] for _ in range(number)]
     alone = msgspec.structs.replace(search, proposed=[*proposed, proposal.values])
     if proposal.forks:
         alone = msgspec.structs.replace(alone, forks=with_forks(search, number, proposal.forks))

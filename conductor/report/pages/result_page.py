@@ -46,6 +46,7 @@ from conductor.report.reading.recorded import ask_viewer
 from conductor.report.reading.systems import system_name, system_names, system_text
 from conductor.report.rulebook.shown import RULE, rulebook_shown
 from conductor.serve.folders import CAMPAIGN_FILE
+from schemas.files.proposals import FILE_NAME as PROPOSED_FILE
 from schemas.files.yaml_file import dump_yaml
 from schemas.kinds.kpi import scalars_by_name
 from twin.base.errors import UsageError, storage_error
@@ -109,7 +110,9 @@ def write_result_page(folder: Path, page: Path) -> Path:
         sections = _sections(dossier, models, beside)
         text = _render(content, sections, texts, beside.name)
         write_atomic(beside / "heat.png", heat_picture(dossier))
-        write_atomic(beside / CAMPAIGN_FILE, (folder / CAMPAIGN_FILE).read_bytes())
+        for name in (PROPOSED_FILE, CAMPAIGN_FILE):
+            if (folder / name).exists():
+                write_atomic(beside / name, (folder / name).read_bytes())
         write_atomic(page, text.encode())
         kept = {shown.picture for section in sections for shown in section.shown}
         for old in beside.glob("case-*.jpg"):

@@ -31,7 +31,10 @@ class CmaEs:
         if self._problem.cases - history.cases < count:
             return np.zeros((0, dimension))
         numbers = _Numbers()
-        strategy = self._begun(np.zeros(dimension), numbers)
+        start = np.zeros(dimension)
+        if self._problem.chain:
+            start = RESTART_SD * streams("start").standard_normal(dimension)
+        strategy = self._begun(start, numbers)
         for index, (u, g) in enumerate(zip(history.u, history.g, strict=True)):
             numbers.stream = streams(f"generation {index}")
             strategy.ask()  # as it was asked then; what was proposed then is what it is told

@@ -6,7 +6,6 @@ import math
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from msgspec import UNSET
@@ -76,11 +75,11 @@ class Forking:
             if name:
                 yield slot, name
 
-    def save(self, slot: int) -> dict[str, Any]:
+    def save(self, slot: int) -> dict[str, int]:
         """See :class:`twin.rig.running.saving.Keeps`; what was passed stands in the rows."""
         return {"taken": self._coming[slot].taken if slot in self._coming else 0}
 
-    def restore(self, slot: int, saved: dict[str, Any]) -> None:
+    def restore(self, slot: int, saved: dict[str, int]) -> None:
         """After the recorder."""
         coming = self._coming.get(slot)
         for _ in range(saved["taken"]):

@@ -74,12 +74,10 @@ class SlotSaver:
     """Saves slots of an engine and restores them; between :meth:`Engine.step` and ``sense``."""
 
     def __init__(
-        self, engine: Begins, runs: list[CaseRun | None], parts: Mapping[str, Keeps], *, moved: bool
+        self, engine: Begins, runs: list[CaseRun | None], parts: Mapping[str, Keeps]
     ) -> None:
-        """``parts``: all that remembers something; ``moved``: scenarios move bodies of their own,
-        which nobody saves."""
+        """``parts``: all that remembers something, rows before forks."""
         self._engine, self._runs, self._parts = engine, runs, parts
-        self._moved = moved
 
     def save(self, slot: int) -> SavedSlot:
         """The case of a slot as it is.
@@ -90,8 +88,6 @@ class SlotSaver:
         run = self._runs[slot]
         assert run is not None, f"slot {slot} has no case"
         assert self._engine.active[slot], f"slot {slot} is held"
-        if self._moved:
-            raise ValueError(f"case {run.case.id}: its scenario moves bodies, which are not saved")
         _ = self._engine.state  # measured, if it has just been placed
         return SavedSlot(
             case=run.case,
@@ -124,9 +120,9 @@ class SlotSaver:
         engine.reset(slot, case)
         _ = engine.state  # what a start is measured with is overwritten below
         engine.tick[slot], engine.sim_time_ns[slot] = saved.tick, saved.sim_time_ns
-        engine.apply_environment(slot)
         for name, part in self._parts.items():
             part.restore(slot, saved.parts[name])
+        engine.apply_environment(slot)
         run = self._runs[slot]
         assert run is not None
         run.scenario = _copied(saved.scenario, run)

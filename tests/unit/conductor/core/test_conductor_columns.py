@@ -115,8 +115,19 @@ def test_what_does_not_wait_cannot_be_removed() -> None:
     for rig, order, group in (("a", 4, 0), ("a", 1, 1), ("b", 1, 0)):
         with pytest.raises(AssertionError, match="is not waiting"):
             backlog.remove(rig, order, group)
-    with pytest.raises(AssertionError, match="is not empty"):
-        backlog.extend("a", [9], 0)
+    with pytest.raises(AssertionError, match="case 3 is not behind lane 0 of rig a"):
+        backlog.extend("a", [3, 9], 0)
+
+
+def test_what_comes_later_waits_behind() -> None:
+    backlog = Backlog()
+    backlog.extend("a", [1, 2], 0)
+    backlog.remove("a", 1, 0)
+    backlog.extend("a", [5, 6], 0)
+    backlog.extend("b", [7], 0)
+    assert list(backlog.take("a", 0)) == [2, 5, 6]
+    assert backlog.first(None, lambda order: order > 2) == (5, 0)
+    assert len(backlog) == 4
 
 
 @pytest.mark.parametrize(("slow", "p95_s"), [(5, 0.001), (6, 1.024)])

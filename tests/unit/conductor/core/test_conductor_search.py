@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import msgspec
 import pytest
 from conductor_bench import CONFIG, Bench, hello, result
+from msgspec import UNSET
 from search_bench import KPI, Crew, measured, plane, searched, section, submission, trace
 
 from conductor.commands.tables import search_line
@@ -15,11 +18,14 @@ from conductor.core.searching import growth
 from conductor.core.snapshot import take
 from conductor.core.state import Config
 from conductor.journal.store import Journal
+from conductor.serve.folders import Folders
 from schemas import SCHEMA_VERSION as V
+from schemas.files.proposals import FILE_NAME
 from schemas.files.yaml_file import dump_yaml, parse_yaml
 from schemas.identity import campaign_digest, case_digest
 from schemas.plan import parse_plan
 from schemas.wire.control import StatusRequest, Submit
+from twin.records.campaign_file import read_plan
 
 SUBSET = {"level": 24, "share": 0.25}
 
@@ -33,13 +39,27 @@ def _sections() -> list[dict]:
         section("cma_es", objective={"kpi": KPI, "goal": "least"}),
         section("importance", budget={"cases": 80, "generation": 20}),
         section("subset", budget={"cases": 100}, options=SUBSET, objective=rare),
+        section(chains=3, budget={"cases": 90}),
+        section("sobol", chains=3, budget={"cases": 80, "generation": 8}),
+        section(
+            "cma_es",
+            chains=4,
+            budget={"cases": 100, "generation": 5},
+            objective={"kpi": KPI, "goal": "least"},
+        ),
+        section("importance", chains=2, budget={"cases": 240, "generation": 20}),
+        section("subset", chains=3, budget={"cases": 300}, options=SUBSET, objective=rare),
     ]
 
 
-@pytest.mark.parametrize("search", _sections(), ids=lambda search: search["sampler"])
+def _name(search: dict) -> str:
+    return f"{search['sampler']}-{search.get('chains', 1)}"
+
+
+@pytest.mark.parametrize("search", _sections(), ids=_name)
 def test_crews_of_any_size_leave_the_same_trace(search: dict) -> None:
     alone = searched(search)
-    for workers, slots, seed in ((4, 1, 1), (16, 4, 3)):
+    for workers, slots, seed in ((4, 1, 1), (16, 4, 3), (64, 1, 5)):
         assert trace(searched(search, workers=workers, slots=slots, seed=seed).state) == trace(
             alone.state
         )
@@ -47,6 +67,84 @@ def test_crews_of_any_size_leave_the_same_trace(search: dict) -> None:
     assert record is not None
     assert record.ended
     assert len(record.answers) == len(record.u) > 1
+    chains = search.get("chains", 1)
+    assert record.chains[:chains] == list(range(chains))
+    assert record.answers[-1].cases == sum(record.sizes) <= search["budget"]["cases"]
+
+
+def test_a_generation_of_another_chain_is_worked_on_while_one_waits() -> None:
+    """The slowest case of a chain holds back its own generations, and those that come after."""
+    bench = Bench()
+    bench.ask(submission(section(chains=3, budget={"cases": 60, "generation": 4})))
+    bench.ask(hello(slots=64))
+    slow, *others = bench.lease(k=12)
+    assert slow.case.id == "g0000-0000"
+    bench.next(k=0, results=[measured(lease, plane) for lease in others], held=[slow.token])
+    record = bench.state.campaigns["searched"].search
+    assert record is not None
+    assert (len(record.results), record.open) == (0, 3)
+    reply = bench.next(k=64, results=[measured(slow, plane)])
+    assert (len(record.results), record.open) == (3, 3)
+    assert [record.chains[3:], record.sizes[3:]] == [[0, 1, 2], [4, 4, 4]]
+    assert [lease.case.id for lease in reply.leases[::4]] == [
+        "g0003-0000",
+        "g0004-0000",
+        "g0005-0000",
+    ]
+
+
+def test_what_is_under_way_when_a_search_ends_counts() -> None:
+    """Where it ends is decided by the generations before, not by which cases were first."""
+    search = section(chains=4, budget={"cases": 4000, "generation": 25, "half_width": 0.04})
+    one, many = searched(search), searched(search, workers=32, slots=2, seed=4)
+    assert trace(one.state) == trace(many.state)
+    record = one.state.campaigns["searched"].search
+    assert record is not None
+    assert record.ended == "the interval asked for is reached"
+    last = record.reasons.index(record.ended)
+    assert len(record.results) == last + 4
+    assert record.answers[-1].cases == record.answers[last].cases + 75
+    whole = searched(section(chains=1, budget={"cases": 4000, "generation": 25}))
+    first = whole.state.campaigns["searched"].search
+    assert first is not None
+    assert first.u[0] == record.u[0]
+    assert record.u[1] not in first.u
+
+
+def test_a_chain_that_ends_leaves_the_others_alone() -> None:
+    """Subset simulation without an interval is one run, and runs have different lengths."""
+    rare = {"kpi": KPI, "fails_below": -1.0}
+    search = section("subset", chains=3, budget={"cases": 900}, options=SUBSET, objective=rare)
+    record = searched(search).state.campaigns["searched"].search
+    assert record is not None
+    assert record.ended == "the sampler has its answer"
+    counts = [record.chains.count(chain) for chain in range(3)]
+    assert len(set(counts)) > 1
+    answer = record.answers[-1]
+    assert answer.method.startswith("mean of 3 chains, ")
+    assert answer.probability is not None
+    assert record.answers[min(counts)].probability is None
+
+
+def test_a_case_that_is_retried_after_the_end_goes_on_in_all_chains() -> None:
+    search = section(chains=3, budget={"cases": 36, "generation": 4})
+    whole = trace(searched(search).state)
+    bench = Bench()
+    bench.ask(submission(search))
+    bench.ask(hello(slots=64))
+    one, *others = bench.lease(k=12)
+    bench.control("cancel", campaign="searched", case=one.case.id)
+    record = bench.state.campaigns["searched"].search
+    assert record is not None
+    bench.next(k=0, results=[measured(lease, plane) for lease in others])
+    assert record.ended == "a case of its latest generation was cancelled"
+    assert (len(record.results), bench.state.left, bench.state.searches) == (3, 0, {})
+    bench.control("retry", campaign="searched", case=others[-1].case.id)
+    assert record.open == 0, "it has an outcome"
+    bench.control("retry", campaign="searched", case=one.case.id)
+    assert (record.open, record.ended) == (3, "")
+    Crew(bench, 2, 3, 1).work()
+    assert trace(bench.state) == whole
 
 
 def test_results_in_the_order_of_arrival_would_be_noticed(
@@ -79,8 +177,11 @@ def test_results_in_the_order_of_arrival_would_be_noticed(
     assert trace(searched(search, workers=4, slots=3, seed=2).state) != one
 
 
-def test_a_restart_at_any_moment_changes_nothing() -> None:
-    search = section("cma_es", objective={"kpi": KPI, "goal": "least"})
+@pytest.mark.parametrize("chains", [1, 2])
+def test_a_restart_at_any_moment_changes_nothing(chains: int) -> None:
+    search = section(
+        "cma_es", chains=chains, budget={"cases": 60}, objective={"kpi": KPI, "goal": "least"}
+    )
     whole = trace(searched(search, workers=3, slots=2).state)
     bench = Bench()
     bench.ask(submission(search))
@@ -209,8 +310,9 @@ def test_a_search_without_its_first_generation_is_refused() -> None:
     assert "a search begins with one" in reply.error
 
 
-def test_the_campaign_file_gives_the_digest_and_every_case_by_name() -> None:
-    bench = searched(section())
+@pytest.mark.parametrize("chains", [1, 3])
+def test_the_campaign_file_gives_the_digest_and_every_case_by_name(chains: int) -> None:
+    bench = searched(section(chains=chains, budget={"cases": 90}))
     state = bench.state.campaigns["searched"]
     text = dump_yaml(msgspec.to_builtins(state.campaign))
     plan, mistakes = parse_plan(parse_yaml(text, "campaign.yaml"))
@@ -229,6 +331,27 @@ def test_the_campaign_file_gives_the_digest_and_every_case_by_name() -> None:
     assert not fresh.ask(Submit(v=V, campaign=content)).error
     assert fresh.state.campaigns["again"].search is None
     assert fresh.state.left == 1
+
+
+def test_the_folder_of_a_run_has_every_case_by_name(tmp_path: Path) -> None:
+    """Values lie beside the campaign file, which is small however many there are."""
+    bench = searched(section(chains=3, budget={"cases": 90}), out=str(tmp_path))
+    state = bench.state.campaigns["searched"]
+    folders = Folders(tmp_path)
+    folders.record(state)
+    folders.flush()
+    assert len((tmp_path / FILE_NAME).read_text().splitlines()) == 9
+    assert "proposed:\n    generations: 9\n" in (tmp_path / "campaign.yaml").read_text()
+    plan = read_plan(tmp_path / "campaign.yaml")
+    assert campaign_digest(plan.campaign, plan.cases) == state.digest
+    assert plan.cases == [case.case for case in state.ordered]
+    alone = plan.only("g0007-0003")
+    assert alone is not None
+    assert alone.campaign.search is not UNSET
+    assert [len(rows) > 0 for rows in alone.campaign.search.proposed] == [i == 7 for i in range(9)]
+    again, mistakes = parse_plan(msgspec.to_builtins(alone.campaign))
+    assert again is not None, mistakes
+    assert case_digest(again.cases[0]) == case_digest(state.cases["g0007-0003"].case)
 
 
 def test_a_file_with_many_generations_does_not_begin_a_search() -> None:

@@ -185,6 +185,9 @@ def test_a_good_one_has_no_mistake() -> None:
             "objective.goal: sampler boundary gives a boundary; say fails_below or fails_above",
         ),
         (section("annealing"), "sampler: no 'annealing'; there: monte_carlo"),
+        (section(proposed=["[[1"]), "search.proposed[0]: no rows of values: "),
+        (section(chains=0), "search.chains: given 0, allowed: a whole number >= 1"),
+        (section(chains=65), "search.chains: given 65, allowed: a whole number"),
         (section("subset", options={"level": 1}), "options.level: given 1, allowed"),
         (section("subset", options={"levels": 50}), "options.levels: unknown key"),
         (

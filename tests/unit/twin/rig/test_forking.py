@@ -132,24 +132,33 @@ def test_margins_count_towards_the_limit() -> None:
     assert np.isnan(Fork(case="a").margin_of(float("nan")))
 
 
-def _to_the_end(engine: Engine, slot: int, ticks: int) -> Finished:
+def _to_the_end(engine: Engine, slot: int, ticks: int, brake: int = 15) -> Finished:
     """Drive on, and brake in the end."""
     for _ in range(ticks):
         engine.sense()
-        commands = [_command(engine, s) if engine.active[s] else None for s in range(engine.slots)]
+        commands = [
+            _command(engine, s, brake) if engine.active[s] else None for s in range(engine.slots)
+        ]
         for finished in engine.step(commands):
             if finished.slot == slot:
                 return finished
     raise AssertionError("the case does not end")
 
 
-def _command(engine: Engine, slot: int) -> Command:
+def _command(engine: Engine, slot: int, brake: int = 15) -> Command:
     tick = int(engine.tick[slot])
     detected = [Detection("car", 0.5, 1.0, 2.0, 3.0, 4.0)] if tick % 3 == 0 else []
     lights = Lights(low=tick % 4 == 0, indicators=1)
-    pedals = (0.0, 0.7) if tick > 15 else (0.4, 0.0)
+    pedals = (0.0, 0.7) if tick > brake else (0.4, 0.0)
     return Command(
-        slot, 0, tick, *pedals, 0.01 * (tick % 3), aeb=tick > 15, lights=lights, detections=detected
+        slot,
+        0,
+        tick,
+        *pedals,
+        0.01 * (tick % 3),
+        aeb=tick > brake,
+        lights=lights,
+        detections=detected,
     )
 
 
@@ -239,6 +248,50 @@ def test_the_way_along_a_lane_is_saved() -> None:
     engine.saver().restore(1, saved)
     assert _bytes(_to_the_end(engine, 1, 80)) == _bytes(straight)
     engine.close()
+
+
+def _storyboard_case(storyboard: str, **scenario: object) -> Case:
+    data = {
+        "campaign": "test",
+        "seed": 4,
+        "control_hz": 20,
+        "render": False,
+        "sensors": {"imu": {"hz": 20}, "radar": {"hz": 20}},
+        "scenario": {
+            "type": "storyboard",
+            "storyboard": storyboard,
+            "scene": "motorway",
+            "numbers": {"end.after_s": 9.0},
+            **scenario,
+        },
+        "autonomy": {"stack": "devkit.idle:IdleStack"},
+        "matrix": {"weather": ["heavy_rain"]},
+    }
+    campaign, mistakes = parse_campaign(data)
+    assert campaign is not None, mistakes
+    return changed(expand(campaign)[0], id=storyboard)
+
+
+@pytest.mark.parametrize("driver", ["stack", "robot"])
+def test_a_scenario_and_its_bodies_are_saved(driver: str) -> None:
+    case, other = (_storyboard_case(name, driver=driver) for name in ("cut-in", "cut-out"))
+    engine, elsewhere = Engine(case, 1), Engine(other, 2)
+    for ticks in (14, 60):
+        engine.reset(0, case)
+        for _ in range(ticks):
+            engine.sense()
+            assert not engine.step([_command(engine, 0, 150)])
+        saved = engine.saver().save(0)
+        here = _read(engine, 0, 5)
+        straight = _to_the_end(engine, 0, 400, 150)
+        elsewhere.reset(0, other)
+        elsewhere.saver().restore(1, saved)
+        assert _read(elsewhere, 1, 5) == here
+        assert _bytes(_to_the_end(elsewhere, 1, 400, 150)) == _bytes(straight)
+        elsewhere.clear(0)
+    assert straight.scalars["events_started"]
+    engine.close()
+    elsewhere.close()
 
 
 def test_what_is_no_fork_of_a_saved_case_is_refused_in_a_line(engine: Engine) -> None:

@@ -57,6 +57,16 @@ class SlotLamps:
         self._since[slot] = 0
         self._on_s[slot] = self._period_s[slot] = 1.0
 
+    def save(self, slot: int) -> dict[str, np.ndarray]:
+        """When the lamps of a slot began to flash, copied."""
+        names = ("_since", "_on_s", "_period_s")
+        return {name: getattr(self, name)[slot].copy() for name in names}
+
+    def restore(self, slot: int, saved: dict[str, np.ndarray]) -> None:
+        """Go on with that."""
+        for name, values in saved.items():
+            getattr(self, name)[slot] = values
+
     def switch(self, slot: int, row: int, action: LightAction, step: int) -> None:
         """A body's lamp does what an action says from a step on."""
         at = slot, row, action.light

@@ -64,6 +64,15 @@ _POSE = [
 _LED = (Real.X, Real.Y, Real.Z, Real.HEADING, Real.PITCH, Real.ROLL, Real.SPEED)
 
 
+_ROWS = ("_way_m", "_yaw_rate", "_steps", "_signal_lamps", "_running", "_full")
+"""Arrays of :class:`StoryboardMotion` [S, ...]."""
+_REMEMBERED = (
+    *("seen", "events_started", "event_last", "event_last_s"),
+    *("limits", "led_pose", "intervention", "intervention_step", "environment"),
+)
+"""What :class:`_SlotCase` remembers from step to step; none of it is changed in place."""
+
+
 class StoryboardMotion:
     """Bodies of all slots, see :class:`twin.scenario.case_motion.CaseMotion`."""
 
@@ -174,6 +183,32 @@ class StoryboardMotion:
     def hold(self, slot: int, *, held: bool) -> None:
         """A slot stands still, or goes on as it was."""
         self._player.hold(slot, held=held)
+
+    def save(self, slot: int) -> dict[str, Any]:
+        """The storyboard of a slot, its bodies, and what was seen of them.
+
+        Raises:
+            ValueError: an intervention has moved a body; one line.
+        """
+        if self._moved.rows(slot):
+            raise ValueError("bodies that an intervention has moved cannot be saved")
+        run = self._run(slot)
+        return {
+            "player": self._player.save(slot),
+            "lamps": self._lamps.save(slot),
+            "rows": {name: getattr(self, name)[slot].copy() for name in _ROWS},
+            "case": {name: getattr(run, name) for name in _REMEMBERED},
+        }
+
+    def restore(self, slot: int, saved: dict[str, Any]) -> None:
+        """Go on with a storyboard that has just begun in a slot."""
+        self._player.restore(slot, saved["player"])
+        self._lamps.restore(slot, saved["lamps"])
+        for name, values in saved["rows"].items():
+            getattr(self, name)[slot] = values
+        for name, value in saved["case"].items():
+            setattr(self._run(slot), name, value)
+        self._stale = True
 
     def step(self, state: np.ndarray, active: np.ndarray) -> None:
         """One step: the storyboards see the egos at its beginning."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,6 +24,7 @@ from twin.scenario.storyboard.player.storyboard_player import StoryboardPlayer
 from twin.scenario.storyboard.player.tables import pack_programs
 from twin.scenario.storyboard.program.conditions import ElementState
 from twin.scenario.storyboard.program.program import Program
+from twin.world.mirror import put_row, row_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,6 +95,28 @@ class RigPlayer(StoryboardPlayer):
         else:
             self._set_running(slot, int(self._held[slot]))
             self._held[slot] = -1
+
+    def save(self, slot: int) -> dict[str, np.ndarray]:
+        """What the program of a slot has come to, copied."""
+        return {f"{struct}.{name}": row_of(array, slot) for struct, name, array in self._arrays()}
+
+    def restore(self, slot: int, saved: dict[str, np.ndarray]) -> None:
+        """Go on with that, in a slot in which the same program has just begun. Tables may have
+        room for other programs, and the program another index."""
+        for struct, name, array in self._arrays():
+            row, values = row_of(array, slot), saved[f"{struct}.{name}"]
+            both = tuple(slice(min(sizes)) for sizes in zip(row.shape, values.shape, strict=True))
+            index = row[0, SlotColumn.PROGRAM] if name == "slots" else 0
+            row[both] = values[both]
+            if name == "slots":
+                row[0, SlotColumn.PROGRAM] = index
+            put_row(array, slot, row)
+
+    def _arrays(self) -> Iterator[tuple[str, str, Any]]:
+        """Everything that changes while a slot runs."""
+        for struct, values in ((PlayArrays, self._play), (BodyArrays, self.bodies)):
+            for name in struct.__annotations__:
+                yield struct.__name__, name, getattr(values, name)
 
     def impose_egos(self, poses: np.ndarray, led: np.ndarray) -> None:
         """Say where the egos of all slots are: x, y, z [m], heading, pitch, roll [rad] and speed
