@@ -2,8 +2,8 @@
 
 Two matrices A and B of independent points, and for every parameter A with that column of B:
 d + 2 cases for each row (Saltelli et al., Computer Physics Communications 181, 2010). Each
-generation has a block of a power of two rows, the points of a Sobol sequence that is scrambled anew:
-of one long sequence the resamples' intervals covered weak parameters in 89 of 100 seeds.
+generation has a block of a power of two rows, the points of a Sobol sequence that is scrambled
+anew: of one long sequence the resamples' intervals covered weak parameters in 89 of 100 seeds.
 """
 
 from __future__ import annotations
