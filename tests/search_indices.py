@@ -1,6 +1,6 @@
 """How often the intervals of sensitivity indices cover the truth, on Ishigami's function.
 
-``PYTHONPATH=tests python tests/search_indices.py [--seeds 100]`` prints a line per sampler: for how
+``PYTHONPATH=tests python tests/search_indices.py [--seeds 200]`` prints a line per sampler: for how
 many seeds the 95 % intervals of each parameter cover, of first and of total order.
 """
 
@@ -60,7 +60,7 @@ def line(sampler: str, cases: int, generation: int, seeds: int) -> str:
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seeds", type=int, default=100)
+    parser.add_argument("--seeds", type=int, default=200)
     given = parser.parse_args()
     for sampler, cases, generation in SEARCHES:
         print(line(sampler, cases, generation, given.seeds), flush=True)

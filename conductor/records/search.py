@@ -23,7 +23,7 @@ from schemas.files.search_result import (
     SearchIndices,
 )
 from schemas.kinds.sampler import sampler_kinds
-from schemas.sections.search import Search, name_of, rows_of
+from schemas.sections.search import Search, Value, name_of, rows_of
 from twin.base.errors import InfrastructureError, UsageError
 
 SEARCH_BYTES_MAX = 256 << 20
@@ -73,7 +73,8 @@ def search_file(campaign: CampaignState) -> SearchFile:
                 chain=record.chains[number],
             )
         )
-    further = _further(search, campaign)
+    values = [row for generation in generations if generation.results for row in generation.values]
+    further = _further(search, campaign, values)
     return SearchFile(
         campaign=campaign.campaign.campaign,
         sampler=search.sampler,
@@ -115,7 +116,8 @@ class _Further(NamedTuple):
     coverage: SearchCoverage | None = None
 
 
-def _further(search: Search, campaign: CampaignState) -> _Further:
+def _further(search: Search, campaign: CampaignState, values: list[list[Value]]) -> _Further:
+    """``values``: those of the cases of closed generations."""
     record = campaign.search
     assert record is not None
     if not record.ended or not record.results or not search.parameters:
@@ -126,7 +128,7 @@ def _further(search: Search, campaign: CampaignState) -> _Further:
     from conductor.search.answers.indices import search_indices
     from conductor.search.driver import Closed
 
-    rows = case_rows(search, Closed(record.u[: len(record.results)], record.results))
+    rows = case_rows(search, Closed(record.u[: len(record.results)], record.results), values)
     name, seed = campaign.campaign.campaign, campaign.campaign.seed
     indices = search_indices(search, name, seed, rows)
     return _Further(indices, failure_map(search, rows, indices), search_coverage(search, rows))

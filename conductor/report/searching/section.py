@@ -17,7 +17,13 @@ from conductor.report.searching.indices_figure import indices_figure, ranked
 from conductor.report.searching.looks import FAILED, HELD, LIMIT
 from conductor.report.searching.map_figure import map_figure
 from conductor.search.answers.coverage import POSSIBLE_MIN
-from schemas.files.search_result import FILE_NAME, SearchCluster, SearchCoverage, SearchFile
+from schemas.files.search_result import (
+    FILE_NAME,
+    SearchAnswer,
+    SearchCluster,
+    SearchCoverage,
+    SearchFile,
+)
 from schemas.kinds.kpi import scalars_by_name
 from schemas.sections.search import Value
 from schemas.words import counted
@@ -59,6 +65,8 @@ class SearchShown:
     """What is known, in a sentence without its stop; empty: nothing yet."""
     method: str
     """How it was obtained."""
+    interval: bool
+    """Whether a probability is drawn."""
     left_out: int
     """Clusters that are not shown."""
     indices: str
@@ -95,6 +103,7 @@ def search_shown(file: SearchFile | None) -> SearchShown | None:
         clusters=_clusters(file)[:CLUSTERS_MAX],
         answer=_capital(answer.line()) if answer else "",
         method=_capital(answer.method) if answer else "",
+        interval=bool(_known(file)),
         left_out=max(0, len(file.clusters) - CLUSTERS_MAX),
         indices=_indices_text(file),
     )
@@ -181,18 +190,20 @@ def search_figure(file: SearchFile | None) -> dict[str, Any] | None:
     generation; None: there is nothing to draw."""
     if file is None or not any(generation.results for generation in file.generations):
         return None
-    figure = make_subplots(rows=2, cols=1, vertical_spacing=0.16)
+    known = _known(file)
+    figure = make_subplots(rows=2 if known else 1, cols=1, vertical_spacing=0.16)
     _cases(figure, file)
-    _answers(figure, file)
     kind = scalars_by_name().get(file.kpi)
     unit = f" [{kind.unit}]" if kind is not None and kind.unit else ""
     figure.update_xaxes(title={"text": "Case, in the order of proposals"}, row=1, col=1)
     figure.update_yaxes(title={"text": f"{file.kpi}{unit}"}, row=1, col=1)
-    figure.update_xaxes(title={"text": "Cases of closed generations"}, row=2, col=1)
-    figure.update_yaxes(title={"text": "Probability of failure"}, row=2, col=1)
+    if known:
+        _answers(figure, known)
+        figure.update_xaxes(title={"text": "Cases of closed generations"}, row=2, col=1)
+        figure.update_yaxes(title={"text": "Probability of failure"}, row=2, col=1)
     figure.update_layout(
         template=go.layout.Template(),
-        height=_HEIGHT_PX,
+        height=_HEIGHT_PX if known else _HEIGHT_PX * 0.6,
         margin={"l": 64, "r": 12, "t": 16, "b": 48},
         hovermode="closest",
         showlegend=False,
@@ -231,9 +242,13 @@ def _cases(figure: go.Figure, file: SearchFile) -> None:
         )
 
 
-def _answers(figure: go.Figure, file: SearchFile) -> None:
+def _known(file: SearchFile) -> list[SearchAnswer]:
+    """Answers with a probability; an extreme and a boundary have none."""
     answers = [generation.answer for generation in file.generations]
-    known = [answer for answer in answers if answer and answer.probability is not None]
+    return [answer for answer in answers if answer and answer.probability is not None]
+
+
+def _answers(figure: go.Figure, known: list[SearchAnswer]) -> None:
     middle = [answer.probability or 0.0 for answer in known]
     figure.add_scatter(
         x=[answer.cases for answer in known],

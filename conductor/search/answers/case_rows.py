@@ -34,8 +34,19 @@ class SearchRows:
         return [row[place] for row in self.values]
 
 
-def case_rows(search: Search, closed: Closed) -> SearchRows:
-    """The rows of a search; at least one generation has closed."""
+def case_rows(
+    search: Search, closed: Closed, values: list[list[Value]] | None = None
+) -> SearchRows:
+    """The rows of a search; at least one generation has closed.
+
+    Args:
+        search: the section.
+        closed: its closed generations.
+        values: of the parameters of all their cases, where somebody has them; else they are
+            computed again.
+    """
     history = closed_history(search, closed)
     u = np.concatenate(history.u)
-    return SearchRows(values_of(search, u), u, np.concatenate(history.g))
+    if values is None:
+        values = values_of(search, u)
+    return SearchRows(values, u, np.concatenate(history.g))

@@ -25,11 +25,13 @@ from schemas.sections.search import Search, Value
 
 RESAMPLES = 999
 """Resamples of the design's rows, of whose indices an interval is the middle 95 %."""
+TOGETHER = 37
+"""Resamples at a time: all of them would take a quarter of a gigabyte."""
 ROWS_MIN = 16
 """Fewest rows of a design."""
 CASES_MIN = 100
 """Fewest cases that give an estimate without a design."""
-CLASS_CASES, CLASSES_MAX = 25, 20
+CLASS_CASES, CLASSES_MAX = 25, 50
 """Cases of a class, about, and most classes of a parameter."""
 EACH_MIN = 10
 """Fewest cases that fail, and that hold, for indices of failures."""
@@ -73,13 +75,13 @@ def _of_design(
     if blocks * block < ROWS_MIN:
         return None
     count = blocks * block
-    counts = stream.multinomial(count, np.full(count, 1.0 / count), RESAMPLES).astype(np.float64)
+    key = int(stream.integers(2**63))
     failed = rows.failed.astype(np.float64)
 
     def indices(y: Array) -> list[SensitivityIndex]:
         # [A, B, A with columns of B][rows]
         parts = y[: count * (dimension + 2)].reshape(blocks, dimension + 2, block)
-        return _sobol(list(search.parameters), parts.swapaxes(0, 1).reshape(-1, count), counts)
+        return _sobol(list(search.parameters), parts.swapaxes(0, 1).reshape(-1, count), key)
 
     independent = failed[: count * (dimension + 2)].reshape(blocks, dimension + 2, block)[:, :2]
     hits = np.count_nonzero(independent)
@@ -93,16 +95,14 @@ def _of_design(
     )
 
 
-def _sobol(names: list[str], parts: Array, counts: Array) -> list[SensitivityIndex]:
-    """Indices of one value [A, B, A with columns of B][rows]; ``counts`` [resamples, rows] says how
-    often a row is in each resample."""
+def _sobol(names: list[str], parts: Array, key: int) -> list[SensitivityIndex]:
+    """Indices of one value [A, B, A with columns of B][rows]; ``key`` draws the resamples of its
+    rows, the same for every value."""
     y = parts - np.mean(parts[:2])
     a, b, mixed = y[0], y[1], y[2:]
     moments = np.stack([a, b, a * a, b * b])
     terms = np.concatenate([moments, b * (mixed - a), 0.5 * (a - mixed) ** 2])
-    once = np.ones((1, len(a)))
-    # Not a product of matrices, whose sums go over threads.
-    sums = np.einsum("rn,kn->rk", np.concatenate([once, counts]), terms) / len(a)
+    sums = _resampled(terms, key) / len(a)
     variance = (sums[:, 2] + sums[:, 3]) / 2 - ((sums[:, 0] + sums[:, 1]) / 2) ** 2
     if variance[0] <= 0:
         return []
@@ -121,6 +121,18 @@ def _sobol(names: list[str], parts: Array, counts: Array) -> list[SensitivityInd
         )
         for i, name in enumerate(names)
     ]
+
+
+def _resampled(terms: Array, key: int) -> Array:
+    """Sums of terms [terms, rows] over all rows, and over each resample [1 + resamples, terms]."""
+    stream, count = np.random.default_rng(key), terms.shape[1]
+    sums = [np.sum(terms, axis=1)[None, :]]
+    for begin in range(0, RESAMPLES, TOGETHER):
+        resamples = min(TOGETHER, RESAMPLES - begin)
+        counts = stream.multinomial(count, np.full(count, 1.0 / count), resamples)
+        # Not a product of matrices, whose sums go over threads.
+        sums.append(np.einsum("rn,kn->rk", counts.astype(np.float64), terms))
+    return np.concatenate(sums)
 
 
 def _of_classes(search: Search, rows: SearchRows, y: Array) -> list[SensitivityIndex]:

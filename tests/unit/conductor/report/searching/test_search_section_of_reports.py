@@ -171,3 +171,17 @@ def test_a_formula_is_told(found: SearchFile) -> None:
     shown = search_shown(msgspec.structs.replace(found, formula=formula, kpi="robustness"))
     assert shown is not None
     assert shown.title == f"A case fails if it breaks: {formula}."
+
+
+def test_an_extreme_has_no_plot_of_a_probability() -> None:
+    search = section(
+        "cma_es", objective={"kpi": KPI, "goal": "least"}, budget={"cases": 12, "generation": 6}
+    )
+    found = msgspec.json.decode(trace(searched(search).state), type=SearchFile)
+    figure = search_figure(found)
+    assert figure is not None
+    assert len(figure["data"]) == 1
+    assert "yaxis2" not in figure["layout"]
+    shown = search_shown(found)
+    assert shown is not None
+    assert not shown.interval
