@@ -169,6 +169,8 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=100)
     parser.add_argument("--device", default="cpu")
     parser.add_argument("--truth", action="store_true", help="the truth alone")
+    parser.add_argument("--cases", type=int, default=SETTINGS.cases)
+    parser.add_argument("--generation", type=int, default=SETTINGS.generation)
     given = parser.parse_args()
     wp.config.quiet = True
     road = BrakingRoad(given.device)
@@ -180,14 +182,15 @@ def main() -> None:
     )
     if given.truth:
         return
-    found = run(road, SETTINGS, range(given.seeds))
+    settings = SETTINGS._replace(cases=given.cases, generation=given.generation)
+    found = run(road, settings, range(given.seeds))
     estimates = [answer.estimate for answer in found]
     told = [e for e in estimates if e.low is not None and e.high is not None]
     covers = sum((e.low or 0.0) <= right.probability <= (e.high or 1.0) for e in told)
     ratio = np.array([e.probability for e in told], np.float64) / right.probability
     none = given.seeds - len(told)
     print(
-        f"{SETTINGS.sampler}: covers {covers} of {given.seeds}, no interval {none}, "
+        f"{settings.sampler}: covers {covers} of {given.seeds}, no interval {none}, "
         f"mean {np.mean(ratio):.3f}, relative error {np.sqrt(np.mean((ratio - 1) ** 2)):.3f}, "
         f"cases {np.mean([answer.cases for answer in found]):.0f}"
     )

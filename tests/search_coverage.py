@@ -98,6 +98,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=1000)
     parser.add_argument("--only", default="", help="name of a sampler")
     parser.add_argument("--table", default="", help="fixed, stopped or gains")
+    parser.add_argument("--form", default="", help="how the name of a limit state begins")
     given = parser.parse_args()
     first = "limit state, parameters | sampler"
     wide = f"| {first} | covers | above | below | none | mean | error | half | cases | gain |"
@@ -113,7 +114,8 @@ def main() -> None:
                 f"\n{name}, seeds 0 to {seeds - 1}\n\n{heads}\n|{'---|' * (heads.count('|') - 1)}"
             )
             for form, settings in rows:
-                if given.only in ("", settings.sampler):
+                asked = given.only in ("", settings.sampler)
+                if asked and form.name.startswith(given.form):
                     print(line(form, settings, seeds), flush=True)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import subprocess
 import sys
 from pathlib import Path
 from typing import Any
@@ -227,33 +228,34 @@ search:
 LATENCY = "{autonomy.latency_ms: {distribution: integers, low: 0, high: 400}}"
 
 
-def _validated(path: Path, parameter: str) -> str:
-    path.write_text(FILE.replace("{PARAMETER}", parameter))
+WITHOUT = """
+import sys
+
+sys.modules[sys.argv[1]] = None
+from conductor.cli import main
+
+sys.argv = ["conductor", "validate", sys.argv[2]]
+main()
+"""
+
+
+def test_a_parameter_that_no_case_uses_is_told(tmp_path: Path) -> None:
+    path = tmp_path / "rain.yaml"
+    nobody = "{objects.nobody.start_s: {distribution: normal, mean: 0, sd: 1}}"
+    path.write_text(FILE.replace("{PARAMETER}", nobody))
     with pytest.raises(UsageError) as told:
         load(str(path))
+    assert "objects.nobody: the scene has no object of this name; allowed: " in str(told.value)
     assert "\n" not in str(told.value)
-    return str(told.value)
-
-
-def test_a_parameter_that_no_case_uses_is_told(
-    tmp_path: Path,
-) -> None:
-    nobody = "{objects.nobody.start_s: {distribution: normal, mean: 0, sd: 1}}"
-    told = _validated(tmp_path / "rain.yaml", nobody)
-    assert "objects.nobody: the scene has no object of this name; allowed: " in told
 
 
 @pytest.mark.parametrize("library", ["scipy", "threadpoolctl"])
-def test_a_library_that_is_missing_is_told(
-    library: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    for name in list(sys.modules):
-        if name.startswith("conductor.search"):
-            monkeypatch.delitem(sys.modules, name)
-    monkeypatch.setitem(sys.modules, library, None)
-    monkeypatch.setitem(sys.modules, f"{library}.special", None)
-    told = _validated(tmp_path / "rain.yaml", LATENCY)
-    assert "search: a search needs further libraries" in told
-    assert "pip install 'drivetwin[search]'" in told
+def test_a_library_that_is_missing_is_told(library: str, tmp_path: Path) -> None:
+    path = tmp_path / "rain.yaml"
+    path.write_text(FILE.replace("{PARAMETER}", LATENCY))
+    command = [sys.executable, "-c", WITHOUT, library, str(path)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 2, done.stderr
+    assert "search: a search needs further libraries" in done.stderr
+    assert "pip install 'drivetwin[search]'" in done.stderr
+    assert done.stderr.count("\n") == 1, done.stderr

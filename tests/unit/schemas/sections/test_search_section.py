@@ -175,7 +175,7 @@ def test_a_good_one_has_no_mistake() -> None:
         ),
         (
             _traced(
-                parameters={ONE: UNIFORM, NAMES[1]: {"distribution": "choices", "values": [0]}}
+                parameters={ONE: UNIFORM, NAMES[1]: {"distribution": "choices", "values": [0, 1]}}
             ),
             f"options.y: '{NAMES[1]}' has choices, which have no order",
         ),
