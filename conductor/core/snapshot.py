@@ -11,10 +11,10 @@ from collections import Counter
 from typing import Any
 
 import msgspec
-from msgspec import UNSET, Struct
+from msgspec import Struct
 
 from conductor.core.backlog import Backlog
-from conductor.core.case_table import CaseTable, pack, unpack
+from conductor.core.case_table import pack
 from conductor.core.facts import (
     Charge,
     Image,
@@ -23,6 +23,12 @@ from conductor.core.facts import (
     SteeredAttempt,
     Submitted,
     WorkerJoined,
+)
+from conductor.core.searching.images import (
+    begun_cases,
+    is_proposed,
+    proposed_images,
+    restore_proposed,
 )
 from conductor.core.state import (
     IMAGE_CASES,
@@ -33,7 +39,6 @@ from conductor.core.state import (
     State,
     WorkerState,
 )
-from schemas.identity import rig_key
 
 
 class _Head(Struct, frozen=True):
@@ -103,13 +108,6 @@ class _Cases(Struct, frozen=True):
     rows: list[_CaseRow]
 
 
-class _Proposed(Struct, frozen=True):
-    """Cases that a search has proposed since it began."""
-
-    campaign: str
-    cases: CaseTable
-
-
 _encode = msgspec.msgpack.Encoder().encode
 HEAD = "0"
 """Key of the head; keys sort in the order in which images are restored."""
@@ -123,7 +121,7 @@ def take(state: State) -> Snapshot:
         if brought is not None:
             images.append(Image(f"1/{campaign.order:06d}", _encode(brought)))
         if campaign.grown:
-            images += _proposed(campaign)
+            images += proposed_images(campaign)
     for name, chunk in sorted(state.dirty):
         first = chunk * IMAGE_CASES
         cases = state.campaigns[name].ordered[first : first + IMAGE_CASES]
@@ -132,32 +130,12 @@ def take(state: State) -> Snapshot:
     return Snapshot(images=images)
 
 
-def _proposed(campaign: CampaignState) -> list[Image]:
-    """Images of the cases of later generations; those that are full are taken once."""
-    begun, images = _begun_cases(campaign), []
-    full = max(0, campaign.imaged - begun) // IMAGE_CASES
-    for number in range(full, -(-(len(campaign.ordered) - begun) // IMAGE_CASES)):
-        first = begun + number * IMAGE_CASES
-        cases = [case.case for case in campaign.ordered[first : first + IMAGE_CASES]]
-        content = _Proposed(campaign.campaign.campaign, pack(cases))
-        images.append(Image(f"1/{campaign.order:06d}/{number:06d}", _encode(content)))
-    return images
-
-
-def _begun_cases(campaign: CampaignState) -> int:
-    """Number of cases that came with a campaign."""
-    record, search = campaign.search, campaign.campaign.search
-    if record is None or search is UNSET:
-        return len(campaign.ordered)
-    return sum(record.sizes[: search.chains])
-
-
 def submitted_again(campaign: CampaignState) -> Submitted:
     """The fact that would bring a campaign as it is now, for the next snapshot; of a search, with
     the cases with which it began."""
     return Submitted(
         campaign=msgspec.to_builtins(campaign.campaign),
-        cases=pack([case.case for case in campaign.ordered[: _begun_cases(campaign)]]),
+        cases=pack([case.case for case in campaign.ordered[: begun_cases(campaign)]]),
         digest=campaign.digest,
         digests=campaign.digests,
         out=campaign.out,
@@ -176,8 +154,8 @@ def restore(state: State, snapshot: Snapshot, submit: Any) -> None:
     for image in sorted(snapshot.images, key=lambda image: image.key):
         if image.key == HEAD:
             head = msgspec.msgpack.decode(image.data, type=_Head)
-        elif image.key.startswith("1/") and image.key.count("/") > 1:
-            _restore_proposed(state, msgspec.msgpack.decode(image.data, type=_Proposed))
+        elif is_proposed(image):
+            restore_proposed(state, image)
         elif image.key.startswith("1/"):
             submit(state, msgspec.msgpack.decode(image.data, type=Submitted))
         else:
@@ -253,12 +231,6 @@ def _restore_cases(state: State, image: _Cases) -> None:
         # Rows from before these numbers were kept name every one.
         case.attempts = row.attempts or len(row.issued)
         case.lost_times = row.lost_times or len(row.lost)
-
-
-def _restore_proposed(state: State, part: _Proposed) -> None:
-    campaign, cases = state.campaigns[part.campaign], unpack(part.cases)
-    campaign.extend(cases, [rig_key(case) for case in cases])
-    campaign.imaged = len(campaign.ordered)
 
 
 def _issued(rows: tuple[Issued | int, ...]) -> tuple[Issued, ...]:

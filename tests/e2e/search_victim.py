@@ -32,12 +32,15 @@ SEARCH = section(
     budget={"cases": 300, "generation": 10},
 )
 """The search: each generation follows from those before of its chain."""
+AHEAD = 3
+"""Most requests that a process is ahead of the one that kills it."""
 REQUESTS = (5, 14)
 """Fewest and most requests of a process before it is killed; the first four begin its work."""
 
 
-def work(folder: Path, begun: Submit, seed: int, said: BinaryIO) -> None:
-    """Work until nothing is left, in whatever state the journal is; a byte per request."""
+def work(folder: Path, begun: Submit, seed: int, said: BinaryIO, allowed: BinaryIO | None) -> None:
+    """Work until nothing is left, in whatever state the journal is; a byte per request, for which
+    another must be there in ``allowed``."""
     numbers = random.Random(seed)
     journal = Journal(folder)
     config = Config(folder=str(folder), losses_min=1000)
@@ -45,6 +48,8 @@ def work(folder: Path, begun: Submit, seed: int, said: BinaryIO) -> None:
     engine = ConductorEngine(journal, config, now_ns)
 
     def ask(request: Request) -> Reply:
+        if allowed is not None:
+            allowed.read(1)
         said.write(b".")
         turn = engine.turn([IncomingRequest(encode(request), now_ns)])
         assert turn.replies[0] is not None
@@ -76,14 +81,20 @@ def victim(folder: Path, begun: Submit, seed: int, requests: int | None) -> int:
     """A process that is killed after ``requests`` (None: never); how it ended, as its parent sees
     it."""
     ear, mouth = os.pipe()
+    permits, permit = os.pipe()
+    os.write(permit, bytes((requests or 0) + AHEAD))
     child = os.fork()
     if not child:
         os.close(ear)
-        with os.fdopen(mouth, "wb", buffering=0) as said:
-            work(folder, begun, seed, said)
+        with (
+            os.fdopen(mouth, "wb", buffering=0) as said,
+            os.fdopen(permits, "rb", buffering=0) as allowed,
+        ):
+            work(folder, begun, seed, said, None if requests is None else allowed)
         os._exit(0)
     os.close(mouth)
-    with os.fdopen(ear, "rb", buffering=0) as heard:
+    os.close(permits)
+    with os.fdopen(ear, "rb", buffering=0) as heard, os.fdopen(permit, "wb", buffering=0):
         if requests is None:
             while heard.read(64):
                 pass

@@ -224,6 +224,7 @@ def test_proposals_are_on_disk_before_a_lease_and_are_read_back(
 def test_a_snapshot_holds_the_search(monkeypatch: pytest.MonkeyPatch, chains: int) -> None:
     """Cases that came later are in images of their own, and full ones are taken once."""
     monkeypatch.setattr("conductor.core.snapshot.IMAGE_CASES", 8)
+    monkeypatch.setattr("conductor.core.searching.images.IMAGE_CASES", 8)
     monkeypatch.setattr("conductor.core.fold.IMAGE_CASES", 8)
     bench = Unchecked()
     bench.ask(submission(section(chains=chains, budget={"cases": 240})))
