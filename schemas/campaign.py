@@ -16,7 +16,7 @@ from schemas.case import Clock
 from schemas.names import WEATHERS as WEATHERS
 from schemas.names import Name as Name
 from schemas.rulebook_rows import ROW_AXIS, rows_given, rulebook_mistakes
-from schemas.search_points import proposed_count, search_mistakes
+from schemas.searching.search_points import proposed_count, search_mistakes
 from schemas.sections.autonomy import Autonomy, driver_mistakes
 from schemas.sections.camera import Camera as Camera
 from schemas.sections.environment import Environment, environment_mistakes

@@ -16,7 +16,7 @@ from schemas.kinds.plugins import ForeignKind, foreign_kinds
 from schemas.kinds.scenario import kind_of
 from schemas.points import Point, points_of, probe_mistakes
 from schemas.rulebook_rows import axes_beyond, rows_called
-from schemas.search_points import lineage
+from schemas.searching.search_points import lineage
 from schemas.sections.autonomy import DELAYS, driver
 from schemas.sections.camera import Camera
 from schemas.sections.perception import file_fields

@@ -32,7 +32,7 @@ from schemas.rulebook_rows import (
     trial_of_point,
     with_file,
 )
-from schemas.search_points import probes, search_grid
+from schemas.searching.search_points import probes, search_grid
 from schemas.sections.autonomy import Autonomy
 from schemas.sections.camera import Camera
 from schemas.sections.environment import Environment

@@ -79,6 +79,9 @@ def _check(data: Any, info: inspect.Type, path: str) -> list[Mistake]:
                 break
             mistakes += _check(key, info.key_type, _join(path, str(key)))
             mistakes += _check(value, info.value_type, _join(path, str(key)))
+        for limit, word in ((info.min_length, "at least"), (info.max_length, "at most")):
+            if limit is not None and (len(data) - limit) * (1 if word == "at most" else -1) > 0:
+                mistakes.append(Mistake(path, f"given {len(data)} names, {word} {limit} allowed"))
         return mistakes
     if isinstance(info, inspect.ListType | inspect.VarTupleType):
         if not isinstance(data, list | tuple):
@@ -129,8 +132,9 @@ def _check_union(data: Any, info: inspect.UnionType, path: str) -> list[Mistake]
         return [Mistake(_join(path, name), f"given {_shown(choice)}, allowed: {kinds}")]
     if any(not _check(data, member, path) for member in members):
         return []
-    allowed = " or ".join(_allowed(member) for member in members)
-    return [Mistake(path, f"given {_shown(data)}, allowed: {allowed}")]
+    allowed = " or ".join(dict.fromkeys(_allowed(member) for member in members))
+    finite = "" if not isinstance(data, float) or math.isfinite(data) else ", finite"
+    return [Mistake(path, f"given {_shown(data)}, allowed: {allowed}{finite}")]
 
 
 def _check_struct(data: Any, info: inspect.StructType, path: str) -> list[Mistake]:
@@ -238,7 +242,9 @@ def suggest(given: str, allowed: list[str]) -> str:
 
 def _sentence(error: msgspec.ValidationError) -> str:
     """A ``__post_init__`` message without msgspec's position suffix."""
-    return str(error).split(" - at `")[0]
+    sentence = str(error).split(" - at `")[0]
+    before, _, key = sentence.partition("Object contains unknown field `")
+    return sentence if before or not key else f"unknown key '{key.rstrip('`')}'; there is none"
 
 
 def _join(path: str, key: str) -> str:

@@ -1,86 +1,122 @@
 """How often the intervals of samplers cover the truth, on closed forms.
 
-``PYTHONPATH=tests python tests/search_coverage.py [--seeds 1000] [--only importance]`` prints a
-table: of how many seeds the 95 % interval covers, of how many there was none, the mean of the
-estimates over the truth, their spread, cases, and how many times more of them Monte Carlo needs
-for the same error.
+``PYTHONPATH=tests python tests/search_coverage.py [--seeds 1000] [--only importance]`` prints three
+tables: searches of a fixed size, searches that their interval stops (the share of the probability
+is in the row), and the cases that a relative error of 10 % takes, against those of Monte Carlo.
+
+A row has: of how many seeds the 95 % interval covers, lies above the truth (``high``) and below it
+(``low``), of how many there was none; the mean of the estimates over the truth, their relative
+error, and half of the median interval over the estimate; cases; and how many times more of them
+Monte Carlo needs for the same error.
 """
 
 from __future__ import annotations
 
 import argparse
 import math
-from typing import Any, NamedTuple
+from collections.abc import Callable
 
 import numpy as np
-from search_bench import LimitState, four_branches, normal_section, solve, sphere, tilted
+from search_forms import Form, Settings, four_branches, plane, search, series, sphere
 
-
-class Problem(NamedTuple):
-    """A limit state with its known probability, and what it is solved with."""
-
-    name: str
-    form: LimitState
-    dimension: int
-    truth: float
-    sampler: str
-    budget: dict[str, Any]
-    options: dict[str, Any]
-
-
-def _many(cases: int, generation: int) -> dict[str, int]:
-    return {"cases": cases, "generation": generation}
-
-
-FORMS: tuple[tuple[str, LimitState, int, float], ...] = (
-    ("plane 1e-3, 2", tilted(3.090232), 2, 1e-3),
-    ("four branches", four_branches, 2, 0.0044636),
-    ("plane 1e-4, 10", tilted(3.719016), 10, 1e-4),
-    ("sphere 1e-4, 10", sphere(5.963234), 10, 1e-4),
-    ("plane 1e-5, 4", tilted(4.264891), 4, 1e-5),
-    ("plane 1e-6, 4", tilted(4.753424), 4, 1e-6),
+COMMON = plane(0.0668072, 2)
+RARE = (
+    plane(1e-3, 2),
+    four_branches(),
+    series(1e-4, 5),
+    plane(1e-4, 10),
+    sphere(1e-4, 10),
+    plane(1e-5, 4),
+    plane(1e-6, 4),
 )
-"""Name, limit state, parameters, probability of failure."""
+SPREAD = ("monte_carlo", "latin_hypercube", "sobol")
+LEVEL = {"level": 1000}
+ERROR = 0.1
+"""Relative error of the gains."""
 
-PROBLEMS = (
-    *(
-        Problem("plane 0.0668, 2", tilted(1.5), 2, 0.0668072, sampler, _many(1024, 64), {})
-        for sampler in ("monte_carlo", "latin_hypercube", "sobol")
-    ),
-    *(Problem(*form, "importance", _many(4000, 500), {}) for form in FORMS),
-    *(Problem(*form, "subset", _many(8000, 50), {"level": 1000}) for form in FORMS),
+Row = tuple[Form, Settings]
+FIXED: tuple[Row, ...] = (
+    *((COMMON, Settings(name, 1024, 64)) for name in SPREAD),
+    *((form, Settings("importance", 4000, 500)) for form in RARE),
+    *((form, Settings("subset", 10_000, 50, LEVEL)) for form in RARE),
+)
+STOPPED: tuple[Row, ...] = (
+    *((COMMON, Settings(name, 10_000, 64, relative=0.1)) for name in SPREAD),
+    *((form, Settings("importance", 10_000, 500, relative=0.1)) for form in RARE),
+    *((form, Settings("subset", 10_000, 50, LEVEL, relative=0.4)) for form in RARE[:5]),
+)
+GAINS: tuple[Row, ...] = tuple(
+    (form, Settings("importance", 10_000, 500, relative=1.96 * ERROR)) for form in RARE
 )
 
 
-def row(problem: Problem, seeds: int) -> str:
-    """One line of the table."""
-    section = normal_section(
-        problem.dimension, problem.sampler, budget=problem.budget, options=problem.options
+def coverage(form: Form, settings: Settings, seeds: int) -> str:
+    """One line of the first two tables."""
+    answers = [search(form, settings, seed) for seed in range(seeds)]
+    low, high, estimates = (
+        np.array([np.nan if value is None else value for value in values], np.float64)
+        for values in zip(
+            *((e.low, e.high, e.probability) for e, _ in answers),
+            strict=True,
+        )
     )
-    answers = [solve(section, seed, problem.form) for seed in range(seeds)]
-    told = [a for a in answers if a.low is not None and a.high is not None]
-    covered = sum((a.low or 0.0) <= problem.truth <= (a.high or 0.0) for a in told)
-    estimates = np.array([a.probability for a in told], np.float64) / problem.truth
-    cases = float(np.mean([a.cases for a in answers]))
-    error = math.sqrt(float(np.mean((estimates - 1.0) ** 2))) if told else math.nan
-    by_chance = (1 - problem.truth) / problem.truth / error**2
-    none = seeds - len(told)
+    told = ~np.isnan(low)
+    low, high, ratio = low[told], high[told], estimates[told] / form.truth
+    above, below = int(np.sum(low > form.truth)), int(np.sum(high < form.truth))
+    cases = float(np.mean([answer.cases for answer in answers]))
+    error = math.sqrt(float(np.mean((ratio - 1.0) ** 2)))
+    half = float(np.median((high - low) / (2 * np.maximum(estimates[told], 1e-300))))
+    gain = (1 - form.truth) / form.truth / error**2 / cases
     return (
-        f"{problem.name:16} {problem.sampler:16} {covered:5} of {len(told):4}, none {none:3}"
-        f"  mean {np.mean(estimates):.3f}  error {error:.3f}  cases {cases:6.0f}"
-        f"  gain {by_chance / cases:8.1f}"
+        f"| {form.name}{stop(settings)} | `{settings.sampler}` | {len(low) - above - below} "
+        f"| {above} | {below} | {seeds - len(low)} | {np.mean(ratio):.3f} | {error:.3f} "
+        f"| {half:.3f} | {cases:.0f} | {gain:,.1f} |"
+    )
+
+
+def stop(settings: Settings) -> str:
+    """What stops a search, for the first column."""
+    return "" if settings.relative is None else f", stops at {settings.relative:.3g}"
+
+
+def gained(form: Form, settings: Settings, seeds: int) -> str:
+    """One line of the third table."""
+    answers = [search(form, settings, seed) for seed in range(seeds)]
+    ratio = np.array([e.probability or 0.0 for e, _ in answers]) / form.truth
+    cases = float(np.mean([answer.cases for answer in answers]))
+    chance = (1 - form.truth) / form.truth / ERROR**2
+    error = math.sqrt(float(np.mean((ratio - 1.0) ** 2)))
+    return (
+        f"| {form.name} | `{settings.sampler}` | {error:.3f} | {cases:.0f} | {chance:,.0f} "
+        f"| {chance / cases:,.0f} |"
     )
 
 
 def main() -> None:
-    """Print the table."""
+    """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=1000)
     parser.add_argument("--only", default="", help="name of a sampler")
+    parser.add_argument("--table", default="", help="fixed, stopped or gains")
+    parser.add_argument("--form", default="", help="how the name of a limit state begins")
     given = parser.parse_args()
-    for problem in PROBLEMS:
-        if given.only in ("", problem.sampler):
-            print(row(problem, given.seeds), flush=True)
+    first = "limit state, parameters | sampler"
+    wide = f"| {first} | covers | above | below | none | mean | error | half | cases | gain |"
+    narrow = f"| {first} | relative error | cases | of Monte Carlo | times fewer |"
+    tables: dict[str, tuple[str, tuple[Row, ...], Callable[[Form, Settings, int], str], int]] = {
+        "fixed": (wide, FIXED, coverage, given.seeds),
+        "stopped": (wide, STOPPED, coverage, given.seeds),
+        "gains": (narrow, GAINS, gained, min(20, given.seeds)),
+    }
+    for name, (heads, rows, line, seeds) in tables.items():
+        if given.table in ("", name):
+            print(
+                f"\n{name}, seeds 0 to {seeds - 1}\n\n{heads}\n|{'---|' * (heads.count('|') - 1)}"
+            )
+            for form, settings in rows:
+                asked = given.only in ("", settings.sampler)
+                if asked and form.name.startswith(given.form):
+                    print(line(form, settings, seeds), flush=True)
 
 
 if __name__ == "__main__":

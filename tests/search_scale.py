@@ -28,11 +28,17 @@ from schemas.wire.codec import decode, encode
 from schemas.wire.control import Lease, Reply, Request, Submit
 
 K = 64
-KINDS = ("listed", "search")
+KINDS = ("matrix", "listed", "search")
 
 
-def _grid(cases: int) -> Submit:
-    """As many cases with values of their own, in a list."""
+def _matrix(cases: int) -> Submit:
+    """Cases that differ in one small number."""
+    matrix = {NAMES[0]: [0.5], NAMES[1]: [0.0], "weather": ["clear"], "repeat": list(range(cases))}
+    return Submit(v=V, campaign={"campaign": "searched", "matrix": matrix})
+
+
+def _listed(cases: int) -> Submit:
+    """Cases with values of their own, in a list."""
     rows = [{NAMES[0]: 1e-5 * i, NAMES[1]: -1e-5 * i, "weather": "clear"} for i in range(cases)]
     return Submit(v=V, campaign={"campaign": "searched", "cases": rows})
 
@@ -73,7 +79,7 @@ def _most_mb() -> float:
 
 
 def _run(path: Path, kind: str, cases: int) -> dict[str, Any]:
-    request = _grid(cases) if kind == "listed" else _search(cases)
+    request = {"matrix": _matrix, "listed": _listed, "search": _search}[kind](cases)
     conductor = Conductor(path)
     began_s = time.perf_counter()
     conductor.ask(request)

@@ -20,7 +20,7 @@ from msgspec import UNSET
 from conductor.search.driver import Closed, Proposal, first, follow
 from schemas.files.search_result import SearchAnswer
 from schemas.identity import stream_key
-from schemas.search_points import lineage, with_forks
+from schemas.searching.search_points import lineage, with_forks
 from schemas.sections.fork import Fork
 from schemas.sections.search import Search, name_of
 

@@ -108,7 +108,7 @@ def contact_sheet(
         OSError: the file cannot be written.
     """
     _suffix(path)
-    found = {n: weather_of(n, environment.family, environment.custom) for n in weathers}
+    found = {n: weather_of(n, environment) for n in weathers}
     camera = camera or Camera(width=320, height=180)
     street: _Street
     if scenario:
@@ -160,7 +160,7 @@ def scenario_sheet(
         raise ValueError(f"snapshot: at-s: --scenario {ALL} shows the critical moment of each")
     _suffix(path)
     name = (request.weathers or ("clear",))[0]
-    weather = weather_of(name, environment.family, environment.custom)
+    weather = weather_of(name, environment)
     pictures = []
     for scenario in shipped_scenarios(of_rulebooks=False):
         at_s = critical_moment_s(scenario)

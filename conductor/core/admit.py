@@ -16,7 +16,7 @@ from schemas.campaign import CASES_MAX, Campaign, cases_given
 from schemas.escape import escape
 from schemas.identity import DIGESTS, campaign_digest
 from schemas.plan import parse_plan
-from schemas.search_points import proposed_count
+from schemas.searching.search_points import proposed_count
 from schemas.sections.autonomy import open_by_nature
 from schemas.sections.stack_identity import difference
 from schemas.wire.control import Submit

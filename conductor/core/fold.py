@@ -57,7 +57,7 @@ from conductor.core.state import (
 )
 from schemas.campaign import Campaign
 from schemas.identity import rig_key
-from schemas.search_points import with_forks
+from schemas.searching.search_points import with_forks
 from schemas.wire.control import Result, Touch
 
 DEPARTED_MAX = 10_000
@@ -120,7 +120,7 @@ def _epoch_raised(state: State, fact: EpochRaised) -> None:
         out = out_at(campaign.out, fact.before, fact.folder)
         if out != campaign.out:
             campaign.out = out
-            campaign.submitted = submitted_again(campaign)
+            _bring_again(campaign)
 
 
 def _submitted(state: State, fact: Submitted) -> None:
@@ -214,7 +214,13 @@ def _relocated(state: State, fact: Relocated) -> None:
     cases = pack([case_at(case.case, fact.paths) for case in campaign.ordered])
     for case_state, case in zip(campaign.ordered, unpack(cases), strict=True):
         case_state.case = case
+    _bring_again(campaign)
+
+
+def _bring_again(campaign: CampaignState) -> None:
+    """A campaign has changed as a whole: the next snapshot has all of it."""
     campaign.submitted = submitted_again(campaign)
+    campaign.grown, campaign.imaged = campaign.search is not None, 0
 
 
 def _pinned(state: State, fact: Pinned) -> None:
@@ -456,6 +462,9 @@ def agrees(one: Result, other: Result) -> bool | None:
 def _snapshot(state: State, fact: Snapshot) -> None:
     if not state.epoch:  # the first fact of a journal
         restore(state, fact, _submitted)
+    else:
+        for campaign in state.campaigns.values():
+            campaign.imaged = len(campaign.ordered)
     state.tail = -1  # itself is none to be read
     state.dirty.clear()
     for campaign in state.campaigns.values():

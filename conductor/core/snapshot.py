@@ -1,7 +1,8 @@
 """The state as images: what a restart reads instead of every fact since the beginning.
 
 A campaign's cases are imaged a thousand at a time, and only those that changed since the latest
-snapshot: its cost depends on what has happened, not on how large the campaign is.
+snapshot: its cost depends on what has happened, not on how large the campaign is. So are the cases
+that a search has proposed since it began.
 """
 
 from __future__ import annotations
@@ -10,10 +11,10 @@ from collections import Counter
 from typing import Any
 
 import msgspec
-from msgspec import Struct
+from msgspec import UNSET, Struct
 
 from conductor.core.backlog import Backlog
-from conductor.core.case_table import pack
+from conductor.core.case_table import CaseTable, pack, unpack
 from conductor.core.facts import (
     Charge,
     Image,
@@ -32,6 +33,7 @@ from conductor.core.state import (
     State,
     WorkerState,
 )
+from schemas.identity import rig_key
 
 
 class _Head(Struct, frozen=True):
@@ -101,6 +103,13 @@ class _Cases(Struct, frozen=True):
     rows: list[_CaseRow]
 
 
+class _Proposed(Struct, frozen=True):
+    """Cases that a search has proposed since it began."""
+
+    campaign: str
+    cases: CaseTable
+
+
 _encode = msgspec.msgpack.Encoder().encode
 HEAD = "0"
 """Key of the head; keys sort in the order in which images are restored."""
@@ -113,6 +122,8 @@ def take(state: State) -> Snapshot:
         brought = submitted_again(campaign) if campaign.grown else campaign.submitted
         if brought is not None:
             images.append(Image(f"1/{campaign.order:06d}", _encode(brought)))
+        if campaign.grown:
+            images += _proposed(campaign)
     for name, chunk in sorted(state.dirty):
         first = chunk * IMAGE_CASES
         cases = state.campaigns[name].ordered[first : first + IMAGE_CASES]
@@ -121,11 +132,32 @@ def take(state: State) -> Snapshot:
     return Snapshot(images=images)
 
 
+def _proposed(campaign: CampaignState) -> list[Image]:
+    """Images of the cases of later generations; those that are full are taken once."""
+    begun, images = _begun_cases(campaign), []
+    full = max(0, campaign.imaged - begun) // IMAGE_CASES
+    for number in range(full, -(-(len(campaign.ordered) - begun) // IMAGE_CASES)):
+        first = begun + number * IMAGE_CASES
+        cases = [case.case for case in campaign.ordered[first : first + IMAGE_CASES]]
+        content = _Proposed(campaign.campaign.campaign, pack(cases))
+        images.append(Image(f"1/{campaign.order:06d}/{number:06d}", _encode(content)))
+    return images
+
+
+def _begun_cases(campaign: CampaignState) -> int:
+    """Number of cases that came with a campaign."""
+    record, search = campaign.search, campaign.campaign.search
+    if record is None or search is UNSET:
+        return len(campaign.ordered)
+    return sum(record.sizes[: search.chains])
+
+
 def submitted_again(campaign: CampaignState) -> Submitted:
-    """The fact that would bring a campaign as it is now, for the next snapshot."""
+    """The fact that would bring a campaign as it is now, for the next snapshot; of a search, with
+    the cases with which it began."""
     return Submitted(
         campaign=msgspec.to_builtins(campaign.campaign),
-        cases=pack([case.case for case in campaign.ordered]),
+        cases=pack([case.case for case in campaign.ordered[: _begun_cases(campaign)]]),
         digest=campaign.digest,
         digests=campaign.digests,
         out=campaign.out,
@@ -144,6 +176,8 @@ def restore(state: State, snapshot: Snapshot, submit: Any) -> None:
     for image in sorted(snapshot.images, key=lambda image: image.key):
         if image.key == HEAD:
             head = msgspec.msgpack.decode(image.data, type=_Head)
+        elif image.key.startswith("1/") and image.key.count("/") > 1:
+            _restore_proposed(state, msgspec.msgpack.decode(image.data, type=_Proposed))
         elif image.key.startswith("1/"):
             submit(state, msgspec.msgpack.decode(image.data, type=Submitted))
         else:
@@ -219,6 +253,12 @@ def _restore_cases(state: State, image: _Cases) -> None:
         # Rows from before these numbers were kept name every one.
         case.attempts = row.attempts or len(row.issued)
         case.lost_times = row.lost_times or len(row.lost)
+
+
+def _restore_proposed(state: State, part: _Proposed) -> None:
+    campaign, cases = state.campaigns[part.campaign], unpack(part.cases)
+    campaign.extend(cases, [rig_key(case) for case in cases])
+    campaign.imaged = len(campaign.ordered)
 
 
 def _issued(rows: tuple[Issued | int, ...]) -> tuple[Issued, ...]:

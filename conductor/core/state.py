@@ -243,6 +243,8 @@ class CampaignState:
     """How far its search has come; None: it is none."""
     grown: bool = field(default=False, compare=False, repr=False)
     """Whether generations came since the latest snapshot."""
+    imaged: int = field(default=0, compare=False, repr=False)
+    """Cases up to which those of later generations are in images of their own."""
     submitted: Submitted | None = field(default=None, compare=False, repr=False)
     """The fact that brought it, until a snapshot has it."""
     _lowest: int = _volatile(0)

@@ -243,6 +243,9 @@ def begun(plan: Plan) -> Plan:
         )
     except ValueError as error:
         raise UsageError(f"search: {error}") from None
+    except ImportError as error:
+        missing = f"search: a search needs further libraries ({error})"
+        raise UsageError(f"{missing}; pip install 'drivetwin[search]'") from None
     return plan_of(msgspec.structs.replace(plan.campaign, search=begun_search))
 
 

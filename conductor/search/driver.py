@@ -116,17 +116,16 @@ def follow(search: Search, campaign: str, seed: int, closed: Closed) -> SearchSt
 
 
 def _follow(search: Search, sampler: Sampler, streams: _Streams, closed: Closed) -> SearchStep:
-    objective = search.objective
+    objective, whole = search.objective, _history(search, closed)
     if objective.missing == "ends" and (name := _first_missing(closed)):
-        answer = _answer(search, closed, Estimate(method="none: a value is missing"))
+        answer = _answer(search, whole, closed, Estimate(method="none: a value is missing"))
         if closed.ends and None not in closed.results[-1]:
             return SearchStep(answer, None, "")  # it was said before
         why = f"{name} has no {objective.kpi}; see its outcome, retry it, or say in "
         return SearchStep(answer, None, f"{why}search.objective.missing what that means")
-    whole = _history(search, closed)
     history = history_of(streams.chain, whole, closed.chains)
     estimate, known = _estimate(search, sampler, whole, history, closed)
-    answer = _answer(search, closed, estimate)
+    answer = _answer(search, whole, closed, estimate)
     settled, proposal, ended = estimate.settled, None, ""
     if closed.ends:
         pass
@@ -200,11 +199,6 @@ def clusters(search: Search, closed: Closed) -> list[SearchCluster]:
     ]
 
 
-def closed_history(search: Search, closed: Closed) -> History:
-    """The closed generations as samplers see them, for who makes further answers of them."""
-    return _history(search, closed)
-
-
 def traced(search: Search, closed: Closed) -> Traced | None:
     """The boundary that the sampler knows after the closed generations; None: it traces none."""
     sampler = _sampler(search, 0)
@@ -266,9 +260,8 @@ def _proposal(search: Search, u: Array) -> Proposal:
 
 def _first_missing(closed: Closed) -> str:
     for generation, results in enumerate(closed.results):
-        for number, value in enumerate(results):
-            if value is None:
-                return name_of(generation, number)
+        if None in results:
+            return name_of(generation, results.index(None))
     return ""
 
 
@@ -290,7 +283,7 @@ def _rows(u: bytes | Sequence[Sequence[float]]) -> Array:
 def _margins(objective: Objective, results: Sequence[float | None]) -> Array:
     """Margins of a generation: below 0 is a failure; a missing value is as bad, or as good, as the
     worst or the best of the others."""
-    kpis = np.array([np.nan if value is None else value for value in results], np.float64)
+    kpis = np.array(results, np.float64)  # None becomes NaN
     if objective.fails_below is not UNSET:
         g = kpis - objective.fails_below
     elif objective.fails_above is not UNSET:
@@ -305,18 +298,19 @@ def _margins(objective: Objective, results: Sequence[float | None]) -> Array:
     return np.where(np.isnan(g), stand_in, g)
 
 
-def _answer(search: Search, closed: Closed, estimate: Estimate) -> SearchAnswer:
-    history = _history(search, closed)
+def _answer(search: Search, history: History, closed: Closed, estimate: Estimate) -> SearchAnswer:
     g = np.concatenate(history.g)
-    kpis = [value for results in closed.results for value in results]
+    kpis = np.concatenate([np.array(results, np.float64) for results in closed.results])
     defined = search.objective.goal is UNSET
-    known = np.array([value is not None for value in kpis])
+    known = ~np.isnan(kpis)
     best: float | None = None
     best_case = ""
     if np.any(known):
         place = int(np.argmin(np.where(known, g, np.inf)))
-        names = [name_of(i, j) for i, part in enumerate(history.g) for j in range(len(part))]
-        best, best_case = kpis[place], names[place]
+        begins = np.cumsum([0, *map(len, history.g)])
+        generation = int(np.searchsorted(begins, place, side="right")) - 1
+        best = float(kpis[place])
+        best_case = name_of(generation, place - int(begins[generation]))
     return SearchAnswer(
         method=estimate.method,
         cases=len(g),

@@ -31,6 +31,27 @@ def of_means(means: Array) -> tuple[float, float]:
     return max(0.0, mean - half), min(1.0, mean + half)
 
 
+def weighted(probability: float, shares: Array, total: int) -> tuple[float, float]:
+    """Interval of an estimate that is the sum of independent parts, some large and most none.
+
+    Taken as lognormal, since such estimates are positive and skewed. The squares of the parts'
+    shares give the relative error; the inverse of their sum is Kish's effective number of parts
+    (Survey Sampling, 1965), and one less the degrees of freedom of Student's quantile: an error
+    that a few parts give is itself uncertain.
+
+    Args:
+        probability: the estimate, above 0.
+        shares: of each part in it; their sum is 1.
+        total: number of parts, those of no share among them.
+
+    """
+    square = float(np.sum(shares * shares))
+    freedom = max(1.0, 1.0 / square - 1.0)
+    relative = math.sqrt(max(0.0, square - 1.0 / total))
+    half = float(stdtrit(freedom, 0.975)) * math.sqrt(math.log1p(relative * relative))
+    return probability * math.exp(-half), min(1.0, probability * math.exp(half))
+
+
 def lognormal(probability: float, relative: float) -> tuple[float, float]:
     """Interval of an estimate with a relative standard error, taken as lognormal: such estimates
     are positive and skewed."""

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.special import log_ndtr, ndtr, ndtri
 
 from conductor.search.protocol import Array
-from schemas.search_points import Z_MAX, correlation_factor
+from schemas.searching.search_points import Z_MAX, correlation_factor
 from schemas.sections.search import (
     Choices,
     Distribution,

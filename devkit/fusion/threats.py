@@ -24,6 +24,12 @@ PERSON_SURE_VARIANCES = 2.25
 """The same of pedestrians and cyclists across: there is no time to be surer."""
 AWAY_MPS = 2.0
 """Who drives ahead, at least so fast and not slower than the car, is not in the way [m/s]."""
+COMES_MPS = 2.0
+"""A vehicle that comes at least so fast drives along another lane [m/s]."""
+TURN_RIPE_S = 1.0
+"""Age of a track from which on its turn rate counts [s]."""
+TURN_SIGMA_RADPS = 0.03
+"""Deviation of a turn rate [rad/s]."""
 SLACK_MPS = 0.5
 """Difference of two speeds that counts as none [m/s]."""
 BRAKES_MPS2 = 1.5
@@ -52,6 +58,8 @@ IMMINENT_S = 0.5
 PATH_SURE_M = 30.0
 """So far the road goes on as the car turns now: in a clothoid of 60 m to a radius of 250 m it is
 0.3 m aside after that, but 2.3 m after twice that [m]."""
+STRAIGHT_M = 1.0
+"""A path that goes aside by no more than this is straight."""
 LENGTH_M = 5.2
 """Length of the car, which passes a place for so long [m]."""
 VIEW_FROM_M, VIEW_TO_M, VIEW_SLOPE, VIEW_MPS = 8.0, 30.0, 0.3, 3.0
@@ -85,7 +93,7 @@ class Threats:
 
 
 def _is_any(values: np.ndarray, wanted: tuple[int, ...]) -> np.ndarray:
-    result = values == wanted[0]
+    result: np.ndarray = values == wanted[0]
     for value in wanted[1:]:
         result |= values == value
     return result
@@ -107,6 +115,7 @@ def find_threats(
     ttc = np.where(nearing, gap / np.where(nearing, closing, 1.0), TIME_MAX_S)
     ttc = np.minimum(ttc, TIME_MAX_S)
     crossing, comes, soon, departs = _crosses(tracks, ego, vx, vy, ttc, closing, staging)
+    departs |= _passes_by(tracks, ego, vx, ttc, staging)
     ahead = tracks.live & (tracks.x_m > staging.front_m - 1.0)
     in_way = ahead & ((inside & ~departs) | crossing)
     camera = tracks.camera.age_s < RECENT_S
@@ -141,8 +150,10 @@ def find_threats(
     # Who walks towards the path may still stop: time for a warning, and for the brake's last word.
     late = needed > staging.crossing_deceleration_mps2
     now = inside | soon | late
-    # What no camera names and what stands may be beside a curve that has not begun.
-    named = (tracks.label > 0) | (vx != 0.0) | (gap < PATH_SURE_M) | late
+    # What no camera names and what stands may be beside a curve that has not begun; what comes may
+    # be in the other lane of one in which the car is.
+    known = np.where(vx < -COMES_MPS, _straight(tracks, ego), (vx != 0.0) | late)
+    named = (tracks.label > 0) | (gap < PATH_SURE_M) | known
     return Threats(by_two & now, by_one & now & named, by_two | by_one, blocking, gap, ttc, needed)
 
 
@@ -186,7 +197,7 @@ def _crosses(
     bend = ego.curvature_per_m[:, None]
     half = staging.corridor_half_m
     across = vy_mps - bend * tracks.x_m * vx_mps
-    across = across + 0.5 * tracks.turn_radps * vx_mps * np.minimum(ttc_s, staging.crossing_s)
+    across = across + 0.5 * _turn(tracks) * vx_mps * np.minimum(ttc_s, staging.crossing_s)
     place = tracks.y_m - 0.5 * bend * tracks.x_m * tracks.x_m
     right, left = place + tracks.right_m, place + tracks.left_m
     speed = np.abs(across)
@@ -203,7 +214,9 @@ def _crosses(
     # A vehicle that comes along a curve is no crossing one, though it goes aside for a while.
     aside = (speed > np.abs(vx_mps)) | (tracks.x_m < PATH_SURE_M)
     moves &= person | ((speed > CROSSES_MPS) & (vx_mps != 0.0))
-    moves &= (ttc_s < staging.crossing_s) & (leaves > 0.0)
+    moves &= ttc_s < staging.crossing_s
+    departs = moves & ~person & (leaves < ttc_s - EARLY_LATE_S)
+    moves &= leaves > 0.0
     passes = LENGTH_M / np.maximum(closing_mps, 1.0)
     meets = (
         moves
@@ -212,8 +225,57 @@ def _crosses(
         & (leaves > ttc_s - EARLY_LATE_S)
     )
     comes = moves & (person | aside) & (enters < ttc_s + passes + EARLY_LATE_S)
-    departs = moves & ~person & (leaves < ttc_s - EARLY_LATE_S)
     return meets, comes, meets & (enters < IMMINENT_S), departs
+
+
+def _turn(tracks: TrackStore) -> np.ndarray:
+    """Turn rates; a young track's is the noise of its first speeds."""
+    return np.where(tracks.age_s > TURN_RIPE_S, tracks.turn_radps, 0.0)
+
+
+def _passes_by(
+    tracks: TrackStore,
+    ego: EgoMotion,
+    vx_mps: np.ndarray,
+    ttc_s: np.ndarray,
+    staging: StagingParameters,
+) -> np.ndarray:
+    """Vehicles that come along another lane: in a curve, or where one begins, they are on the path
+    as it is foreseen long before the car is there, and beside it when they meet.
+
+    Two ways to foresee the meeting have to say that it is a collision. The first, in curves: the
+    car goes on along its arc, the other one turns as it does now. The second: the other one follows
+    the road, so the road at its place runs as its way does, and is half of that times the distance
+    aside.
+    """
+    comes = (vx_mps < -COMES_MPS) & ~_is_any(tracks.label, _PERSONS)
+    ahead_m = staging.front_m + ego.speed_mps[:, None] * ttc_s
+    turned = 0.5 * _turn(tracks) * tracks.vx_mps * ttc_s
+    beside_m = tracks.y_m + (tracks.vy_mps + turned) * ttc_s
+    beside_m = beside_m - 0.5 * ego.curvature_per_m[:, None] * ahead_m * ahead_m
+    sideways = np.sqrt(tracks.q_vv)
+    beside_sigma_m = (sideways + 0.5 * TURN_SIGMA_RADPS * np.abs(tracks.vx_mps) * ttc_s) * ttc_s
+    slope_x = 0.5 * tracks.x_m / np.where(comes, tracks.vx_mps, -1.0)
+    lane_m, lane_sigma_m = tracks.y_m - tracks.vy_mps * slope_x, sideways * np.abs(slope_x)
+    half_m = staging.corridor_half_m
+    passes: np.ndarray = comes & (
+        (_misses(tracks, beside_m, half_m + beside_sigma_m) & ~_straight(tracks, ego))
+        | _misses(tracks, lane_m, half_m + 2.0 * lane_sigma_m)
+    )
+    return passes
+
+
+def _straight(tracks: TrackStore, ego: EgoMotion) -> np.ndarray:
+    """Whether the path is as good as straight up to the tracks."""
+    aside_m = 0.5 * ego.curvature_per_m[:, None] * tracks.x_m * tracks.x_m
+    straight: np.ndarray = np.abs(aside_m) < STRAIGHT_M
+    return straight
+
+
+def _misses(tracks: TrackStore, beside_m: np.ndarray, half_m: np.ndarray) -> np.ndarray:
+    """Whether tracks whose middle is so far left of the path's are beside it."""
+    misses: np.ndarray = (beside_m + tracks.right_m > half_m) | (beside_m + tracks.left_m < -half_m)
+    return misses
 
 
 def _contradicted(tracks: TrackStore, health: SensorHealth) -> np.ndarray:

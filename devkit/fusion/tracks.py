@@ -22,6 +22,8 @@ LATERAL_SIGMA_M = 0.4
 """Deviation of an object's middle by LiDAR or radar, what is seen of it changes [m]."""
 NARROW_SIGMA_M, NARROW_SHARE = 0.1, 0.17
 """The same by LiDAR for what is narrow: at no width [m], and per width [-]."""
+BEARING_SIGMA_RAD = 0.01
+"""Deviation of a radar's direction [rad]."""
 EDGE_SHARE = 0.5
 """Share by which a new sighting moves the ends of a track [-]."""
 INSIDE_SHARE = 0.4
@@ -282,7 +284,9 @@ class TrackStore:
         sigma = of(seen.sigma_m)
         middle = 0.5 * (left + right)
         vx, vy = self.vx_mps, self.vy_mps
-        self._filter(moved, x, middle, sigma * sigma, self._sideways(sigma, left - right, memory))
+        self._filter(
+            moved, x, middle, sigma * sigma, self._sideways(x, sigma, left - right, memory)
+        )
         radial = of(seen.radial_mps)
         self._measure_speed(paired & np.isfinite(radial), radial, of(seen.radial_sigma_mps))
         self._turn(paired, vx, vy)
@@ -308,7 +312,7 @@ class TrackStore:
             self.place = np.where(paired, of(seen.place), self.place)
 
     def _sideways(
-        self, sigma_m: np.ndarray, width_m: np.ndarray, memory: SensorMemory
+        self, x_m: np.ndarray, sigma_m: np.ndarray, width_m: np.ndarray, memory: SensorMemory
     ) -> np.ndarray:
         """Variance of a middle across: LiDAR sees all of what is narrow; a camera's grows with the
         error of its distance."""
@@ -318,7 +322,8 @@ class TrackStore:
         elif memory is self.camera:
             sigma = LATERAL_SIGMA_M + 0.1 * sigma_m
         else:
-            sigma = np.full_like(sigma_m, LATERAL_SIGMA_M)
+            bearing = BEARING_SIGMA_RAD * x_m
+            return bearing * bearing + LATERAL_SIGMA_M * LATERAL_SIGMA_M
         return sigma * sigma
 
     def _filter(
@@ -438,7 +443,7 @@ class TrackStore:
             "p_xx": sigma * sigma,
             "p_xv": 0.0,
             "p_vv": np.where(told, told_sigma * told_sigma, speed),
-            "q_xx": self._sideways(sigma, left - right, memory),
+            "q_xx": self._sideways(seen.x_m[slot, fresh], sigma, left - right, memory),
             "q_xv": 0.0,
             "q_vv": SIDEWAYS_SHARE * speed,
             "right_m": 0.5 * (right - left),

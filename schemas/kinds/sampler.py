@@ -46,7 +46,7 @@ class ImportanceOptions(_Options, frozen=True, kw_only=True):
 
     share: Annotated[float, Meta(ge=0.02, le=0.5)] = 0.1
     """Share of a generation that the next density is fitted to."""
-    modes: Annotated[int, Meta(ge=1, le=16)] = 4
+    modes: Annotated[int, Meta(ge=1, le=16)] = 8
     """Normal densities of the mixture that is fitted."""
 
 
@@ -99,6 +99,8 @@ class SamplerKind:
     follows: bool = False
     """Whether its cases are distributed as the parameters are, so that shares of them say something
     about the parameters."""
+    generation_min: int = 1
+    """Fewest cases of a generation from which it learns anything."""
     forks: bool = False
     """Whether it proposes forks: its implementation is a :class:`conductor.search.protocol.Forker`,
     and its objective a KPI that is the extreme of a column."""
@@ -142,6 +144,7 @@ KINDS = (
         chains="best",
         options=CmaOptions,
         parameters_min=2,
+        generation_min=2,
     ),
     SamplerKind(
         name="bayesian",
@@ -168,6 +171,7 @@ KINDS = (
         implementation="conductor.search.samplers.importance:Importance",
         chains="mean",
         options=ImportanceOptions,
+        generation_min=20,
     ),
     SamplerKind(
         name="subset",

@@ -72,6 +72,16 @@ class Environment(_Spec, frozen=True):
     """Tyre-road friction whatever the weather; null: the weather's [-]."""
     water_mm: Annotated[float, Meta(ge=0, le=10)] | None = None
     """Water film on the road whatever the weather; null: the weather's [mm]."""
+    cloud: Intensity | None = None
+    """Share of the sky under cloud whatever the weather; null: the weather's [-]."""
+    fog: Intensity | None = None
+    """Fog whatever the weather, in the unit of `custom`; null: the weather's [-]."""
+    rain: Intensity | None = None
+    """Rain whatever the weather, in the unit of `custom`; null: the weather's [-]."""
+    snow: Intensity | None = None
+    """Snow whatever the weather, in the unit of `custom`; null: the weather's [-]."""
+    wind: Intensity | None = None
+    """Wind whatever the weather, in the unit of `custom`; null: the weather's [-]."""
     custom: dict[Name, Conditions] = {}
     """Weathers of one's own by name; the matrix axis `weather` may use them."""
     timeline: Annotated[list[Change], Meta(max_length=CHANGES_MAX)] = []
@@ -86,6 +96,11 @@ class Environment(_Spec, frozen=True):
             ) from None
         if not 1950 <= year <= 2100:
             raise ValueError(f"date: given '{self.date}', allowed: years 1950 to 2100")
+
+    def intensities(self) -> dict[str, float]:
+        """Those of :class:`Conditions` that hold whatever the weather."""
+        given = {name: getattr(self, name) for name in Conditions.__struct_fields__}
+        return {name: value for name, value in given.items() if value is not None}
 
     def weathers(self) -> list[str]:
         """Every weather a case may have."""

@@ -1,7 +1,7 @@
 """The section ``search`` of a campaign: parameters with distributions, an objective, a budget.
 
 The cases of a search are proposed by a sampler (:mod:`schemas.kinds.sampler`), a generation at a
-time; :mod:`schemas.search_points` says what is wrong with a section.
+time; :mod:`schemas.searching.search_points` says what is wrong with a section.
 """
 
 from __future__ import annotations

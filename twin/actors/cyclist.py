@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from twin.actors.lamps import CLEAR, RED, VehicleLamp
@@ -21,6 +23,20 @@ _WHEEL_M = 0.34
 
 
 Point = tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Seat:
+    """How somebody sits on two wheels; what lies to a side is the left one."""
+
+    hip: Point
+    chest: Point
+    elbow: Point
+    hand: Point
+    helmet: Color = _HELMET
+
+
+_ON_A_BICYCLE = Seat((-0.22, 0.0, 0.98), (0.12, 0.0, 1.47), (0.22, 0.27, 1.18), (0.42, 0.24, 1.01))
 
 
 def _rod(mesh: MeshBuilder, a: Point, b: Point, radius_m: float, color: Color) -> None:
@@ -57,16 +73,25 @@ def add_cyclist(mesh: MeshBuilder, looks: Looks, frame: Color, phase: float | No
         tail, head = materials.TAIL_LAMP, materials.HEAD_LAMP
         mesh.box((-0.62, -0.03, 0.62), (-0.58, 0.03, 0.70), tail, RED, VehicleLamp.TAIL)
         mesh.box((0.46, -0.03, 0.84), (0.50, 0.03, 0.90), head, CLEAR, VehicleLamp.HEAD)
-        _rider(mesh, looks, np.array(crank), 0.25 if phase is None else phase)
+        feet = _on_pedals(np.array(crank), 0.25 if phase is None else phase)
+        add_rider(mesh, looks, _ON_A_BICYCLE, feet)
     add_foot_shade(mesh, 0.8, 0.2)
 
 
-def _rider(mesh: MeshBuilder, looks: Looks, crank: np.ndarray, phase: float) -> None:
-    hip = np.array((-0.22, 0.0, 0.98))
+def _on_pedals(crank: np.ndarray, phase: float) -> list[np.ndarray]:
+    feet = []
     for side in (1.0, -1.0):
         turn = 2.0 * np.pi * phase + (np.pi if side < 0 else 0.0)
         foot = crank + 0.17 * np.array((np.cos(turn), 0.0, -np.sin(turn)))
-        foot += (0.0, side * 0.12, 0.05)
+        feet.append(np.add(foot, (0.0, side * 0.12, 0.05)))
+    return feet
+
+
+def add_rider(mesh: MeshBuilder, looks: Looks, seat: Seat, feet: list[np.ndarray]) -> None:
+    """Add who sits there with a helmet, the ``feet`` left and right."""
+    hip, chest = np.array(seat.hip), np.array(seat.chest)
+    for side, foot in zip((1.0, -1.0), feet, strict=True):
+        mirror = np.array((1.0, side, 1.0))
         knee = _knee(hip + np.array((0.0, side * 0.10, 0.0)), foot, 0.46, 0.45)
         start = hip + np.array((0.0, side * 0.10, 0.0))
         mesh.tube(start, knee, (0.088, 0.060), 7, materials.PLAIN, looks.trousers)
@@ -75,12 +100,10 @@ def _rider(mesh: MeshBuilder, looks: Looks, crank: np.ndarray, phase: float) -> 
         mesh.box(
             (x - 0.08, y - 0.045, z - 0.06), (x + 0.18, y + 0.045, z + 0.03), materials.PLAIN, _TYRE
         )
-        shoulder = np.array((0.12, side * 0.20, 1.42))
-        elbow = np.array((0.22, side * 0.27, 1.18))
-        hand = np.array((0.42, side * 0.24, 1.01))
+        shoulder = np.add(chest, (0.0, side * 0.20, -0.05))
+        elbow, hand = mirror * seat.elbow, mirror * seat.hand
         mesh.tube(shoulder, elbow, (0.055, 0.046), 7, materials.PLAIN, looks.coat)
         mesh.tube(elbow, hand, (0.045, 0.032), 7, materials.PLAIN, looks.coat)
-    chest = np.array((0.12, 0.0, 1.47))
     mesh.tube(
         hip - (0.02, 0.0, 0.06),
         hip + 0.45 * (chest - hip),
@@ -101,8 +124,8 @@ def _rider(mesh: MeshBuilder, looks: Looks, crank: np.ndarray, phase: float) -> 
     for z0, z1, r0, r1, color in (
         (0.0, 0.07, 0.062, 0.085, looks.skin),
         (0.07, 0.13, 0.085, 0.085, looks.skin),
-        (0.12, 0.19, 0.105, 0.095, _HELMET),
-        (0.19, 0.24, 0.095, 0.04, _HELMET),
+        (0.12, 0.19, 0.105, 0.095, seat.helmet),
+        (0.19, 0.24, 0.095, 0.04, seat.helmet),
     ):
         a, b = skull + np.array((0.0, 0.0, z0)), skull + np.array((0.0, 0.0, z1))
         mesh.tube(a, b, (r0, r1), 9, materials.PLAIN, color)

@@ -17,10 +17,15 @@ from twin.actors import car_body, heavy_body
 from twin.actors.cyclist import LENGTH_M, WAY_M, WIDTH_M, add_cyclist
 from twin.actors.lamps import AMBER, VehicleLamp
 from twin.actors.motion import ObjectKind, Placement
-from twin.actors.person import PHASES, add_person, random_looks
+from twin.actors.motorcycle import SIZE_M as MOTORCYCLE_M
+from twin.actors.motorcycle import add_motorcycle
+from twin.actors.person import PHASES, Looks, add_person, random_looks
 from twin.world.meshes import materials
-from twin.world.meshes.mesh import DECAL, Color, MeshBuilder
+from twin.world.meshes.mesh import DECAL, Color, Mesh, MeshBuilder
 from twin.world.street.parking import PAINTS
+
+Size = tuple[float, float, float]
+"""Length, width, height [m]."""
 
 CLASS_OF = {
     "car": "car",
@@ -41,8 +46,17 @@ _BUS: Color = (0.50, 0.36, 0.06)
 _GREY: Color = (0.30, 0.30, 0.30)
 _FUR: Color = (0.16, 0.10, 0.06)
 _DARK: Color = (0.03, 0.03, 0.035)
-_CHILD_M = 1.2
-_RIDER_M = 1.72
+_ADULTS_M = (None, None, None, 1.8)
+"""Heights of adults, None: as tall as they happen to be; the last is that of ISO 19206-2 [m]."""
+_CHILDREN_M = (1.154, 1.2, 1.3)
+"""The first is that of ISO 19206-2 [m]."""
+_TALLER = 1.0172
+"""Height of a person's mesh over that of its looks."""
+_RIDER_M = 1.86
+_BICYCLE_M = (1.89, 0.6, 1.86)
+"""With its rider, of ISO 19206-4."""
+_CARS = ((4.023, 1.712, 1.427), (4.3, 1.8, 1.5))
+"""Hatchbacks of rulebooks: the global vehicle target (ISO 19206-3), and a small car [m]."""
 _ANIMALS = ((0.8, 0.3, 0.6), (1.7, 0.5, 1.4))
 _OBSTACLES = (
     *((0.3, 0.3, 0.15), (0.6, 0.6, 0.6), (1.2, 0.8, 0.8), (2.0, 1.5, 1.2), (4.0, 1.8, 1.4)),
@@ -61,7 +75,7 @@ class PaletteLook:
     """One look of a sort of bodies."""
 
     sort: str
-    size_m: tuple[float, float, float]
+    size_m: Size
     """Length, width and height of its mesh."""
     kind: int
     """Kind of it at rest, and before its phases."""
@@ -146,6 +160,16 @@ def build_palette() -> Palette:
                     mesh, paint, False, 16, shape, lit=True, switched=True
                 ),
             )
+    hatchback = car_body.SHAPES["hatchback"]
+    for size in _CARS:
+        palette.vehicle(
+            "car",
+            size,
+            lambda mesh: car_body.add_car(
+                mesh, PAINTS[0], False, 16, hatchback, lit=True, switched=True
+            ),
+            (hatchback.length_m, hatchback.width_m, hatchback.height_m),
+        )
     for paint in PAINTS[:3]:
         palette.vehicle(
             "truck",
@@ -160,12 +184,17 @@ def build_palette() -> Palette:
         )
     for size in _TRAILERS:
         palette.vehicle("trailer", size, lambda mesh, size=size: _add_trailer(mesh, size))
-    for seed in range(3):
-        palette.people("pedestrian", seed)
-        palette.people("child", seed + 10)
+    for seed, height_m in enumerate(_ADULTS_M):
+        palette.people("pedestrian", random_looks(seed), height_m)
+    for seed, height_m in enumerate(_CHILDREN_M):
+        palette.people("child", replace(random_looks(seed + 10), bag=False), height_m)
     for seed in range(2):
-        palette.riders("bicycle", seed, PAINTS[seed], PHASES)
-    palette.riders("motorcycle", 5, _DARK, 0)
+        palette.riders(random_looks(seed), PAINTS[seed])
+    palette.vehicle(
+        "motorcycle",
+        MOTORCYCLE_M,
+        lambda mesh: add_motorcycle(mesh, random_looks(5), PAINTS[2]),
+    )
     for size in _ANIMALS:
         palette.vehicle("animal", size, lambda mesh, size=size: _add_animal(mesh, size))
     for size in _OBSTACLES:
@@ -183,45 +212,57 @@ class _Builder:
         self.looks: list[PaletteLook] = []
 
     def vehicle(
-        self, sort: str, size: tuple[float, float, float], add: Callable[[MeshBuilder], None]
+        self,
+        sort: str,
+        size: Size,
+        add: Callable[[MeshBuilder], None],
+        drawn: Size | None = None,
     ) -> None:
-        """One kind, whose rear end ``add`` puts at x = 0."""
+        """One kind, whose rear end ``add`` puts at x = 0; of the size ``drawn``, if it is stretched
+        to its own."""
         length, width, _ = size
         mesh = MeshBuilder()
-        with mesh.place(-length / 2, 0.0):
+        with mesh.place(-(drawn or size)[0] / 2, 0.0):
             add(mesh)
         self.looks.append(PaletteLook(sort, size, len(self.kinds), 0, 1.0))
-        self.kinds.append(ObjectKind(sort, mesh.build(), length / 2, width / 2))
+        whole = _stretched(mesh.build(), drawn or size, size)
+        self.kinds.append(ObjectKind(sort, whole, length / 2, width / 2))
 
-    def people(self, sort: str, seed: int) -> None:
+    def people(self, sort: str, looks: Looks, height_m: float | None) -> None:
         """Somebody who stands, and the phases of a stride."""
-        looks = random_looks(seed)
-        if sort == "child":
-            looks = replace(looks, height_m=_CHILD_M + 0.05 * (seed % 3), bag=False)
-        size = (0.5 * looks.height_m / 1.75, 0.5 * looks.height_m / 1.75, looks.height_m)
+        if height_m is not None:
+            looks = replace(looks, height_m=height_m / _TALLER)
+        size = (0.5 * looks.height_m / 1.75, 0.5 * looks.height_m / 1.75, _TALLER * looks.height_m)
         self.looks.append(PaletteLook(sort, size, len(self.kinds), PHASES, looks.stride_m))
         for k in range(-1, PHASES):
             mesh = MeshBuilder()
             add_person(mesh, looks, None if k < 0 else k / PHASES)
-            self._phase(sort, k, mesh, size)
+            self._phase(sort, k, mesh.build(), size)
 
-    def riders(self, sort: str, seed: int, frame: Color, phases: int) -> None:
+    def riders(self, looks: Looks, frame: Color) -> None:
         """A cyclist at rest, and the phases of the pedals."""
-        size = (LENGTH_M, WIDTH_M, _RIDER_M)
-        self.looks.append(PaletteLook(sort, size, len(self.kinds), phases, WAY_M))
-        for k in range(-1, phases):
+        stretch = _BICYCLE_M[0] / LENGTH_M
+        self.looks.append(
+            PaletteLook("bicycle", _BICYCLE_M, len(self.kinds), PHASES, WAY_M * stretch)
+        )
+        for k in range(-1, PHASES):
             mesh = MeshBuilder()
-            add_cyclist(mesh, random_looks(seed), frame, None if k < 0 else k / phases)
-            self._phase(sort, k, mesh, size)
+            add_cyclist(mesh, looks, frame, None if k < 0 else k / PHASES)
+            whole = _stretched(mesh.build(), (LENGTH_M, WIDTH_M, _RIDER_M), _BICYCLE_M)
+            self._phase("bicycle", k, whole, _BICYCLE_M)
 
-    def _phase(
-        self, sort: str, k: int, mesh: MeshBuilder, size: tuple[float, float, float]
-    ) -> None:
+    def _phase(self, sort: str, k: int, mesh: Mesh, size: Size) -> None:
         name = sort if k < 0 else f"{sort} phase {k}"
-        self.kinds.append(ObjectKind(name, mesh.build(), size[0] / 2, size[1] / 2))
+        self.kinds.append(ObjectKind(name, mesh, size[0] / 2, size[1] / 2))
 
 
-def _add_trailer(mesh: MeshBuilder, size: tuple[float, float, float]) -> None:
+def _stretched(mesh: Mesh, drawn: Size, size: Size) -> Mesh:
+    if drawn == size:
+        return mesh
+    return replace(mesh, points_m=mesh.points_m * (np.array(size) / drawn))
+
+
+def _add_trailer(mesh: MeshBuilder, size: Size) -> None:
     length, width, height = size
     half, floor, lamps = width / 2, 0.3 * height, VehicleLamp
     with mesh.label("truck"):
@@ -238,7 +279,7 @@ def _add_trailer(mesh: MeshBuilder, size: tuple[float, float, float]) -> None:
     car_body.add_shade(mesh, (0.0, length), half)
 
 
-def _add_animal(mesh: MeshBuilder, size: tuple[float, float, float]) -> None:
+def _add_animal(mesh: MeshBuilder, size: Size) -> None:
     """Four legs, a body and a head that looks ahead."""
     length, width, height = size
     half, belly, back = width / 2, 0.45 * height, 0.8 * height
@@ -256,14 +297,14 @@ def _add_animal(mesh: MeshBuilder, size: tuple[float, float, float]) -> None:
     car_body.add_shade(mesh, (0.0, length), half)
 
 
-def _add_block(mesh: MeshBuilder, size: tuple[float, float, float]) -> None:
+def _add_block(mesh: MeshBuilder, size: Size) -> None:
     length, width, height = size
     with mesh.label("unlabelled"):
         mesh.box((0.0, -width / 2, 0.0), (length, width / 2, height), materials.PLAIN, _GREY)
     car_body.add_shade(mesh, (0.0, length), width / 2)
 
 
-def _add_plate(mesh: MeshBuilder, size: tuple[float, float, float]) -> None:
+def _add_plate(mesh: MeshBuilder, size: Size) -> None:
     """A part of the road, to the box sensor too."""
     length, width, height = size
     with mesh.label("road", instance=-1):

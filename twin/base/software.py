@@ -16,7 +16,7 @@ _PACKAGES = ("schemas", "twin", "devkit")
 _LIBRARIES = (
     *("numpy", "warp-lang", "opencv-python-headless", "pillow", "trimesh"),
     *("dracopy", "meshopt", "opengl-basisu"),
-    *("onnx", "onnxruntime", "onnxruntime-gpu"),
+    *("onnx", "onnxruntime", "onnxruntime-gpu", "lark"),
 )
 _GPU_LIBRARIES = ("nvidia-cudnn-cu13", "nvidia-cublas", "nvidia-cuda-runtime")
 """Count where onnxruntime-gpu, which computes with them, is installed."""

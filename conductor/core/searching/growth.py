@@ -26,7 +26,7 @@ from schemas.files.search_result import SearchAnswer
 from schemas.identity import grown_digest
 from schemas.plan import Plan
 from schemas.points import points_of
-from schemas.search_points import with_forks
+from schemas.searching.search_points import with_forks
 from schemas.sections.search import Rows, Search, text_of
 
 if TYPE_CHECKING:

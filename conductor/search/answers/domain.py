@@ -13,7 +13,7 @@ from conductor.search.answers.coverage import Axis, coverage_of
 from conductor.search.protocol import Array
 from conductor.search.space import column_of
 from schemas.files.search_result import SearchCoverage
-from schemas.search_points import Z_MAX, correlation_matrix
+from schemas.searching.search_points import Z_MAX, correlation_matrix
 from schemas.sections.search import (
     CELLS_MAX,
     Choices,

@@ -114,7 +114,7 @@ class CaseEnvironment:
 
     def _weather(self, name: str) -> WeatherParameters:
         environment = self._environment
-        found = weather_of(name, environment.family, environment.custom)
+        found = weather_of(name, environment)
         return overridden(found, environment.friction, environment.water_mm)
 
     def _weather_at(self, time_s: float) -> WeatherParameters:

@@ -24,12 +24,12 @@ is any, rain and snow 100 / I m; the road is dry and nothing blows in the preset
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 
+import msgspec
 import numpy as np
 
-from schemas.sections.environment import Conditions
+from schemas.sections.environment import Conditions, Environment
 from schemas.steady import steady
 from schemas.validation import suggest
 
@@ -107,23 +107,21 @@ PRESETS: dict[str, Conditions] = {
 """Intensities of the weathers of :data:`schemas.names.WEATHERS`."""
 
 
-def weather_of(
-    name: str, family: str = "physical", custom: Mapping[str, Conditions] | None = None
-) -> WeatherParameters:
-    """Parameters of a preset, or of a weather in ``custom``.
+def weather_of(name: str, environment: Environment = Environment()) -> WeatherParameters:
+    """Parameters of a preset, or of a weather of the ``environment``, with the intensities that
+    hold there whatever the weather.
 
     Raises:
-        ValueError: no such weather or family; one line.
+        ValueError: no such weather; one line.
     """
-    if family not in FAMILIES:
-        raise ValueError(f"weather family '{family}': allowed: {', '.join(FAMILIES)}")
-    own = custom or {}
+    own = environment.custom
     conditions = PRESETS.get(name) or own.get(name)
     if conditions is None:
         raise ValueError(f"weather '{name}': {suggest(name, [*PRESETS, *own])}")
-    if family == "autodrive" and name in PRESETS:
+    intensities = environment.intensities()
+    if environment.family == "autodrive" and name in PRESETS and not intensities:
         return WEATHER_AUTODRIVE[name]
-    return parameters(conditions, family)
+    return parameters(msgspec.structs.replace(conditions, **intensities), environment.family)
 
 
 def parameters(conditions: Conditions, family: str = "physical") -> WeatherParameters:

@@ -8,11 +8,11 @@ import msgspec
 import pytest
 from conductor_bench import CONFIG, Bench, hello, result
 from msgspec import UNSET
-from search_bench import KPI, Crew, measured, plane, searched, section, submission, trace
+from search_bench import KPI, Crew, Unchecked, measured, plane, searched, section, submission, trace
 
 from conductor.commands.tables import search_line
-from conductor.core.facts import Generation, Leased, Snapshot
-from conductor.core.fold import fold
+from conductor.core.facts import Generation, Image, Leased, Snapshot
+from conductor.core.fold import apply, fold, revive
 from conductor.core.invariants import check
 from conductor.core.searching import growth
 from conductor.core.snapshot import take
@@ -33,6 +33,8 @@ SUBSET = {"level": 24, "share": 0.25}
 def _sections() -> list[dict]:
     rare = {"kpi": KPI, "fails_below": -1.0}
     return [
+        section("bayesian", objective={"kpi": KPI, "goal": "least"}),
+        section("boundary", budget={"cases": 40}, options={"grid": 4}),
         section(),
         section("latin_hypercube"),
         section("sobol", budget={"generation": 8}),
@@ -218,18 +220,35 @@ def test_proposals_are_on_disk_before_a_lease_and_are_read_back(
     assert trace(fold(bench.journal, CONFIG)) == trace(bench.state)
 
 
-def test_a_snapshot_holds_the_search() -> None:
-    bench = Bench()
-    bench.ask(submission(section()))
-    taken = [take(bench.state)]
-    Crew(bench, 2, 2, 1).work(lambda: len(bench.state.campaigns["searched"].ordered) > 15)
-    taken.append(take(bench.state))
-    images = {image.key: image for snapshot in taken for image in snapshot.images}
-    state = fold([Snapshot(images=list(images.values()))], Config(folder="/state"))
-    check(state)
-    assert trace(state) == trace(bench.state)
-    assert state.searches == bench.state.searches
-    assert state.campaigns["searched"].digest == bench.state.campaigns["searched"].digest
+@pytest.mark.parametrize("chains", [1, 3])
+def test_a_snapshot_holds_the_search(monkeypatch: pytest.MonkeyPatch, chains: int) -> None:
+    """Cases that came later are in images of their own, and full ones are taken once."""
+    monkeypatch.setattr("conductor.core.snapshot.IMAGE_CASES", 8)
+    monkeypatch.setattr("conductor.core.fold.IMAGE_CASES", 8)
+    bench = Unchecked()
+    bench.ask(submission(section(chains=chains, budget={"cases": 240})))
+    images: dict[str, Image] = {}
+    for cases in (10, 60, 100, 110, 240):
+        known = set(images)
+        bench.now_ns += CONFIG.ttl_ns + 1
+        bench.tick()
+        crew = Crew(bench, 2, 2, cases)
+        crew.work(lambda cases=cases: bench.state.campaigns["searched"].search.closed >= cases)
+        taken = take(bench.state)
+        apply(bench.state, taken)
+        images |= {image.key: image for image in taken.images}
+        again = known & {image.key for image in taken.images if image.key.startswith("1/0000")}
+        assert len(again) <= 2, "the campaign, and the image that was not full"
+        state = fold([Snapshot(images=list(images.values()))], Config(folder="/state"))
+        check(state)
+        assert trace(state) == trace(bench.state)
+        assert state.searches == bench.state.searches
+        assert state.campaigns["searched"].digest == bench.state.campaigns["searched"].digest
+        assert state.campaigns["searched"].imaged == len(bench.state.campaigns["searched"].ordered)
+        bench.state = state  # a restart goes on from there
+        revive(state, bench.now_ns)
+    assert sum(key.startswith("1/000000/") for key in images) == (240 - 10 * chains) // 8 + 1
+    assert not bench.state.left
 
 
 def test_the_journal_takes_generations(tmp_path) -> None:  # type: ignore[no-untyped-def]

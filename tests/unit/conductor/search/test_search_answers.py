@@ -13,7 +13,7 @@ from search_bench import KPI, four_branches, normal_section, plane, section, sol
 from conductor.search.driver import Closed, clusters, first, follow
 from conductor.search.intervals import wilson
 from conductor.search.space import values_of
-from schemas.search_points import Z_MAX
+from schemas.searching.search_points import Z_MAX
 from schemas.sections.search import Search
 
 PLANE = 0.0668072

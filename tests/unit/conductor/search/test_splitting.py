@@ -15,7 +15,7 @@ from schemas.campaign import Campaign
 from schemas.files.yaml_file import dump_yaml, parse_yaml
 from schemas.identity import campaign_digest, case_digest
 from schemas.plan import examine, parse_plan
-from schemas.search_points import lineage
+from schemas.searching.search_points import lineage
 from schemas.sections.search import name_of, place_of
 from schemas.wire.control import Lease, Result
 

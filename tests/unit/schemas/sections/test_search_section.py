@@ -8,7 +8,7 @@ import pytest
 from search_bench import KPI, NAMES, section
 
 from schemas.plan import examine
-from schemas.search_points import correlation_factor, correlation_matrix
+from schemas.searching.search_points import correlation_factor, correlation_matrix
 from schemas.sections.search import Search
 from schemas.validation import convert_all
 
@@ -175,7 +175,7 @@ def test_a_good_one_has_no_mistake() -> None:
         ),
         (
             _traced(
-                parameters={ONE: UNIFORM, NAMES[1]: {"distribution": "choices", "values": [0]}}
+                parameters={ONE: UNIFORM, NAMES[1]: {"distribution": "choices", "values": [0, 1]}}
             ),
             f"options.y: '{NAMES[1]}' has choices, which have no order",
         ),

@@ -14,7 +14,7 @@ from schemas.campaign import Campaign
 from schemas.case import Case
 from schemas.messages import Command
 from schemas.plan import expand, plan_of
-from schemas.search_points import with_forks
+from schemas.searching.search_points import with_forks
 from twin.rig.engine import Engine
 
 SLOTS = 40

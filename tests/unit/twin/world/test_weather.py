@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from schemas.campaign import WEATHERS
-from schemas.sections.environment import Conditions
+from schemas.sections.environment import Conditions, Environment
 from twin.world.sky.weather import (
     FAMILIES,
     PRESETS,
@@ -134,11 +134,22 @@ def test_blending_is_linear_between_its_ends():
     )
 
 
-def test_unknown_weathers_and_families_are_one_line():
+def test_unknown_weathers_are_one_line():
     with pytest.raises(ValueError, match="did you mean 'heavy_fog'") as error:
         weather_of("hevy_fog")
     assert "\n" not in str(error.value)
-    with pytest.raises(ValueError, match="allowed: physical, autodrive"):
-        weather_of("clear", "unreal")
     own = {"drizzle": Conditions(rain=0.2)}
-    assert weather_of("drizzle", "physical", own) == parameters(own["drizzle"])
+    assert weather_of("drizzle", Environment(custom=own)) == parameters(own["drizzle"])
+
+
+def test_intensities_of_the_environment_hold_whatever_the_weather():
+    as_heavy = weather_of("light_rain", Environment(rain=1.0, cloud=1.0, wind=0.5))
+    assert as_heavy == WEATHER["heavy_rain"]
+    between = weather_of("clear", Environment(rain=0.75))
+    assert WEATHER["light_rain"].rain_mm_per_h < between.rain_mm_per_h < 25.0
+    assert between.cloud_cover == WEATHER["clear"].cloud_cover
+    assert weather_of("heavy_fog", Environment(fog=0.0)).mor_m > 2000.0
+    drizzle = Environment(custom={"drizzle": Conditions(rain=0.2, fog=0.1)}, rain=0.4)
+    assert weather_of("drizzle", drizzle) == parameters(Conditions(rain=0.4, fog=0.1))
+    shown = weather_of("light_rain", Environment(family="autodrive", rain=1.0))
+    assert shown.extinction_per_m > WEATHER_AUTODRIVE["light_rain"].extinction_per_m

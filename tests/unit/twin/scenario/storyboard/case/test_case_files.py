@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
+import numpy as np
 import pytest
 
 from schemas.case import Case
@@ -263,6 +264,30 @@ def test_a_look_is_the_nearest_in_size_and_others_differ_in_colour():
     assert palette.look("car", (4.62, 1.9, 1.72), 1).kind != suv.kind
     assert palette.look("car", (4.62, 1.9, 1.72), 4).kind == suv.kind
     assert palette.look("trailer", (12.0, 2.5, 4.0), 0).size_m[0] == 13.0
+
+
+@pytest.mark.parametrize(
+    ("sort", "size"),
+    [
+        ("car", (4.023, 1.712, 1.427)),  # global vehicle target
+        ("car", (4.3, 1.8, 1.5)),
+        ("motorcycle", (2.08, 0.79, 1.5)),
+        ("bicycle", (1.89, 0.6, 1.86)),
+        ("pedestrian", (None, None, 1.8)),
+        ("child", (None, None, 1.154)),
+    ],
+)
+def test_targets_of_rulebooks_look_as_large_as_they_are(sort, size):
+    palette = build_palette()
+    given = [0.5 if value is None else value for value in size]
+    mesh = palette.kinds[palette.look(sort, given, 0).kind].mesh
+    drawn = mesh.points_m[mesh.faces[mesh.tag != DECAL]].reshape(-1, 3)  # without the shade
+    extent = drawn.max(axis=0) - drawn.min(axis=0)
+    if sort == "car":
+        extent[1] = np.ptp(drawn[drawn[:, 2] < 0.8, 1])  # below the mirrors
+    for axis, value in enumerate(size):
+        if value is not None:
+            assert extent[axis] == pytest.approx(value, abs=0.06), (axis, extent)
 
 
 def test_what_lies_flat_looks_flat_and_is_no_object():

@@ -14,6 +14,7 @@ from schemas.kinds.kpi import scalars_by_name
 from schemas.kinds.registry import implementation
 from schemas.kinds.sampler import sampler_kinds
 from schemas.kinds.scenario import kind_of
+from schemas.searching.search_limits import budget_mistakes, constant_problem
 from schemas.sections.fork import Branch, Fork
 from schemas.sections.scenario import Scenario
 from schemas.sections.search import (
@@ -162,7 +163,9 @@ def _parameter_mistakes(search: Search, matrix: dict[str, list[Value]]) -> list[
             mistakes.append(Mistake(where, "is an axis of the matrix as well; name it once"))
         if problem := _out_of_range(distribution):
             mistakes.append(Mistake(where, problem))
-    return mistakes
+    kind = sampler_kinds().get(search.sampler)
+    least = kind.generation_min if kind else 1
+    return [*mistakes, *budget_mistakes(search.budget, search.sampler, least)]
 
 
 def _out_of_range(distribution: Distribution) -> str:
@@ -188,7 +191,7 @@ def _out_of_range(distribution: Distribution) -> str:
         nearest = min(max(distribution.mean, distribution.low), distribution.high)
         if abs(nearest - distribution.mean) > Z_MAX * distribution.sd:
             return f"its limits are more than {Z_MAX:g} standard deviations from the mean"
-    return ""
+    return constant_problem(distribution)
 
 
 def _correlation_mistakes(search: Search) -> list[Mistake]:

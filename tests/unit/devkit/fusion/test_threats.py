@@ -1,0 +1,139 @@
+"""Who comes along the other lane of a curve is no threat, and who comes in one's own is."""
+
+import math
+from types import SimpleNamespace
+
+import pytest
+
+from devkit.fusion.ego_motion import EgoMotion
+from devkit.fusion.health import SensorHealth
+from devkit.fusion.parameters import StagingParameters, TrackingParameters
+from devkit.fusion.sightings import LABELS
+from devkit.fusion.threats import find_threats
+from devkit.fusion.tracks import TrackStore
+
+LANE_M, SPEED_MPS = 3.5, 20.0
+STAGING = StagingParameters()
+
+
+def road(bends, at_m):
+    """x, y and direction after ``at_m`` on a road of (length, curvature) pieces."""
+    x = y = heading = 0.0
+    for length, bend in bends:
+        for _ in range(round(min(length, at_m) / 0.05)):
+            x, y = x + 0.05 * math.cos(heading), y + 0.05 * math.sin(heading)
+            heading += 0.05 * bend
+        at_m -= length
+        if at_m <= 0:
+            break
+    return x, y, heading
+
+
+def comes(bends, way_m, lane_m, *, named=True):
+    """Threats of a car that comes along the road, ``lane_m`` left of the ego's lane."""
+    x, y, heading = road(bends, way_m)
+    tracks = TrackStore(1, TrackingParameters())
+    for name, value in {
+        "live": True,
+        "x_m": x - lane_m * math.sin(heading),
+        "y_m": y + lane_m * math.cos(heading),
+        "vx_mps": -SPEED_MPS * math.cos(heading),
+        "vy_mps": -SPEED_MPS * math.sin(heading),
+        "p_vv": 0.1,
+        "q_vv": 0.1,
+        "right_m": -0.9,
+        "left_m": 0.9,
+        "probability": 0.999,
+        "age_s": 3.0,
+        "turn_radps": -SPEED_MPS * next(b for s, b in bends_from(bends, way_m) if s > 0),
+        "label": LABELS.index("car") if named else 0,
+    }.items():
+        getattr(tracks, name)[0, 0] = value
+    seen = (tracks.camera, tracks.radar) if named else (tracks.radar,)
+    ego, health = EgoMotion(1), SensorHealth(1)
+    ego.speed_mps[:], ego.curvature_per_m[:] = SPEED_MPS, bends[0][1]
+    place = tracks.y_m[0, 0] - 0.5 * bends[0][1] * tracks.x_m[0, 0] ** 2
+    for memory in seen:
+        memory.age_s[0, 0], memory.hits[0, 0] = 0.0, 20
+        memory.inside[0, 0] = float(abs(place) < 2.0)
+    found = find_threats(tracks, ego, health, STAGING)
+    return SimpleNamespace(
+        counts=bool(found.agreed[0, 0] | found.single[0, 0]),
+        inside=bool(tracks.radar.inside[0, 0]),
+        ttc_s=float(found.ttc_s[0, 0]),
+    )
+
+
+def bends_from(bends, at_m):
+    """What is left of the pieces from ``at_m`` on; the last goes on."""
+    for length, bend in bends:
+        yield length - at_m, bend
+        at_m -= length
+    yield math.inf, bends[-1][1]
+
+
+RADIUS_M = (-400.0, -250.0, 250.0, 400.0)
+ROADS = [
+    pytest.param(
+        [(first, before), (500.0, after)], id=f"{first:.0f} m of {before:.4f}, {after:.4f}"
+    )
+    for first in (10.0, 25.0, 40.0, 60.0)
+    for radius in RADIUS_M
+    for before, after in ((0.0, 1 / radius), (1 / radius, 0.0), (1 / radius, 1 / radius))
+]
+
+
+@pytest.mark.parametrize("bends", ROADS)
+def test_who_comes_along_the_other_lane_is_no_threat(bends):
+    found = [comes(bends, way_m, LANE_M) for way_m in range(20, 110, 5)]
+    assert not [one.ttc_s for one in found if one.counts]
+    found = [comes(bends, way_m, LANE_M, named=False) for way_m in range(20, 110, 5)]
+    assert not [one.ttc_s for one in found if one.counts]
+
+
+def test_such_roads_bring_the_others_onto_the_foreseen_path():
+    """Else the test above would not try anything."""
+    tried = [
+        comes(each.values[0], way_m, LANE_M).inside for each in ROADS for way_m in range(20, 110, 5)
+    ]
+    assert 60 < sum(tried) < len(tried)
+
+
+@pytest.mark.parametrize(
+    "bends", [[(500.0, 0.0)], [(500.0, 1 / 250.0)], [(500.0, -1 / 250.0)], [(500.0, 1 / 400.0)]]
+)
+def test_who_comes_in_the_own_lane_is_one_in_time(bends):
+    assert all(comes(bends, way_m, 0.0).counts for way_m in range(20, 110, 5))
+    near = [comes(bends, way_m, 0.0, named=False) for way_m in range(20, 36, 2)]
+    assert all(one.counts for one in near), "radar alone, at last"
+    assert max(one.ttc_s for one in near) > 0.7
+
+
+def test_who_leaves_the_path_at_the_last_moment_counts_as_long_as_he_is_there():
+    """A car that crosses from the right has left the path by its place, though echoes of its
+    middle were in the path a moment ago."""
+    tracks = TrackStore(1, TrackingParameters())
+    for name, value in {
+        "live": True,
+        "x_m": 30.0,
+        "y_m": 1.5,
+        "vx_mps": 1.5,
+        "vy_mps": 8.0,
+        "p_vv": 0.1,
+        "q_vv": 0.1,
+        "right_m": -2.2,
+        "left_m": 2.2,
+        "probability": 0.999,
+        "age_s": 3.0,
+        "label": LABELS.index("car"),
+    }.items():
+        getattr(tracks, name)[0, 0] = value
+    for memory in (tracks.camera, tracks.radar):
+        memory.age_s[0, 0], memory.hits[0, 0], memory.inside[0, 0] = 0.0, 20, 1.0
+    ego, health = EgoMotion(1), SensorHealth(1)
+    ego.speed_mps[:] = SPEED_MPS
+    assert not find_threats(tracks, ego, health, STAGING).agreed[0, 0], (
+        "gone in 0.2 s, there in 1.3 s"
+    )
+    tracks.vy_mps[0, 0] = 1.4
+    assert find_threats(tracks, ego, health, STAGING).agreed[0, 0]
