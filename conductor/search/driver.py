@@ -205,6 +205,11 @@ def traced(search: Search, closed: Closed) -> Traced | None:
     return sampler.trace(_history(search, closed)) if isinstance(sampler, TracesBoundary) else None
 
 
+def closed_history(search: Search, closed: Closed) -> History:
+    """The closed generations as samplers see them, for who makes further answers of them."""
+    return _history(search, closed)
+
+
 def versions() -> dict[str, str]:
     """Versions of the libraries that are loaded: whoever proposed has done that."""
     loaded = {name: sys.modules.get(name) for name in LIBRARIES}
