@@ -120,7 +120,8 @@ def _finding(run: Path, name: str, outcomes: Outcomes, search: SearchFile | None
         parts.append(f"{search.kpi} {'missing' if value is None else f'{value:.6g}'}{limit}")
         like = [c for c in search.clusters if c.mildest == name and len(c.cases) > 1]
         parts += [f"{len(c.cases) - 1} further failures beside it" for c in like]
-    return f"{run}, {name}: {'; '.join(parts)}"
+    shown = run if run.name else run.absolute().name
+    return f"{shown}, {name}: {'; '.join(parts)}"
 
 
 def _text_of(into: Path) -> str | None:

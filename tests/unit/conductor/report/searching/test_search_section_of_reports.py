@@ -72,6 +72,8 @@ def test_the_page_tells_answer_and_clusters(found: SearchFile) -> None:
     first = shown.clusters[0]
     assert f"<code>{first.cluster.mildest}</code> film of {first.cluster.mildest}" in page
     assert mildest(found)[0] == first.cluster.mildest
+    assert f"conductor run campaign.yaml --case {first.cluster.mildest} --out again/" in page
+    assert "conductor regress . --into kept.yaml" in page
     assert len(first.cluster.cases) > 1
     assert f'<small class="dim">{first.spans[0]}</small>' in page
     values = {
