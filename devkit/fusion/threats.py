@@ -260,7 +260,7 @@ def _passes_by(
     half_m = staging.corridor_half_m
     passes: np.ndarray = comes & (
         (_misses(tracks, beside_m, half_m + beside_sigma_m) & ~_straight(tracks, ego))
-        | _misses(tracks, lane_m, half_m + 2.0 * lane_sigma_m)
+        | _misses(tracks, lane_m, half_m + lane_sigma_m)
     )
     return passes
 
