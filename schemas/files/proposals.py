@@ -73,5 +73,8 @@ def with_proposals(content: Any, folder: Path, shown: str) -> Any:
     lines = lines[: max(0, told.generations)]
     if hashlib.sha256(b"".join(lines)).hexdigest() != told.sha256:
         raise YamlError(f"{path}: is not what {shown} names; copy both from one run")
-    proposed = [line.decode().rstrip("\n") for line in lines]
+    try:
+        proposed = [line.decode().rstrip("\n") for line in lines]
+    except UnicodeDecodeError:
+        raise YamlError(f"{path}: is no text in UTF-8; copy it from its run again") from None
     return {**content, "search": {**search, "proposed": proposed}}

@@ -6,6 +6,7 @@ import functools
 import math
 from typing import Any
 
+from schemas.escape import escape
 from schemas.formulas.tree import (
     DEPTH_MAX,
     NUMBERS,
@@ -89,7 +90,7 @@ def _unexpected(text: str, error: Any) -> str:
     if getattr(getattr(error, "token", None), "type", "") == "$END":
         return "ends too early; something is missing behind its last word"
     place = error.pos_in_stream
-    word = text[place : place + 20].split(" ")[0] or " "
+    word = escape(text[place : place + 20].split(" ")[0] or " ", 80)
     return f"'{word}' is not expected at character {place + 1}"
 
 

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import hashlib
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from fuzz_target import Target, of_file
 
 from conductor.core.state import Config
@@ -25,13 +28,17 @@ from devkit.replaying.replay import sensor_messages
 from hpc.site import load_site
 from schemas.files.assets import asset_digest
 from schemas.files.drive_record import DRIVE_FILE
+from schemas.files.proposals import FILE_NAME as PROPOSED_FILE
+from schemas.files.proposals import with_proposals
 from schemas.files.yaml_file import YamlError, load_yaml
+from schemas.formulas.parse import parse_formula
 from schemas.plan import parse_campaign
 from twin.base.errors import InfrastructureError, TwinError, UsageError
 from twin.dataset.recipe import parse_recipe
 from twin.fabric import discovery
 from twin.fabric.keys.key_file import load_key
 from twin.fabric.keys.roles import Role
+from twin.kpi.robustness import robustness
 from twin.records import kpi_file
 from twin.records.autodrive_files import read_log_files
 from twin.records.drive_record import RecordReader
@@ -55,6 +62,50 @@ from viewer.recording import naming
 ROOT = Path(__file__).parents[2]
 MISTAKES_MAX = 500
 """Lines of a refused campaign."""
+
+
+class FewRows:
+    """Five ticks of any columns, in which a value of each is missing."""
+
+    rows = 5
+
+    def column(self, name: str) -> np.ndarray:
+        return np.arange(5) * (50_000_000 if name == "sim_time_ns" else 0.5)
+
+    def valid(self, name: str) -> np.ndarray:
+        return np.arange(5) != len(name) % 5
+
+
+SEARCHED = {
+    "campaign": "searched",
+    "matrix": {"weather": ["clear"]},
+    "autonomy": {"perception": {"eyes": {"type": "ground_truth"}}},
+    "search": {
+        "parameters": {"scenario.ego_start_m": {"distribution": "uniform", "low": 40, "high": 100}},
+        "objective": {"kpi": "dtc_min_m", "fails_below": 0.5},
+        "budget": {"cases": 20, "generation": 10},
+    },
+}
+
+
+def _formula(data: bytes) -> object:
+    """A text that passes, over rows in which nothing is known of most columns."""
+    text = data.decode(errors="replace")
+    parse_formula(text)
+    return robustness(text, FewRows())
+
+
+def _proposed(data: bytes) -> object:
+    """A run's folder whose campaign file names just these lines."""
+    named = {"generations": data.count(b"\n") + 1, "sha256": hashlib.sha256(data).hexdigest()}
+    with tempfile.TemporaryDirectory() as folder:
+        (Path(folder) / PROPOSED_FILE).write_bytes(data)
+        content = with_proposals({"search": {"proposed": named}}, Path(folder), "campaign.yaml")
+    search = {**SEARCHED["search"], "proposed": content["search"]["proposed"]}
+    campaign, mistakes = parse_campaign({**SEARCHED, "search": search})
+    if campaign is None:
+        raise UsageError(mistakes[0].line("campaign.yaml"))
+    return campaign
 
 
 def _campaign(path: Path) -> object:
@@ -158,6 +209,8 @@ TARGETS = {
     "yaml-campaign": Target(
         of_file("c.yaml", _campaign), YAML, CAMPAIGNS, lines_max=MISTAKES_MAX, cost=20
     ),
+    "formula": Target(_formula, (ValueError,)),
+    "proposed": Target(_proposed, YAML, cost=5),
     "yaml-vehicle": Target(
         of_file("v.yaml", lambda path: load_vehicle(str(path))),
         (ValueError,),
