@@ -18,6 +18,7 @@ from schemas.campaign import UNREPEATABLE, Campaign
 from schemas.case import Case
 from schemas.files.assets import ROAD_SUFFIX, asset_digest, file_digest, is_path
 from schemas.files.yaml_file import YamlError, load_yaml
+from schemas.kinds.sampler import EXTRA
 from schemas.kinds.scenario import kind_of
 from schemas.names import WEATHERS
 from schemas.plan import Plan, examine, plan_of
@@ -245,7 +246,7 @@ def begun(plan: Plan) -> Plan:
         raise UsageError(f"search: {error}") from None
     except ImportError as error:
         missing = f"search: a search needs further libraries ({error})"
-        raise UsageError(f"{missing}; pip install 'drivetwin[search]'") from None
+        raise UsageError(f"{missing}; {EXTRA}") from None
     return plan_of(msgspec.structs.replace(plan.campaign, search=begun_search))
 
 

@@ -31,12 +31,10 @@ from conductor.search.space import values_of
 from schemas.files.search_result import ChainEstimate, SearchAnswer, SearchCluster
 from schemas.identity import stream_key
 from schemas.kinds.registry import implementation
-from schemas.kinds.sampler import SamplerKind, sampler_kinds
+from schemas.kinds.sampler import EXTRA, SamplerKind, sampler_kinds
 from schemas.sections.fork import Branch
 from schemas.sections.search import WITH_TAILS, Objective, Search, Value, name_of
 
-EXTRA = "pip install 'drivetwin[search]'"
-"""What brings the libraries of the samplers."""
 LIBRARIES = ("numpy", "scipy", "cma", "sklearn")
 """Libraries whose versions are kept with every generation."""
 REACH = 1.0
@@ -208,6 +206,16 @@ def traced(search: Search, closed: Closed) -> Traced | None:
 def closed_history(search: Search, closed: Closed) -> History:
     """The closed generations as samplers see them, for who makes further answers of them."""
     return _history(search, closed)
+
+
+def require(search: Search) -> None:
+    """Load what the sampler of a search needs.
+
+    Raises:
+        ValueError: a library is missing; one line.
+    """
+    _sampler(search, 0)
+    _libraries(search.sampler)
 
 
 def versions() -> dict[str, str]:

@@ -18,6 +18,9 @@ GROUP = "drivetwin.samplers"
 PROCESS_CASES_MAX = 500
 """Most cases of a search by a Gaussian process, whose effort grows with their third power."""
 
+EXTRA = "pip install 'drivetwin[search]'"
+"""What brings the libraries of the samplers."""
+
 OURS = {"shipped": "schemas.kinds.sampler:KINDS"}
 """Samplers that are shipped; the same as in pyproject.toml."""
 
