@@ -5,7 +5,7 @@ from __future__ import annotations
 import datetime
 from typing import Annotated, Literal
 
-from msgspec import Meta, Struct
+from msgspec import UNSET, Meta, Struct, UnsetType
 
 from schemas.names import WEATHERS, Name, TimeOfDay
 from schemas.validation import Mistake, suggest
@@ -72,16 +72,16 @@ class Environment(_Spec, frozen=True):
     """Tyre-road friction whatever the weather; null: the weather's [-]."""
     water_mm: Annotated[float, Meta(ge=0, le=10)] | None = None
     """Water film on the road whatever the weather; null: the weather's [mm]."""
-    cloud: Intensity | None = None
-    """Share of the sky under cloud whatever the weather; null: the weather's [-]."""
-    fog: Intensity | None = None
-    """Fog whatever the weather, in the unit of `custom`; null: the weather's [-]."""
-    rain: Intensity | None = None
-    """Rain whatever the weather, in the unit of `custom`; null: the weather's [-]."""
-    snow: Intensity | None = None
-    """Snow whatever the weather, in the unit of `custom`; null: the weather's [-]."""
-    wind: Intensity | None = None
-    """Wind whatever the weather, in the unit of `custom`; null: the weather's [-]."""
+    cloud: Intensity | UnsetType = UNSET
+    """Share of the sky under cloud whatever the weather; not given: the weather's [-]."""
+    fog: Intensity | UnsetType = UNSET
+    """Fog whatever the weather, in the unit of `custom`; not given: the weather's [-]."""
+    rain: Intensity | UnsetType = UNSET
+    """Rain whatever the weather, in the unit of `custom`; not given: the weather's [-]."""
+    snow: Intensity | UnsetType = UNSET
+    """Snow whatever the weather, in the unit of `custom`; not given: the weather's [-]."""
+    wind: Intensity | UnsetType = UNSET
+    """Wind whatever the weather, in the unit of `custom`; not given: the weather's [-]."""
     custom: dict[Name, Conditions] = {}
     """Weathers of one's own by name; the matrix axis `weather` may use them."""
     timeline: Annotated[list[Change], Meta(max_length=CHANGES_MAX)] = []
@@ -100,7 +100,7 @@ class Environment(_Spec, frozen=True):
     def intensities(self) -> dict[str, float]:
         """Those of :class:`Conditions` that hold whatever the weather."""
         given = {name: getattr(self, name) for name in Conditions.__struct_fields__}
-        return {name: value for name, value in given.items() if value is not None}
+        return {name: value for name, value in given.items() if value is not UNSET}
 
     def weathers(self) -> list[str]:
         """Every weather a case may have."""

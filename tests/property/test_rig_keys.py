@@ -17,9 +17,11 @@ from schemas.plan import expand, parse_campaign
 from schemas.sections.camera import Camera
 from schemas.sections.environment import Environment
 from schemas.sections.foreign import Foreign
+from schemas.sections.fork import Fork
 from schemas.sections.lidar import Lidar
 from schemas.sections.objects import ObjectVariation
 from schemas.sections.perception import GroundTruthPerception
+from schemas.sections.repeated import CaseOrigin
 from schemas.sections.scenario import Scenario
 from schemas.sections.sensors import Sensors
 from schemas.sections.stack_identity import StackIdentity, StackSource
@@ -76,6 +78,9 @@ VARIATION: dict[str, st.SearchStrategy[Any]] = {
     "repeat": counts,
     "batch": counts,
     "drive": keeps,
+    "formula": words,
+    "origin": words.map(lambda word: CaseOrigin(campaign=word, case=word)),
+    "forks": words.map(lambda word: [Fork(case=word)]),
     "tell": st.lists(st.sampled_from(["case", "seed", "truth"]), unique=True),
 }
 

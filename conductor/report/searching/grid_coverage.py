@@ -31,8 +31,8 @@ def grid_coverage(dossier: Dossier) -> SearchCoverage | None:
         values = axis_values(dossier, name)
         if name not in campaign.matrix or name in _NO_DOMAIN or len(values) > CELLS_MAX:
             continue
-        places = {repr(value): place for place, value in enumerate(values)}
-        cells = np.array([places[repr(axis_value(row.case, name))] for row in rows], np.intp)
+        places = {value: place for place, value in enumerate(values)}
+        cells = np.array([places[axis_value(row.case, name)] for row in rows], np.intp)
         weights = np.full(len(values), 1.0 / len(values))
         axes.append(Axis(name, [str(value) for value in values], weights, cells))
     found = coverage_of(axes) if len(axes) > 1 else None
