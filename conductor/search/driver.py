@@ -7,7 +7,7 @@ were proposed decides a step: neither a clock, nor who was first, nor earlier ca
 from __future__ import annotations
 
 import functools
-import sys
+import importlib.metadata
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -35,8 +35,8 @@ from schemas.kinds.sampler import EXTRA, SamplerKind, sampler_kinds
 from schemas.sections.fork import Branch
 from schemas.sections.search import WITH_TAILS, Objective, Search, Value, name_of
 
-LIBRARIES = ("numpy", "scipy", "cma", "sklearn")
-"""Libraries whose versions are kept with every generation."""
+LIBRARIES = ("numpy", "scipy")
+"""Those of every search, by the names of their packages."""
 REACH = 1.0
 """Distance of a failure from the mildest one of its cluster, in units of the square root of the
 number of parameters."""
@@ -218,10 +218,11 @@ def require(search: Search) -> None:
     _libraries(search.sampler)
 
 
-def versions() -> dict[str, str]:
-    """Versions of the libraries that are loaded: whoever proposed has done that."""
-    loaded = {name: sys.modules.get(name) for name in LIBRARIES}
-    return {name: str(module.__version__) for name, module in loaded.items() if module is not None}
+@functools.cache
+def versions(sampler: str) -> dict[str, str]:
+    """Versions of the libraries by which a sampler proposes, whatever else is loaded."""
+    names = (*LIBRARIES, *sampler_kinds().find(sampler).libraries)
+    return {name: importlib.metadata.version(name) for name in names}
 
 
 def sampler_kind(search: Search) -> SamplerKind:

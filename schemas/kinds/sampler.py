@@ -109,6 +109,9 @@ class SamplerKind:
     and its objective a KPI that is the extreme of a column."""
     cases_max: int = SEARCH_CASES_MAX
     """Most cases with which it works."""
+    libraries: tuple[str, ...] = ()
+    """Packages by which it proposes beside NumPy and SciPy; their versions are kept with its
+    generations."""
     chains: Literal["none", "pooled", "mean", "best"] = "none"
     """What is made of chains side by side: they are refused; all their generations are one history;
     their probabilities have a mean; their worst case is the answer."""
@@ -141,6 +144,7 @@ KINDS = (
     ),
     SamplerKind(
         name="cma_es",
+        libraries=("cma",),
         title="CMA-ES",
         gives="extreme",
         implementation="conductor.search.samplers.evolution:CmaEs",
@@ -151,6 +155,7 @@ KINDS = (
     ),
     SamplerKind(
         name="bayesian",
+        libraries=("scikit-learn",),
         title="Bayesian search",
         gives="extreme",
         implementation="conductor.search.samplers.bayesian:Bayesian",

@@ -66,7 +66,7 @@ def next_generation(campaign: CampaignState, cpu: str) -> Generation:
     results = [_kpi(case, search.objective.kpi) for case in latest]
     name, number = campaign.campaign.campaign, len(record.u)
     fact = Generation(campaign=name, number=number, results=results, digest=campaign.digest)
-    fact = msgspec.structs.replace(fact, versions=versions(), cpu=cpu)
+    fact = msgspec.structs.replace(fact, versions=versions(search.sampler), cpu=cpu)
     replace = msgspec.structs.replace
     if any(isinstance(case.end, CaseEnded) and _cancelled(case) for case in latest):
         why = "a case of its latest generation was cancelled"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import sys
 from pathlib import Path
 
@@ -323,6 +324,18 @@ def test_a_sampler_that_fails_ends_its_search(monkeypatch: pytest.MonkeyPatch) -
     assert record is not None
     assert record.ended.startswith("its sampler failed: RuntimeError: a bug")
     assert "\n" not in record.ended
+
+
+@pytest.mark.parametrize(
+    ("sampler", "library"), [("monte_carlo", ""), ("cma_es", "cma"), ("bayesian", "scikit-learn")]
+)
+def test_versions_are_those_of_the_samplers_libraries(sampler: str, library: str) -> None:
+    """Whatever else the process has loaded: the trace has them."""
+    importlib.import_module("sklearn")
+    bench = searched(section(sampler, budget={"cases": 20, "generation": 10}))
+    record = bench.state.campaigns["searched"].search
+    assert record is not None
+    assert {*record.versions} == {"numpy", "scipy", library} - {""}
 
 
 def test_a_search_without_its_first_generation_is_refused() -> None:
