@@ -12,7 +12,7 @@ import yaml
 from msgspec import Struct
 
 from schemas.campaign import Campaign
-from schemas.files.yaml_file import YamlError, parse_yaml
+from schemas.files.yaml_file import YamlError, dump_yaml, parse_yaml
 from schemas.names import Name
 from schemas.plan import Plan
 from schemas.sections.repeated import DRAWN_AS, Repeated
@@ -65,8 +65,7 @@ def _said(section: Struct, default: Struct) -> dict[str, Any]:
 
 def dumped(data: Any) -> list[str]:
     """Lines of YAML."""
-    text = yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=1000)
-    return text.splitlines()
+    return dump_yaml(data, width=1000).splitlines()
 
 
 def repeated_in(text: str, into: Path) -> set[str]:

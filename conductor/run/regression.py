@@ -15,6 +15,7 @@ from conductor.records.kept_cases import begun_text, dumped, entry_of, repeated_
 from conductor.records.outcomes import Outcomes, read_outcomes
 from conductor.records.search import read_search
 from conductor.run.source import load
+from conductor.serve.folders import CAMPAIGN_FILE
 from schemas.case import Case
 from schemas.escape import escape
 from schemas.files.search_result import SearchFile
@@ -27,7 +28,6 @@ from twin.base.errors import UsageError, storage_error
 from twin.base.files import write_atomic
 from twin.records.campaign_file import read_plan
 
-CAMPAIGN_FILE = "campaign.yaml"
 _STACK = ("stack", "foreign", "parameters", "source", "perception", "model")
 """Parts of a case that say what is under test."""
 

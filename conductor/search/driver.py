@@ -114,7 +114,7 @@ def follow(search: Search, campaign: str, seed: int, closed: Closed) -> SearchSt
 
 
 def _follow(search: Search, sampler: Sampler, streams: _Streams, closed: Closed) -> SearchStep:
-    objective, whole = search.objective, _history(search, closed)
+    objective, whole = search.objective, closed_history(search, closed)
     if objective.missing == "ends" and (name := _first_missing(closed)):
         answer = _answer(search, whole, closed, Estimate(method="none: a value is missing"))
         if closed.ends and None not in closed.results[-1]:
@@ -144,7 +144,7 @@ def _follow(search: Search, sampler: Sampler, streams: _Streams, closed: Closed)
 
 def _branches(forks: Forks, history: History) -> list[Branch | None]:
     """Forks by the names of the cases that they are of; a sampler that forks has one chain."""
-    names = [name_of(i, j) for i, g in enumerate(history.g) for j in range(len(g))]
+    names = case_names(history)
     pairs = zip(forks.parents.tolist(), forks.margins.tolist(), strict=True)
     branches = [Branch(names[parent], margin) if parent >= 0 else None for parent, margin in pairs]
     return branches if any(branches) else []
@@ -168,10 +168,10 @@ def clusters(search: Search, closed: Closed) -> list[SearchCluster]:
     From the mildest failure to the worst, each joins the cluster whose mildest failure is nearest,
     if it is near enough, or begins one.
     """
-    history = _history(search, closed)
+    history = closed_history(search, closed)
     if not history.g:
         return []
-    names = [name_of(i, j) for i, g in enumerate(history.g) for j in range(len(g))]
+    names = case_names(history)
     g, u = np.concatenate(history.g), np.concatenate(history.u)
     kpis = [value for results in closed.results for value in results]
     failed = [int(i) for i in np.argsort(-g, kind="stable") if g[i] < 0 and kpis[i] is not None]
@@ -200,12 +200,16 @@ def clusters(search: Search, closed: Closed) -> list[SearchCluster]:
 def traced(search: Search, closed: Closed) -> Traced | None:
     """The boundary that the sampler knows after the closed generations; None: it traces none."""
     sampler = _sampler(search, 0)
-    return sampler.trace(_history(search, closed)) if isinstance(sampler, TracesBoundary) else None
+    return (
+        sampler.trace(closed_history(search, closed))
+        if isinstance(sampler, TracesBoundary)
+        else None
+    )
 
 
-def closed_history(search: Search, closed: Closed) -> History:
-    """The closed generations as samplers see them, for who makes further answers of them."""
-    return _history(search, closed)
+def case_names(history: History) -> list[str]:
+    """The names of all cases of closed generations, in the order in which they were proposed."""
+    return [name_of(i, j) for i, g in enumerate(history.g) for j in range(len(g))]
 
 
 def require(search: Search) -> None:
@@ -279,7 +283,8 @@ def _first_missing(closed: Closed) -> str:
     return ""
 
 
-def _history(search: Search, closed: Closed) -> History:
+def closed_history(search: Search, closed: Closed) -> History:
+    """The closed generations as samplers see them."""
     dimension = len(search.parameters)
     return History(
         [

@@ -48,14 +48,13 @@ def weighted(probability: float, shares: Array, total: int) -> tuple[float, floa
     square = float(np.sum(shares * shares))
     freedom = max(1.0, 1.0 / square - 1.0)
     relative = math.sqrt(max(0.0, square - 1.0 / total))
-    half = float(stdtrit(freedom, 0.975)) * math.sqrt(math.log1p(relative * relative))
-    return probability * math.exp(-half), min(1.0, probability * math.exp(half))
+    return lognormal(probability, relative, float(stdtrit(freedom, 0.975)))
 
 
-def lognormal(probability: float, relative: float) -> tuple[float, float]:
+def lognormal(probability: float, relative: float, quantile: float = Z) -> tuple[float, float]:
     """Interval of an estimate with a relative standard error, taken as lognormal: such estimates
     are positive and skewed."""
-    half = Z * math.sqrt(math.log1p(relative * relative))
+    half = quantile * math.sqrt(math.log1p(relative * relative))
     return probability * math.exp(-half), min(1.0, probability * math.exp(half))
 
 
@@ -64,8 +63,7 @@ def of_logarithms(estimates: Array) -> tuple[float, float]:
     the relative error of the mean by Student's distribution."""
     count, mean = len(estimates), float(np.mean(estimates))
     relative = float(np.std(estimates, ddof=1)) / math.sqrt(count) / mean
-    half = float(stdtrit(count - 1, 0.975)) * math.sqrt(math.log1p(relative * relative))
-    return mean * math.exp(-half), min(1.0, mean * math.exp(half))
+    return lognormal(mean, relative, float(stdtrit(count - 1, 0.975)))
 
 
 def relative_error(probability: float, low: float | None) -> float:

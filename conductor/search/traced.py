@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from conductor.search.driver import Closed, closed_history, traced
+from conductor.search.driver import Closed, case_names, closed_history, traced
 from conductor.search.space import DIGITS, values_of
 from schemas.files.search_result import BoundaryPoint, SearchBoundary
-from schemas.sections.search import Search, Value, name_of
+from schemas.sections.search import Search, Value
 
 
 def boundary_of(search: Search, closed: Closed) -> SearchBoundary | None:
@@ -18,7 +18,7 @@ def boundary_of(search: Search, closed: Closed) -> SearchBoundary | None:
         return None
     parameters = list(search.parameters)
     history = closed_history(search, closed)
-    names = [name_of(i, j) for i, rows in enumerate(history.u) for j in range(len(rows))]
+    names = case_names(history)
     values = values_of(search, np.concatenate(history.u))
     axes = (boundary.x, boundary.y)
     points = []

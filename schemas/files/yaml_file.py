@@ -180,6 +180,6 @@ def read_yaml_text(path: Path) -> str:
         raise YamlError(f"{path}: not UTF-8 text (byte {error.start})") from None
 
 
-def dump_yaml(data: Any) -> str:
-    """YAML text with keys in the given order."""
-    return yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=100)
+def dump_yaml(data: Any, width: int = 100) -> str:
+    """YAML text with keys in the given order, in lines of about ``width`` characters."""
+    return yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=width)
