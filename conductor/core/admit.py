@@ -12,10 +12,10 @@ from conductor.core.case_table import pack
 from conductor.core.facts import Relocated, Submitted
 from conductor.core.relocate import moved
 from conductor.core.state import PROTECTED_ONLY, CampaignState, State
+from conductor.search.libraries import require
 from schemas.campaign import CASES_MAX, Campaign, cases_given
 from schemas.escape import escape
 from schemas.identity import DIGESTS, campaign_digest
-from schemas.kinds.sampler import EXTRA
 from schemas.plan import parse_plan
 from schemas.searching.search_points import proposed_count
 from schemas.sections.autonomy import open_by_nature
@@ -158,12 +158,7 @@ def _unbegun(campaign: Campaign) -> str:
             f"{wanted}; submit it by `conductor run` or `conductor submit`"
         )
     try:
-        # Late: only who searches has the libraries, and waits for them.
-        from conductor.search.driver import require
-
         require(search)
-    except ImportError as error:
-        return f"where the conductor runs, a search needs further libraries ({error}); {EXTRA}"
     except ValueError as error:
         return f"where the conductor runs, {error}"
     return ""

@@ -14,11 +14,11 @@ from msgspec import UNSET
 from conductor.run.extending import read_extended
 from conductor.run.stack_check import stack_mistakes
 from conductor.run.twin_check import twin_mistakes
+from conductor.search.libraries import require
 from schemas.campaign import UNREPEATABLE, Campaign
 from schemas.case import Case
 from schemas.files.assets import ROAD_SUFFIX, asset_digest, file_digest, is_path
 from schemas.files.yaml_file import YamlError, load_yaml
-from schemas.kinds.sampler import EXTRA
 from schemas.kinds.scenario import kind_of
 from schemas.names import WEATHERS
 from schemas.plan import Plan, examine, plan_of
@@ -239,14 +239,12 @@ def begun(plan: Plan) -> Plan:
         return plan
     asked = msgspec.structs.replace(search, first=[], proposed=[])
     try:
+        require(search)
         begun_search = _begun(
             msgspec.msgpack.encode(asked), plan.campaign.campaign, plan.campaign.seed
         )
     except ValueError as error:
         raise UsageError(f"search: {error}") from None
-    except ImportError as error:
-        missing = f"search: a search needs further libraries ({error})"
-        raise UsageError(f"{missing}; {EXTRA}") from None
     return plan_of(msgspec.structs.replace(plan.campaign, search=begun_search))
 
 

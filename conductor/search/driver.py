@@ -212,7 +212,7 @@ def case_names(history: History) -> list[str]:
     return [name_of(i, j) for i, g in enumerate(history.g) for j in range(len(g))]
 
 
-def require(search: Search) -> None:
+def load(search: Search) -> None:
     """Load what the sampler of a search needs.
 
     Raises:
