@@ -425,7 +425,7 @@ def report(
         FilmsOf | None,
         typer.Option(
             help="failures: make films of recorded cases that did not pass, of a rulebook's tables "
-            "the worst run of each cell; the page leads to them."
+            "the worst run of each cell; the page leads to them. A result page has ends of some."
         ),
     ] = None,
     output: OutputOption = Output.human,
@@ -446,7 +446,7 @@ def report(
     sign_derived(folder)
     pages = [made.page, *sorted({path.parent for path in (*made.plots, *made.films)})]
     if markdown is not None:
-        pages.append(write_result_page(folder, markdown))
+        pages.append(write_result_page(folder, markdown, films=films is FilmsOf.failures))
     as_json = output is Output.json
     print(json.dumps(tables_of(made.content)) if as_json else "\n".join(map(str, pages)))
     alarms = made.content.evidence.alarms

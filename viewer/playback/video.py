@@ -1,4 +1,4 @@
-"""A recorded case as an MP4 film: one picture per camera period of sim time, boxes drawn in."""
+"""A recorded case as a film, boxes drawn in: all of it as MP4, its end as an animated WebP."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
+from PIL import Image
 
 from twin.base.errors import UsageError
 from viewer.playback.drawing import drawn
@@ -19,6 +20,8 @@ from viewer.playback.outputs import needed, write_whole
 
 QUALITY = "22"
 """Constant rate factor of x264; 18 cannot be told from the original."""
+CLIP_S, CLIP_HZ, CLIP_WIDTH_PX, CLIP_QUALITY = 5, 8, 400, 45
+"""Length [s], rate [Hz], width [px] and quality (0 to 100) of the end of a film."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +67,36 @@ def write_film(case: RecordedCase, out: Path) -> WrittenFilm:
     return WrittenFilm(len(times_ns), rate, held)
 
 
+def write_clip(case: RecordedCase, out: Path) -> None:
+    """Write the last :data:`CLIP_S` of ``case`` as an animated WebP, small enough for a page that
+    is kept with the sources, which no player but a browser is needed for.
+
+    Raises:
+        UsageError: no pictures, or ``out`` cannot be written.
+    """
+    times_ns, period_ns = schedule(case)
+    step = max(1, round(10**9 / CLIP_HZ / period_ns))
+    last_ns = [time_ns for time_ns in times_ns if time_ns > times_ns[-1] - CLIP_S * 10**9]
+    frames = {frame.sim_time_ns: frame for frame in case.frames}
+    pictures = []
+    for time_ns in last_ns[::-step][::-1]:
+        picture = drawn(frames.get(time_ns, PlayedTick(time_ns)), case.picture_at(time_ns))
+        image = Image.fromarray(np.ascontiguousarray(picture[..., ::-1]))
+        image.thumbnail((CLIP_WIDTH_PX, CLIP_WIDTH_PX))
+        pictures.append(image)
+    data = io.BytesIO()
+    pictures[0].save(
+        data,
+        "WEBP",
+        save_all=True,
+        append_images=pictures[1:],
+        duration=round(step * period_ns / 1e6),
+        loop=0,
+        quality=CLIP_QUALITY,
+    )
+    write_whole(out, data.getvalue())
+
+
 def schedule(case: RecordedCase) -> tuple[list[int], int]:
     """Times of the film's frames and their period [ns]: the camera's, also across gaps.
 
@@ -86,9 +119,14 @@ def answer_films(folder: Path, asked: Iterable[str]) -> Iterator[str]:
         request = json.loads(line)
         error = ""
         try:
-            write_film(
-                read_case(find_recording(folder, request["case"]).path), Path(request["out"])
+            case, out = (
+                read_case(find_recording(folder, request["case"]).path),
+                Path(request["out"]),
             )
+            if out.suffix == ".webp":
+                write_clip(case, out)
+            else:
+                write_film(case, out)
         except UsageError as refused:
             error = str(refused)
         yield json.dumps({"case": request["case"], "error": error})

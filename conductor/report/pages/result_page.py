@@ -6,26 +6,19 @@ What people have written into it is kept when it is made again
 
 from __future__ import annotations
 
-import io
-import os
 import re
 import shlex
-import tempfile
 import urllib.parse
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import msgspec
-from PIL import Image
 
 from conductor.report.analysis.losses import (
     LostLine,
     counts_by,
-    examples,
     extremes,
-    kind_of,
     lost_lines,
     page_axes,
 )
@@ -33,18 +26,20 @@ from conductor.report.analysis.perception_cost import perception_costs
 from conductor.report.analysis.statistics import wilson
 from conductor.report.pages.content import Content, first_screen, read_content
 from conductor.report.pages.prose import SUMMARY, block, check_known, model_block, read_texts
+from conductor.report.pages.shown_cases import Shown, shown_cases
 from conductor.report.pages.tables import statuses, verdict_table
-from conductor.report.pages.templates import environment, number, words
+from conductor.report.pages.templates import environment
+from conductor.report.plots.files import plot_picture
 from conductor.report.plots.heat_picture import heat_picture
 from conductor.report.plots.palette import status_symbol
-from conductor.report.reading.axes import axis_label, axis_value, axis_values, varied_axes
+from conductor.report.reading.axes import axis_label, axis_values, varied_axes
 from conductor.report.reading.curves import time_label
-from conductor.report.reading.dossier import CaseRow, Dossier, open_dossier
+from conductor.report.reading.dossier import Dossier, open_dossier
 from conductor.report.reading.evidence import commands, versions
 from conductor.report.reading.provenance import file_digests, text_digest
-from conductor.report.reading.recorded import ask_viewer
 from conductor.report.reading.systems import system_name, system_names, system_text
 from conductor.report.rulebook.shown import RULE, rulebook_shown
+from conductor.report.searching.section import drawable, search_shown
 from conductor.serve.folders import CAMPAIGN_FILE
 from schemas.files.proposals import FILE_NAME as PROPOSED_FILE
 from schemas.files.yaml_file import dump_yaml
@@ -52,22 +47,9 @@ from schemas.kinds.kpi import scalars_by_name
 from twin.base.errors import UsageError, storage_error
 from twin.base.files import write_atomic
 
-_QUALITY = 88
-"""Quality of the pictures: a page is kept with the sources, and noise makes PNG files large."""
+HEAT_FILE, SEARCH_FILE = "heat.png", "search.png"
+"""Plots in the folder of a page."""
 _MARKDOWN = re.compile(r"([\\`*_{}\[\]<>|~#$&])")
-
-
-@dataclass(frozen=True, slots=True)
-class Shown:
-    """A lost case on the page."""
-
-    kind: str
-    where: str
-    story: str
-    picture: str
-    """File in the folder of pictures; empty: there is none."""
-    missing: str
-    """Reason why there is no picture."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,11 +69,12 @@ class ModelSection:
     shown: list[Shown]
 
 
-def write_result_page(folder: Path, page: Path) -> Path:
+def write_result_page(folder: Path, page: Path, *, films: bool = False) -> Path:
     """Write the page of the campaign in ``folder`` to ``page`` (.md), its pictures into a folder
     beside it that is named like the page; returns ``page``.
 
-    Pictures are taken from the recordings of cases that were run with ``--view record``.
+    Pictures, and with ``films`` ends of films, are taken from the recordings of cases that were run
+    with ``--view record``.
 
     Raises:
         UsageError: no campaign was run in ``folder``, or ``page`` is something else; one line.
@@ -107,20 +90,34 @@ def write_result_page(folder: Path, page: Path) -> Path:
     beside = page.with_suffix("")
     try:
         beside.mkdir(parents=True, exist_ok=True)
-        sections = _sections(dossier, models, beside)
-        text = _render(content, sections, texts, beside.name)
-        write_atomic(beside / "heat.png", heat_picture(dossier))
+        shown = shown_cases(content, models, beside, films=films)
+        text = _render(content, _sections(dossier, shown), texts, beside.name)
+        _write_plots(content, beside)
         for name in (PROPOSED_FILE, CAMPAIGN_FILE):
             if (folder / name).exists():
                 write_atomic(beside / name, (folder / name).read_bytes())
         write_atomic(page, text.encode())
-        kept = {shown.picture for section in sections for shown in section.shown}
-        for old in beside.glob("case-*.jpg"):
-            if old.name not in kept:
-                old.unlink()
     except OSError as error:
         raise storage_error(error, str(error.filename or page)) from None
     return page
+
+
+def _write_plots(content: Content, beside: Path) -> None:
+    """The maps, where they have more than one cell, and the plot of a search."""
+    plots = {
+        HEAT_FILE: heat_picture(content.dossier) if _mapped(content.dossier) else None,
+        SEARCH_FILE: plot_picture(content, "search"),
+    }
+    for name, data in plots.items():
+        if data is None:
+            (beside / name).unlink(missing_ok=True)
+        else:
+            write_atomic(beside / name, data)
+
+
+def _mapped(dossier: Dossier) -> bool:
+    """Whether the maps have more than one cell."""
+    return any(len(axis_values(dossier, axis)) > 1 for axis in page_axes(dossier))
 
 
 def _render(
@@ -152,6 +149,10 @@ def _render(
         axes=[axis_label(axis) for axis in page_axes(dossier)],
         axis_names=[axis_label(axis).partition(" [")[0].lower() for axis in page_axes(dossier)],
         crowded=_crowded(dossier),
+        mapped=_mapped(dossier),
+        search=search_shown(content.search),
+        searched=content.search is not None and bool(drawable(content.search)),
+        indices=content.search.indices if content.search else None,
         report=report,
         book=rulebook_shown(dossier, content.rulebook),
         RULE=RULE,
@@ -170,6 +171,7 @@ def _render(
         },
         sections=sections,
         any_picture=any(shown.picture for section in sections for shown in section.shown),
+        any_clip=any(shown.clip for section in sections for shown in section.shown),
         summary_name=SUMMARY,
         block=block,
         wilson=wilson,
@@ -208,17 +210,9 @@ def _counted(dossier: Dossier, status: str) -> list[tuple[str, list[tuple[Any, d
     return [table for table in tables if table[1]]
 
 
-def _sections(dossier: Dossier, models: list[str], beside: Path) -> list[ModelSection]:
-    chosen: dict[str, list[CaseRow]] = {}
-    for model in models:
-        model_rows = [row for row in dossier.rows if row.case.variation.model == model]
-        chosen[model] = examples(dossier, model_rows)
-    flat = [row for rows in chosen.values() for row in rows]
-    with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
-        missing = list(pool.map(lambda row: _take_picture(dossier, row, beside), flat))
-    reasons = {row.case.id: reason for row, reason in zip(flat, missing, strict=True)}
+def _sections(dossier: Dossier, shown: dict[str, list[Shown]]) -> list[ModelSection]:
     sections = []
-    for model in models:
+    for model, cases in shown.items():
         model_rows = [row for row in dossier.rows if row.case.variation.model == model]
         lines = lost_lines(dossier, model_rows)
         occurring = {status for line in lines for status in line.cells}
@@ -234,47 +228,10 @@ def _sections(dossier: Dossier, models: list[str], beside: Path) -> list[ModelSe
                 text_name=model_block(model),
                 statuses=[status for status in statuses(dossier) if status in occurring],
                 lost=lines,
-                shown=[_shown(dossier, row, reasons[row.case.id]) for row in chosen[model]],
+                shown=cases,
             )
         )
     return sections
-
-
-def _shown(dossier: Dossier, row: CaseRow, missing: str) -> Shown:
-    axes = [axis for axis in reversed(varied_axes(dossier)) if axis != "model"]
-    values = [words(axis_value(row.case, axis)) for axis in axes or ["weather", "time_of_day"]]
-    story = ". ".join(reason.rstrip(".") for reason in row.end.reasons)
-    time, distance = row.scalar("aeb_time_s"), row.scalar("aeb_dtc_m")
-    aeb = "No AEB."
-    if time is not None:
-        before = f", {number(distance)} m before it"
-        where = before if dossier.scenario.stops_for_target else ""
-        aeb = f"AEB at {time:.2f} s{where}."
-    return Shown(
-        kind=kind_of(row),
-        where=", ".join(values),
-        story=f"{story[:1].upper()}{story[1:]}. {aeb}" if story else aeb,
-        picture="" if missing else _picture(row),
-        missing=missing,
-    )
-
-
-def _picture(row: CaseRow) -> str:
-    return f"case-{row.case.id}.jpg"
-
-
-def _take_picture(dossier: Dossier, row: CaseRow, beside: Path) -> str:
-    """Write the picture of a case; empty, or why there is none."""
-    with tempfile.TemporaryDirectory() as scratch:
-        frame = Path(scratch) / "frame.png"
-        missing = ask_viewer(dossier, row, "frame", frame)
-        if missing:
-            return missing
-        data = io.BytesIO()
-        with Image.open(frame) as picture:
-            picture.convert("RGB").save(data, "JPEG", quality=_QUALITY)
-    write_atomic(beside / _picture(row), data.getvalue())
-    return ""
 
 
 def escaped(text: object) -> str:

@@ -30,6 +30,7 @@ from conductor.report.plots.parts import (
     words,
     wrapped,
 )
+from conductor.report.plots.search_plot import search_plot
 from conductor.report.reading.axes import axis_label, axis_values
 from conductor.report.reading.systems import system_names
 from twin.base.files import write_atomic
@@ -83,6 +84,20 @@ def write_plots(content: Content) -> tuple[list[Path], str]:
                 write_atomic(path, data.getbuffer(), sync=False)
                 written.append(path)
     return written, _too_wide(content)
+
+
+def plot_picture(content: Content, name: str) -> bytes | None:
+    """One of :data:`PLOTS` as PNG; None: there is nothing to draw, or matplotlib is missing."""
+    try:
+        matplotlib = library("")
+    except ImportError:
+        return None
+    with matplotlib.rc_context(STYLE), warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        sheet = library("figure").Figure(layout="constrained")
+        if not PLOTS[name](content, sheet):
+            return None
+        return next(_drawn_once(sheet))[1].getvalue()
 
 
 def _drawn_once(sheet: Figure) -> Iterator[tuple[str, io.BytesIO]]:
@@ -264,5 +279,6 @@ PLOTS: dict[str, Callable[[Content, Figure], bool]] = {
     "kpis": kpis_plot,
     "effects": _effects,
     "leases": _leases,
+    "search": search_plot,
 }
 """File name -> who draws it; False: there is nothing to draw."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from urllib.parse import quote
@@ -50,10 +50,22 @@ def make_films(dossier: Dossier, rows: Iterable[CaseRow]) -> tuple[list[Path], l
         folder.mkdir(exist_ok=True)
         turns = -(-len(asked) // TOGETHER)
         with ThreadPoolExecutor(min(len(os.sched_getaffinity(0)), turns)) as pool:
-            for told in pool.map(lambda i: _ask(dossier, asked[i::turns]), range(turns)):
+            paths = [
+                {row.case.id: _path(dossier, row) for row in asked[turn::turns]}
+                for turn in range(turns)
+            ]
+            for told in pool.map(lambda outs: _ask(dossier, outs), paths):
                 errors.update(told)
     made = [path for row in recorded if (path := _path(dossier, row)).is_file()]
     return made, _lines(len(cases) - len(recorded), errors)
+
+
+def make_clips(dossier: Dossier, rows: Sequence[CaseRow], folder: Path) -> dict[str, str]:
+    """Let `viewer` write the ends of films of some cases into ``folder``; case -> file name, of
+    those that could be made."""
+    names = {row.case.id: f"film-{row.case.id}.webp" for row in rows if recording_of(dossier, row)}
+    _ask(dossier, {case: folder / name for case, name in names.items()})
+    return {case: name for case, name in names.items() if (folder / name).is_file()}
 
 
 def _lines(unrecorded: int, errors: dict[str, str]) -> list[str]:
@@ -66,16 +78,15 @@ def _lines(unrecorded: int, errors: dict[str, str]) -> list[str]:
     return lines
 
 
-def _ask(dossier: Dossier, rows: Sequence[CaseRow]) -> dict[str, str]:
-    """Let one `viewer` make some films; case -> why there is none, of those that failed."""
-    asked = [
-        json.dumps({"case": row.case.id, "out": str(_path(dossier, row).absolute())})
-        for row in rows
-    ]
-    more_s = FILM_MAX_S * len(rows)
-    answers, why = run_viewer(["films", str(dossier.folder)], "\n".join(asked), more_s)
+def _ask(dossier: Dossier, outs: Mapping[str, Path]) -> dict[str, str]:
+    """Let one `viewer` make some films, path by case; case -> why there is none, of those that
+    failed."""
+    asked = [json.dumps({"case": case, "out": str(out.absolute())}) for case, out in outs.items()]
+    answers, why = run_viewer(
+        ["films", str(dossier.folder)], "\n".join(asked), FILM_MAX_S * len(asked)
+    )
     told = {answer["case"]: answer["error"] for answer in map(json.loads, answers)}
-    errors = {row.case.id: told.get(row.case.id, why or "viewer films did not say") for row in rows}
+    errors = {case: told.get(case, why or "viewer films did not say") for case in outs}
     return {case: error for case, error in errors.items() if error}
 
 

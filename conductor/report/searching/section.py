@@ -129,6 +129,19 @@ def mildest(file: SearchFile | None) -> list[str]:
     return [] if file is None else [cluster.mildest for cluster in file.clusters]
 
 
+def drawable(file: SearchFile) -> bool:
+    """Whether any of its cases has a KPI."""
+    return any(kpi is not None for generation in file.generations for kpi in generation.results)
+
+
+def values_of(file: SearchFile, case: str) -> list[Value] | None:
+    """Values of the parameters of a case; None: the search proposed none of that name."""
+    for generation in file.generations:
+        if case in generation.cases:
+            return generation.values[generation.cases.index(case)]
+    return None
+
+
 def _clusters(file: SearchFile) -> list[ShownCluster]:
     values = {
         name: row

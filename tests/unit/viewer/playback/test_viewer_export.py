@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
+from PIL import Image
 from unit.viewer.recorded_case import PICTURES, write
 from view_messages import camera, end, start, state
 
@@ -18,7 +19,7 @@ from twin.base.errors import UsageError
 from viewer.playback.frames import read_case
 from viewer.playback.mcap_file import write_mcap
 from viewer.playback.outputs import needed
-from viewer.playback.video import write_film
+from viewer.playback.video import CLIP_WIDTH_PX, answer_films, write_clip, write_film
 from viewer.recording import naming
 from viewer.recording.recording import RecordingFile
 from viewer.recording.scenery import rotation
@@ -75,9 +76,35 @@ def test_a_gap_in_the_recording_keeps_its_length_in_the_film(tmp_path):
     assert shades(out)[0] == pytest.approx([10, 120, 120, 120, 230], abs=4)
 
 
+def test_the_end_of_a_film_is_short_small_and_animated(tmp_path):
+    out = tmp_path / "a.webp"
+    write_clip(read_case(write(tmp_path)), out)
+    with Image.open(out) as clip:
+        assert (clip.format, clip.n_frames, clip.width) == ("WEBP", 3, CLIP_WIDTH_PX)
+        grey = []
+        for index in range(clip.n_frames):
+            clip.seek(index)
+            grey.append(np.asarray(clip.convert("L"))[:100].mean())
+            assert clip.info["duration"] == 100
+    assert grey == pytest.approx([10, 120, 230], abs=6)
+
+
+def test_many_films_are_answered_one_by_one(tmp_path):
+    write(tmp_path / "cases" / "a" / "attempt-1", campaign="yard", case="a")
+    outs = {"a": tmp_path / "a.webp", "none": tmp_path / "none.webp"}
+    asked = [json.dumps({"case": case, "out": str(out)}) for case, out in outs.items()]
+    made, missing = map(json.loads, answer_films(tmp_path, asked))
+    assert made == {"case": "a", "error": ""}
+    assert outs["a"].read_bytes()[8:12] == b"WEBP"
+    assert missing["case"] == "none"
+    assert "none" in missing["error"]
+    assert not outs["none"].exists()
+
+
 def test_the_same_recording_gives_the_same_bytes(tmp_path):
     case = read_case(write(tmp_path))
-    for name, writer in (("film.mp4", write_film), ("log.mcap", write_mcap)):
+    makers = {"film.mp4": write_film, "end.webp": write_clip, "log.mcap": write_mcap}
+    for name, writer in makers.items():
         first, second = tmp_path / name, tmp_path / f"again-{name}"
         writer(case, first)
         writer(case, second)

@@ -14,6 +14,7 @@ from urllib.parse import unquote
 import cv2
 import msgspec
 import pytest
+from search_bench import KPI, searched, section, trace
 from unit.conductor.report.synthetic_campaign import campaign_data, make_campaign
 
 from conductor.records.fingerprint import fingerprint
@@ -27,6 +28,7 @@ from conductor.report.plots.heat_picture import _MARKS
 from conductor.report.plots.palette import status_color
 from conductor.report.reading.dossier import open_dossier
 from schemas.files.assets import file_digest
+from schemas.files.search_result import FILE_NAME, SearchFile
 from schemas.kinds.scenario import passing_words
 from schemas.messages import PerceptionCost
 from twin.base.errors import UsageError
@@ -101,6 +103,38 @@ def test_the_heat_map_shows_every_cell(tmp_path: Path) -> None:
         _, _, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=4)
         counts.append(int((stats[1:, cv2.CC_STAT_AREA] > 800).sum()))
     assert counts == [4, 4]  # two models, two hours
+
+
+def test_a_search_has_its_answer_its_clusters_and_a_plot(tmp_path: Path) -> None:
+    data = campaign_data()
+    data["matrix"] = {"model": ["yolov3"], "time_of_day": ["05:00", "07:00", "09:00"]}
+    make_campaign(tmp_path / "run", data, collided)
+    search = section(objective={"kpi": KPI, "fails_below": 0.8}, budget={"cases": 30})
+    found = msgspec.json.decode(trace(searched(search).state), type=SearchFile)
+    (tmp_path / "run" / FILE_NAME).write_bytes(msgspec.json.encode(found))
+    text = write_result_page(tmp_path / "run", tmp_path / "a.md").read_text()
+    assert found.answer is not None
+    assert f"A case fails if {escaped(KPI)} is below 0.8 m." in text
+    assert f"{found.answer.failures} of 30" in text
+    lines = table(text, "mildest")[2:]
+    assert [line[0] for line in lines] == [cluster.mildest for cluster in found.clusters]
+    assert sum(int(line[1]) for line in lines) == found.answer.failures
+    assert cv2.imread(str(tmp_path / "a" / "search.png")).shape[1] > 500
+    assert text.count("(a/search.png)") == 1
+    (tmp_path / "run" / FILE_NAME).unlink()
+    assert "## Search" not in write_result_page(tmp_path / "run", tmp_path / "a.md").read_text()
+    assert not (tmp_path / "a" / "search.png").exists(), "an earlier page's"
+
+
+def test_a_map_of_one_cell_is_left_out(tmp_path: Path) -> None:
+    data = campaign_data()
+    data["matrix"] = {"model": ["yolov3", "yolov2-tiny"]}
+    make_campaign(tmp_path / "run", data, collided)
+    text = write_result_page(tmp_path / "run", tmp_path / "a.md").read_text()
+    assert "heat.png" not in text
+    assert "Cells that it loses" not in text
+    assert text.count("**collision without AEB**") == 2
+    assert not (tmp_path / "a" / "heat.png").exists()
 
 
 def test_all_passed(tmp_path: Path) -> None:

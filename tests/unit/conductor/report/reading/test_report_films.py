@@ -14,7 +14,7 @@ from unit.conductor.report.synthetic_campaign import make_campaign
 from unit.viewer.recorded_case import write
 
 from conductor.cli import app
-from conductor.report import make_report
+from conductor.report import make_report, write_result_page
 from conductor.report.reading.dossier import open_dossier
 from conductor.report.reading.films import film_addresses
 from conductor.report.rulebook.results import rulebook_result
@@ -69,6 +69,18 @@ def test_films_are_made_of_what_was_recorded_and_linked(tmp_path: Path) -> None:
     before = film.stat().st_mtime_ns
     make_report(tmp_path, plots=False, films=True)
     assert film.stat().st_mtime_ns == before, "it was there already"
+
+
+@pytest.mark.slow
+def test_a_result_page_has_the_end_of_a_film(tmp_path: Path) -> None:
+    made_run(tmp_path / "run", FAST)
+    page, beside = tmp_path / "a.md", tmp_path / "a"
+    write_result_page(tmp_path / "run", page, films=True)
+    assert f"the end of its film](a/film-{FAST}.webp)" in page.read_text()
+    assert (beside / f"film-{FAST}.webp").read_bytes()[8:12] == b"WEBP"
+    write_result_page(tmp_path / "run", page)
+    assert "film" not in page.read_text()
+    assert not list(beside.glob("film-*")), "an earlier page's"
 
 
 def test_a_film_that_is_older_than_its_recording_is_not_linked(tmp_path: Path) -> None:
