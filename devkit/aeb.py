@@ -62,6 +62,7 @@ class AebStack(Stack):
     """
 
     takes_device_frames = True
+    drives_by_camera = True
 
     PARAMETERS = (Planner, Controller, LateralParameters, LightsSwitch)
 

@@ -126,6 +126,9 @@ class Stack(ABC):
     runs at a fixed batch size, never at S.
     """
 
+    drives_by_camera: ClassVar[bool] = False
+    """Whether it cannot drive where ``render`` is false; such a campaign is refused before it
+    runs."""
     PARAMETERS: ClassVar[tuple[type[msgspec.Struct], ...]] = ()
     """Structs whose fields are parameters, of a class that takes ``**parameters`` and hands them to
     :func:`parameter_parts`."""

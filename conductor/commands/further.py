@@ -126,8 +126,8 @@ def fields(
 
 def campaigns_command() -> None:
     """List the shipped campaigns."""
-    from conductor.run.source import load, shipped
+    from conductor.run.source import listed, shipped
 
     for name in shipped():
-        plan = load(name)
-        print(f"{name:14} {len(plan.cases):5} cases  {plan.campaign.description}")
+        cases, description = listed(name)
+        print(f"{name:22} {cases:5} cases  {description}")

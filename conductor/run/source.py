@@ -63,6 +63,16 @@ def find(name: str) -> Path:
     raise UsageError(f"{name}: no such campaign; {suggest(name, shipped())}, or a file's path")
 
 
+def listed(name: str) -> tuple[int, str]:
+    """How many cases a shipped campaign has, a search at most, and what it is: from its file alone,
+    whatever is installed."""
+    plan, mistakes = examine(read_extended(find(name), name, find))
+    assert plan is not None, mistakes
+    campaign = plan.campaign
+    cases = len(plan.cases) if campaign.search is UNSET else campaign.search.budget.cases
+    return cases, campaign.description
+
+
 def load(
     name: str,
     *,
@@ -111,7 +121,7 @@ def load(
 def _line(mistake: Mistake, shown: str, options: dict[str, bool]) -> str:
     """A mistake in the file that is ``shown``, or in the option that has set its path."""
     if options.get(mistake.path):
-        return f"--{mistake.path.rpartition('.')[2]} {mistake.message}"
+        return f"--{mistake.path.rpartition('.')[2]}: {mistake.message}"
     return mistake.line(shown)
 
 

@@ -14,14 +14,15 @@ from twin.stack_identity.stack_class import class_mistakes
 
 
 def stack_mistakes(campaign: Campaign, cases: Iterable[Case]) -> list[Mistake]:
-    """A missing module, class or package, and parameters that the class does not take."""
+    """A missing module, class or package, and parameters that the class does not take, no
+    camera for one that drives by it."""
     mistakes = _missing_packages(campaign.autonomy)
     wanted: dict[str, set[str]] = {}
     for case in cases:
         if case.rig.stack:
             wanted.setdefault(case.rig.stack, set()).update(case.rig.parameters)
     for entry_point, parameters in wanted.items():
-        mistakes += class_mistakes(entry_point, sorted(parameters))
+        mistakes += class_mistakes(entry_point, sorted(parameters), blind=not campaign.render)
     return mistakes
 
 

@@ -61,6 +61,7 @@ class FusionStack(Stack):
     """
 
     takes_device_frames = True
+    drives_by_camera = True
 
     PARAMETERS = (
         *(FusionSensors, TrackingParameters, StagingParameters),

@@ -171,9 +171,6 @@ def driver_mistakes(autonomy: Autonomy, sensors: Sensors, seeing: list[str]) -> 
     if autonomy.repository is not None and holds_password(autonomy.repository.url):
         mistakes.append(Mistake("autonomy.repository.url", PASSWORD))
     mistakes += _bridge_mistakes(autonomy, sensors, seeing)
-    if not autonomy.command and not seeing and autonomy.stack == Autonomy().stack:
-        blind = f"off: stack {autonomy.stack} drives by a camera; name another"
-        mistakes.append(Mistake("render", blind))
     return mistakes
 
 

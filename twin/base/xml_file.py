@@ -53,7 +53,7 @@ def parse_xml(
         from lxml import etree  # here: an extra, and only readers of XML need it
     except ImportError:
         raise ValueError(
-            f"{path}:1: reading XML needs the package lxml: pip install 'drivetwin[scenarios]'"
+            f"{path}: reading it needs the package lxml: pip install 'drivetwin[scenarios]'"
         ) from None
     parser = etree.XMLPullParser(
         events=("start", "end"),

@@ -16,17 +16,23 @@ from schemas.files.regular_file import read_regular
 from schemas.validation import Mistake, suggest
 from twin.stack_identity.imports import SOURCE_BYTES_MAX, locate
 
+BY_CAMERA = "drives_by_camera"
+"""Attribute of a class, True: it cannot drive where ``render`` is false."""
 CHAIN_MAX = 20
 """Most modules that are looked through for a class: re-exports and bases lead from one to the
 next."""
 
 
-def class_mistakes(entry_point: str, parameters: Iterable[str]) -> list[Mistake]:
-    """A missing module or class, and parameters that the class does not take.
+def class_mistakes(
+    entry_point: str, parameters: Iterable[str], *, blind: bool = False
+) -> list[Mistake]:
+    """A missing module or class, parameters that the class does not take, and no camera where it
+    says that it drives by one.
 
     Args:
         entry_point: ``module:Class``.
         parameters: names of the keyword arguments that it will get.
+        blind: no camera sees anything.
     """
     module, _, name = entry_point.partition(":")
     spec = locate(module)
@@ -42,11 +48,15 @@ def class_mistakes(entry_point: str, parameters: Iterable[str]) -> list[Mistake]
         hint = suggest(name, classes) if classes else "it defines none"
         missing = f"given '{entry_point}', no class '{name}' in module '{module}'; {hint}"
         return [Mistake("autonomy.stack", missing)]
+    mistakes = []
+    if blind and _says(stack_class, BY_CAMERA):
+        told = f"stack {entry_point} drives by a camera, and none sees; name another"
+        mistakes.append(Mistake("render", told))
     allowed = _parameters(stack_class)
     if allowed is None:
-        return []
+        return mistakes
     unknown = f"unknown parameter of {entry_point}"
-    return [
+    return mistakes + [
         Mistake(
             f"autonomy.parameters.{parameter}",
             f"{unknown}; {suggest(parameter, allowed) if allowed else 'it takes none'}",
@@ -160,11 +170,27 @@ def _parameters(of: _Class, left: int = CHAIN_MAX) -> list[str] | None:
             return taken if listed is None else [*(taken or []), *listed]
     if any(part in ("__new__", "__init__") for part in _names_in(node)) or len(node.bases) != 1:
         return None
-    base = node.bases[0]
-    if not isinstance(base, ast.Name):
-        return None
-    parent = _find(of.source, base.id)
+    parent = _base(of)
     return None if parent is None else _parameters(parent, left - 1)
+
+
+def _base(of: _Class) -> _Class | None:
+    """The only base of a class; None: it has none or several, or the syntax does not tell."""
+    match of.node:
+        case ast.ClassDef(bases=[ast.Name(id=name)]):
+            return _find(of.source, name)
+    return None
+
+
+def _says(of: _Class, name: str, left: int = CHAIN_MAX) -> bool:
+    """Whether a class, or the first of its bases that says anything of it, says ``name = True``."""
+    for statement in of.node.body if of.node is not None else []:
+        match statement:
+            case ast.Assign(targets=[ast.Name(id=said)], value=ast.Constant(value=value)):
+                if said == name:
+                    return value is True
+    parent = _base(of) if left else None
+    return parent is not None and _says(parent, name, left - 1)
 
 
 def _listed(of: _Class) -> list[str] | None:

@@ -51,7 +51,7 @@ def test_a_rate_that_only_blind_cameras_may_have_is_refused(
 
 def test_a_stack_that_drives_by_a_camera_is_not_blinded(tmp_path: Path) -> None:
     stack = {"autonomy": {"stack": "devkit.aeb:AebStack"}, "control_hz": 20}
-    with pytest.raises(UsageError, match=r"^--render off: stack devkit\.aeb:AebStack drives by a"):
+    with pytest.raises(UsageError, match=r"^--render: stack devkit\.aeb:AebStack drives by a"):
         loaded(tmp_path, False, **stack)
-    with pytest.raises(UsageError, match=r"c\.yaml: render: off: stack devkit\.aeb:AebStack"):
+    with pytest.raises(UsageError, match=r"c\.yaml: render: stack devkit\.aeb:AebStack"):
         loaded(tmp_path, None, render=False, **stack)

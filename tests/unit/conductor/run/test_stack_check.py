@@ -9,6 +9,7 @@ import pytest
 import conductor.run.stack_check
 from conductor.run.source import check, load, shipped
 from schemas.sections.autonomy import Autonomy
+from twin.stack_identity.stack_class import class_mistakes
 
 STACK = """
 from devkit.stack import Stack
@@ -143,3 +144,35 @@ def test_a_missing_package_of_a_bridge_is_one_line(monkeypatch):
     (line,) = [mistake.line("c.yaml") for mistake in mistakes]
     assert "autonomy.bridge: 'autodrive' needs the package websockets" in line
     assert "pip install 'drivetwin[autodrive]'" in line
+
+
+@pytest.mark.parametrize("stack", ["devkit.aeb:AebStack", "devkit.fusion:FusionStack"])
+def test_a_stack_that_drives_by_a_camera_is_refused(stack):
+    data = {
+        "schema": 1,
+        "campaign": "c",
+        "render": False,
+        "matrix": {"weather": ["clear"]},
+        "autonomy": {"stack": stack},
+    }
+    _, mistakes = check(data)
+    assert [m.line("c.yaml") for m in mistakes] == [
+        f"c.yaml: render: stack {stack} drives by a camera, and none sees; name another"
+    ]
+    assert check(data | {"render": True})[0] is not None
+
+
+def test_a_stack_of_ones_own_says_whether_it_drives_by_a_camera(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "seeing_stack.py").write_text(
+        "from devkit.stack import Stack\n"
+        "class Seeing(Stack):\n    drives_by_camera = True\n"
+        "class Its(Seeing):\n    pass\n"
+        "class Blind(Seeing):\n    drives_by_camera = False\n"
+    )
+    refused = {
+        name: bool(class_mistakes(f"seeing_stack:{name}", [], blind=True))
+        for name in ("Seeing", "Its", "Blind")
+    }
+    assert refused == {"Seeing": True, "Its": True, "Blind": False}
+    assert not class_mistakes("seeing_stack:Seeing", [])

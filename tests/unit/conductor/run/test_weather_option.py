@@ -65,4 +65,4 @@ def test_what_cannot_be_done_is_told_in_one_line(
 def test_a_row_with_a_weather_of_its_own_is_named(tmp_path: Path) -> None:
     with pytest.raises(UsageError) as refused:
         loaded(tmp_path, "all", rulebook_data(BRAKING, CROSSING))
-    assert "--weather row 'crossing' of the rulebook sets it, too" in str(refused.value)
+    assert "--weather: row 'crossing' of the rulebook sets it, too" in str(refused.value)

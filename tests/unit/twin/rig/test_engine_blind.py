@@ -69,10 +69,3 @@ def test_it_is_another_case_and_another_rig():
     assert case_digest(seeing) != case_digest(blind)
     assert rig_key(seeing) != rig_key(blind)
     assert changed(blind, render=True) == seeing
-
-
-def test_a_stack_that_drives_by_a_camera_is_refused():
-    data = {"schema": 1, "campaign": "c", "render": False, "matrix": {"weather": ["clear"]}}
-    _, mistakes = parse_campaign(data)
-    assert [m.path for m in mistakes] == ["render"]
-    assert "devkit.aeb:AebStack drives by a camera" in mistakes[0].message
