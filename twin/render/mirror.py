@@ -102,6 +102,11 @@ def _light_functions(features: Features) -> tuple[Any, Any]:
                 smooth = smooth_point(scene, slot, at.face, at.object, at.u, at.v, at.n)
                 facing = smooth.n
                 place = place + smooth.lift
+        if light.shadows != 0 and wp.dot(facing, light.sun_direction) > 0.0:
+            dark = occluded(scene, slot, place + at.n * 0.02, light.sun_direction, RANGE_M)
+            at.lit = wp.where(dark, 0.0, sun_through_clouds(at.p, light))
+        if wp.static(looks):  # noqa: SIM102 (resolved before the kernel is compiled)
+            if detailed:  # after the ray to the sun, which would hold all of it in registers
                 own = look_of(scene, optics, at, direction)
                 ruffle = look_ruffle(
                     scene,
@@ -115,9 +120,6 @@ def _light_functions(features: Features) -> tuple[Any, Any]:
                     own.bump,
                     direction,
                 )
-        if light.shadows != 0 and wp.dot(facing, light.sun_direction) > 0.0:
-            dark = occluded(scene, slot, place + at.n * 0.02, light.sun_direction, RANGE_M)
-            at.lit = wp.where(dark, 0.0, sun_through_clouds(at.p, light))
         s = far_surface_of(scene, slot, optics, at, direction, light, own.albedo)
         if wp.static(looks):  # noqa: SIM102 (resolved before the kernel is compiled)
             if detailed:
