@@ -61,7 +61,7 @@ CPU = Tuning(*(KernelOptions(block=1) for _ in range(4)))
 """Exact functions: a vector unit has no quick ones."""
 CUDA = Tuning(
     visibility=KernelOptions(blocks=8),
-    look=KernelOptions(fast_math=True),
+    look=KernelOptions(fast_math=True, blocks=8),
     mirror=KernelOptions(fast_math=True, blocks=4),
     picture=KernelOptions(fast_math=True, blocks=4),
 )

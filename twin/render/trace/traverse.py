@@ -355,9 +355,11 @@ _SKIPS = {
                 mask &= mask - 1;
             }""",
     "// SKIP4": """
-                        const float whole = U + V + W;
-                        const int row = first_face + TWIN_BITS(P.w);
-                        if (hole(row, TWIN_DIV(W, whole), TWIN_DIV(U, whole))) continue;""",
+                        if (TWIN_BITS(Q.w)) {  // it has holes somewhere
+                            const float whole = U + V + W;
+                            const int row = first_face + TWIN_BITS(P.w);
+                            if (hole(row, TWIN_DIV(W, whole), TWIN_DIV(U, whole))) continue;
+                        }""",
 }
 
 
