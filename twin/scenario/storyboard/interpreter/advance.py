@@ -130,6 +130,7 @@ def move_body(
     now: BodyArrays,
     play: PlayArrays,
     slot: wp.int32,
+    program: wp.int32,
     e: wp.int32,
     motion: BodyMotion,
 ) -> BodyMotion:
@@ -138,8 +139,9 @@ def move_body(
         span = wp.vec2i(0, 0)
         route = now.wholes[slot, e, Whole.ROUTE]
         if route >= 0:
-            first = tables.routes[route, 0]
-            span = wp.vec2i(first, first + tables.routes[route, 1])
+            row = tables.programs[program, ProgramColumn.ROUTE] + route
+            first = tables.routes[row, 0]
+            span = wp.vec2i(first, first + tables.routes[row, 1])
         place = moved_place(roads, tables.leg_roads, span, motion.place, motion.ahead, ZERO)
         if wp.abs(motion.ahead) > ZERO:
             motion.claimed = motion.claimed | _MOVED
@@ -229,7 +231,7 @@ def advance_kernel(
             motion.mode = wp.int32(ON_ROAD)
     if imposed:
         motion.mode = wp.int32(STAYS)
-    motion = move_body(tables, roads, now, play, slot, e, motion)
+    motion = move_body(tables, roads, now, play, slot, program, e, motion)
     if phase == INIT_PHASE:
         now.reals[slot, e, Real.SPEED] = motion.speed
         now.wholes[slot, e, Whole.CLAIMED] = motion.claimed

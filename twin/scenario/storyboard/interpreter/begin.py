@@ -22,7 +22,7 @@ from twin.scenario.storyboard.interpreter.laterals import start_lane_change, sta
 from twin.scenario.storyboard.interpreter.speeds import start_profile, start_speed
 from twin.scenario.storyboard.interpreter.synchronise import start_synchronise
 from twin.scenario.storyboard.interpreter.transition import PI, ZERO
-from twin.scenario.storyboard.interpreter.ways import way_place
+from twin.scenario.storyboard.interpreter.ways import way_place, way_row
 from twin.scenario.storyboard.player.columns import (
     Domain,
     EntityWhole,
@@ -97,12 +97,11 @@ def start_route(
 ):
     """Follow a route from the first of its legs that is on the body's road."""
     row = tables.programs[program, ProgramColumn.ROUTE] + route
-    now.wholes[slot, e, Whole.ROUTE] = row
-    first = tables.routes[row, 0]
-    leg = wp.int32(first)
+    now.wholes[slot, e, Whole.ROUTE] = route
+    leg = wp.int32(0)
     for back in range(tables.routes[row, 1]):
-        at = first + tables.routes[row, 1] - 1 - back
-        if tables.leg_roads[at] == now.wholes[slot, e, Whole.ROAD]:
+        at = tables.routes[row, 1] - 1 - back
+        if tables.leg_roads[tables.routes[row, 0] + at] == now.wholes[slot, e, Whole.ROAD]:
             leg = at
     now.wholes[slot, e, Whole.LEG] = leg
 
@@ -143,8 +142,7 @@ def start_simple(
                 bits = bits & ~bit
         now.wholes[slot, e, Whole.CONTROLLED] = bits
         if tables.wholes[wholes + _MODEL] >= 0:
-            model = tables.programs[program, ProgramColumn.MODEL] + tables.wholes[wholes + _MODEL]
-            now.wholes[slot, e, Whole.MODEL] = model
+            now.wholes[slot, e, Whole.MODEL] = tables.wholes[wholes + _MODEL]
     elif kind == VISIBILITY:
         seen = wp.int32(0)
         for k in range(3):
@@ -170,15 +168,15 @@ def start_follow(
     wholes: wp.int32,
 ) -> BodyPlace:
     """Put a body on its trajectory; backwards if it drives backwards and times do not say more."""
-    way = tables.programs[program, ProgramColumn.TRAJECTORY] + tables.wholes[wholes + _WAY]
     s = tables.reals[reals + _WAY_S]
-    now.wholes[slot, e, Whole.TRAJECTORY] = way
+    now.wholes[slot, e, Whole.TRAJECTORY] = tables.wholes[wholes + _WAY]
+    way = way_row(tables, now, slot, program, e)
     now.reals[slot, e, Real.WAY] = s
     now.reals[slot, e, Real.WAY_X] = now.reals[slot, e, Real.X]
     now.reals[slot, e, Real.WAY_Y] = now.reals[slot, e, Real.Y]
     now.reals[slot, e, Real.WAY_Z] = now.reals[slot, e, Real.Z]
     now.reals[slot, e, Real.WAY_HEADING] = now.reals[slot, e, Real.HEADING]
-    point = way_place(tables, now, slot, e, s)
+    point = way_place(tables, now, slot, e, way, s)
     sign = wp.int32(1)
     if tables.wholes[wholes + _WAY_TIMED] != 0:
         now.reals[slot, e, Real.SPEED] = point.speed
@@ -293,6 +291,9 @@ def begin_kernel(
                 place = posed_place(roads, place, False)
                 keep_place(now, slot, e, place)
                 appear(now, slot, e)
+            elif kind == FOLLOW:
+                # Something else moves the body: it is put there once it is let go.
+                now.wholes[slot, e, Whole.TRAJECTORY] = -1
             elif kind == TELEPORT or kind == ADD or kind == SYNCHRONISE:
                 places = wp.where(kind == SYNCHRONISE, 2, 1)
                 for which in range(places):

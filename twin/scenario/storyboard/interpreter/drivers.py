@@ -247,6 +247,17 @@ def neighbours_of(
 
 
 @wp.func
+def model_row(
+    tables: ProgramArrays, bodies: BodyArrays, slot: wp.int32, program: wp.int32, e: wp.int32
+) -> wp.int32:
+    """The row of the driver model that an entity has, -1: none."""
+    model = bodies.wholes[slot, e, Whole.MODEL]
+    if model < 0:
+        return -1
+    return tables.programs[program, ProgramColumn.MODEL] + model
+
+
+@wp.func
 def follow_pull(
     tables: ProgramArrays,
     model: wp.int32,
@@ -275,6 +286,7 @@ def lane_gain(
     tables: ProgramArrays,
     before: BodyArrays,
     slot: wp.int32,
+    program: wp.int32,
     model: wp.int32,
     speed: wp.float64,
     length: wp.float64,
@@ -288,7 +300,7 @@ def lane_gain(
         return -ONE
     others = wp.float64(0.0)
     if there.behind >= 0:
-        rule = before.wholes[slot, there.behind, Whole.MODEL]
+        rule = model_row(tables, before, slot, program, there.behind)
         if rule < 0:
             rule = model
         free = there.gap_behind + length + there.gap_ahead
@@ -297,7 +309,7 @@ def lane_gain(
             return -ONE
         others += after - follow_pull(tables, rule, there.speed_behind, free, there.speed_ahead)
     if own.behind >= 0:
-        rule = before.wholes[slot, own.behind, Whole.MODEL]
+        rule = model_row(tables, before, slot, program, own.behind)
         if rule < 0:
             rule = model
         free = own.gap_behind + length + own.gap_ahead
@@ -362,7 +374,7 @@ def drivers_kernel(
     count = tables.programs[program, ProgramColumn.ENTITIES]
     if e >= count:
         return
-    model = now.wholes[slot, e, Whole.MODEL]
+    model = model_row(tables, now, slot, program, e)
     controlled = now.wholes[slot, e, Whole.CONTROLLED]
     absent = now.wholes[slot, e, Whole.PRESENT] == 0 or now.wholes[slot, e, Whole.IMPOSED] != 0
     if model < 0 or controlled == 0 or absent:
@@ -395,12 +407,16 @@ def drivers_kernel(
         best = wp.float64(0.0)
         chosen = SeenLane()
         if left.lane != 0:
-            gain = lane_gain(tables, before, slot, model, speed, length, near.own, near.left)
+            gain = lane_gain(
+                tables, before, slot, program, model, speed, length, near.own, near.left
+            )
             if gain > best:
                 best = gain
                 chosen = left
         if right.lane != 0:
-            gain = lane_gain(tables, before, slot, model, speed, length, near.own, near.right)
+            gain = lane_gain(
+                tables, before, slot, program, model, speed, length, near.own, near.right
+            )
             if gain > best:
                 chosen = right
         if chosen.lane != 0 and step_s > ZERO:

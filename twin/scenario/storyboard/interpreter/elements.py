@@ -280,7 +280,7 @@ def do_global(
         environment = tables.wholes[wholes + _ENVIRONMENT_INDEX]
         clock = tables.programs[program, ProgramColumn.ENVIRONMENT] + environment
         if not wp.isnan(tables.clocks[clock]):
-            play.slots[slot, SlotColumn.ENVIRONMENT] = clock
+            play.slots[slot, SlotColumn.ENVIRONMENT] = environment
             play.slots[slot, SlotColumn.ENVIRONMENT_STEP] = play.slots[slot, SlotColumn.STEP]
     elif kind == _DELETE:
         entity = tables.wholes[wholes + _DELETE_ENTITY]

@@ -163,7 +163,7 @@ def moved_place(
         return place
     sign = direction_of(place.turn)
     move = move_on_lane(roads, place.road, place.lane, place.s, place.offset, sign)
-    move.route_at = place.leg
+    move.route_at = span[0] + place.leg
     share = wp.max(ONE - road_curvature(roads, place.road, place.s) * move.t, _SHARE_MIN)
     distance = ahead / share + further_s
     if distance != ZERO:
@@ -172,7 +172,7 @@ def moved_place(
     place.lane = move.lane
     place.s = move.s
     place.offset = move.offset
-    place.leg = move.route_at
+    place.leg = move.route_at - span[0]
     place.at_end = move.at_end
     if move.sign != sign:
         place.turn = wrapped(place.turn + PI)

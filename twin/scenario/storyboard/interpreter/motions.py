@@ -18,6 +18,7 @@ from twin.scenario.storyboard.interpreter.begin import (
     SYNCHRONISE,
     WAY_SIGN,
     WAY_TIME,
+    start_follow,
 )
 from twin.scenario.storyboard.interpreter.distances import gap_now, step_aside, step_gap
 from twin.scenario.storyboard.interpreter.ground import (
@@ -34,7 +35,13 @@ from twin.scenario.storyboard.interpreter.laterals import (
 from twin.scenario.storyboard.interpreter.speeds import REACHED, step_profile, step_speed
 from twin.scenario.storyboard.interpreter.synchronise import along_way, step_synchronise, way_left
 from twin.scenario.storyboard.interpreter.transition import CLOSE, PI, ZERO, sign_of
-from twin.scenario.storyboard.interpreter.ways import way_at_time, way_length, way_place, way_times
+from twin.scenario.storyboard.interpreter.ways import (
+    way_at_time,
+    way_length,
+    way_place,
+    way_row,
+    way_times,
+)
 from twin.scenario.storyboard.player.columns import (
     Domain,
     InstanceColumn,
@@ -75,6 +82,7 @@ def step_follow(
     now: BodyArrays,
     play: PlayArrays,
     slot: wp.int32,
+    program: wp.int32,
     e: wp.int32,
     k: wp.int32,
     reals: wp.int32,
@@ -91,7 +99,9 @@ def step_follow(
     (t - offset) / scale. What is left of the step at the end of the trajectory goes straight on.
     """
     result = WayStep()
-    way = now.wholes[slot, e, Whole.TRAJECTORY]
+    if now.wholes[slot, e, Whole.TRAJECTORY] < 0:
+        start_follow(tables, now, play, slot, program, e, k, reals, wholes)
+    way = way_row(tables, now, slot, program, e)
     s = now.reals[slot, e, Real.WAY]
     length = way_length(tables, way)
     closed = tables.trajectories[way, 2] != 0
@@ -114,7 +124,8 @@ def step_follow(
             result.speed = (target - s) / step_s
     else:
         # Forwards along the line if it heads along it, whatever its gear.
-        heads = sign_of(portable_cos(place.heading - way_place(tables, now, slot, e, s).heading))
+        heading = way_place(tables, now, slot, e, way, s).heading
+        heads = sign_of(portable_cos(place.heading - heading))
         along = sign_of(speed) * heads
         target = s + along * wp.abs(speed) * step_s
         if closed:
@@ -124,7 +135,7 @@ def step_follow(
                 result.over = 1
                 rest = wp.where(along > ZERO, target - length, -target)
             target = wp.clamp(target, ZERO, length)
-    point = way_place(tables, now, slot, e, target)
+    point = way_place(tables, now, slot, e, way, target)
     now.reals[slot, e, Real.WAY] = target
     place.x = point.x
     place.y = point.y
@@ -307,8 +318,9 @@ def step_action(
         timed = controlled & wp.int32(Domain.LONGITUDINAL) == 0
         speed = wp.float64(motion.speed)
         follow = step_follow(
-            tables, now, play, slot, e, k, reals, wholes, motion.place, speed, timed, step, step_s
-        )
+            tables, now, play, slot, program, e, k, reals, wholes, motion.place, speed, timed,
+            step, step_s,
+        )  # fmt: skip
         motion.place = follow.place
         motion.speed = follow.speed
         motion.over = follow.over

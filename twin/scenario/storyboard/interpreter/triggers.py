@@ -48,14 +48,20 @@ assert real_column(records.TrafficSignalCondition, "value") == 0
 
 @wp.func
 def time_of_day(
-    tables: ProgramArrays, play: PlayArrays, slot: wp.int32, step: wp.int32, step_s: wp.float64
+    tables: ProgramArrays,
+    play: PlayArrays,
+    slot: wp.int32,
+    program: wp.int32,
+    step: wp.int32,
+    step_s: wp.float64,
 ) -> wp.float64:
     """The environment's clock [s since 1970]; it runs with the scenario's time."""
     environment = play.slots[slot, SlotColumn.ENVIRONMENT]
     if environment < 0:
         return UNDEFINED
     since = wp.float64(step - play.slots[slot, SlotColumn.ENVIRONMENT_STEP]) * step_s
-    return tables.clocks[environment] + since
+    clock = tables.programs[program, ProgramColumn.ENVIRONMENT] + environment
+    return tables.clocks[clock] + since
 
 
 @wp.func
@@ -63,6 +69,7 @@ def value_holds(
     tables: ProgramArrays,
     play: PlayArrays,
     slot: wp.int32,
+    program: wp.int32,
     c: wp.int32,
     kind: wp.int32,
     reals: wp.int32,
@@ -75,7 +82,7 @@ def value_holds(
     if kind == _TIME:
         return compared(tables.wholes[wholes + _TIME_RULE], wp.float64(step) * step_s, first)
     if kind == _TIME_OF_DAY:
-        clock = time_of_day(tables, play, slot, step, step_s)
+        clock = time_of_day(tables, play, slot, program, step, step_s)
         if clock == UNDEFINED:
             return False
         return compared(tables.wholes[wholes + _DAY_RULE], clock, first)
@@ -200,7 +207,7 @@ def fires(
         truth = wp.int32(0)
         if kind >= _TIME:
             truth = wp.where(
-                value_holds(tables, play, slot, c, kind, reals, wholes, step, step_s), 1, 0
+                value_holds(tables, play, slot, program, c, kind, reals, wholes, step, step_s), 1, 0
             )
         else:
             truth = play.conditions[slot, c, ConditionState.TRUTH]

@@ -7,7 +7,7 @@ import warp as wp
 from twin.base.portable_math import portable_cos, portable_sin
 from twin.scenario.storyboard.interpreter.arrays import BodyArrays, ProgramArrays
 from twin.scenario.storyboard.interpreter.transition import CLOSE, ZERO
-from twin.scenario.storyboard.player.columns import Real, Whole
+from twin.scenario.storyboard.player.columns import ProgramColumn, Real, Whole
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False, "max_unroll": 1})
 
@@ -32,6 +32,15 @@ class WayPoint:
     time: wp.float64
     speed: wp.float64
     """By its times, 0 where it has none [m/s]."""
+
+
+@wp.func
+def way_row(
+    tables: ProgramArrays, bodies: BodyArrays, slot: wp.int32, program: wp.int32, e: wp.int32
+) -> wp.int32:
+    """The row of the trajectory that an entity follows."""
+    first = tables.programs[program, ProgramColumn.TRAJECTORY]
+    return first + bodies.wholes[slot, e, Whole.TRAJECTORY]
 
 
 @wp.func
@@ -94,12 +103,17 @@ def way_point(tables: ProgramArrays, way: wp.int32, s: wp.float64) -> WayPoint:
 
 @wp.func
 def way_place(
-    tables: ProgramArrays, bodies: BodyArrays, slot: wp.int32, e: wp.int32, s: wp.float64
+    tables: ProgramArrays,
+    bodies: BodyArrays,
+    slot: wp.int32,
+    e: wp.int32,
+    way: wp.int32,
+    s: wp.float64,
 ) -> WayPoint:
-    """The place in the world of the trajectory that an entity follows."""
-    point = way_point(tables, bodies.wholes[slot, e, Whole.TRAJECTORY], s)
+    """The place in the world of the trajectory ``way`` that an entity follows."""
+    point = way_point(tables, way, s)
     turn = bodies.reals[slot, e, Real.WAY_HEADING]
-    if tables.trajectories[bodies.wholes[slot, e, Whole.TRAJECTORY], 4] != 0:
+    if tables.trajectories[way, 4] != 0:
         cosine, sine = portable_cos(turn), portable_sin(turn)
         ahead, left = wp.float64(point.x), wp.float64(point.y)
         point.x = bodies.reals[slot, e, Real.WAY_X] + cosine * ahead - sine * left

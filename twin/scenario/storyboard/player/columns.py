@@ -184,6 +184,7 @@ class SlotColumn(IntEnum):
     OVERFLOW = 4
     """Bits of :class:`Overflow`."""
     ENVIRONMENT = 5
+    """Whose clock runs, counted from the program's first; -1: none."""
     ENVIRONMENT_STEP = 6
     STARTED = 7
 
@@ -258,7 +259,11 @@ class Real(IntEnum):
 
 
 class Whole(IntEnum):
-    """Integers of an entity in a slot."""
+    """Integers of an entity in a slot.
+
+    What they number counts from the first of the slot's program, or of the route: rows of tables
+    move while a slot runs, when a program before it gives its place to another.
+    """
 
     ROAD = 0
     LANE = 1
@@ -269,6 +274,7 @@ class Whole(IntEnum):
     """Which it follows; -1: none."""
     ROUTE = 5
     LEG = 6
+    """Counted from the route's first."""
     STILL_SINCE = 7
     """Step; -1: moves."""
     OFF_SINCE = 8
