@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN = $(VENV)/bin
 
-.PHONY: help install install-test install-test-all install-train install-bench demo driving test test-all test-rest faults redteam fuzz soak offline planted mutation check lock models ablation frozen clean
+.PHONY: help install install-test install-test-all install-train install-bench demo driving test test-all test-rest faults redteam fuzz soak offline planted mutation check lock models integer-models ablation frozen clean
 
 help:
 	@echo "make demo     install, then run the eight-case demo campaign (again: resume)"
@@ -18,6 +18,7 @@ help:
 	@echo "make offline  bundle and container image, built and used without a network (minutes)"
 	@echo "make install-bench  install the peers of 'conductor bench' and 'twin bench'"
 	@echo "make models   render the dataset, train the shipped detectors anew (-j4: all at once; DEVICE=cuda:0)"
+	@echo "make integer-models  render pictures, make the shipped detectors whole numbers again (some minutes)"
 	@echo "make planted  plants bugs one by one and runs the tests that must notice (half an hour)"
 	@echo "make mutation  small changes of the pure cores that no test notices (a quarter of an hour)"
 	@echo "make ablation  what each sensor brings, per weather: runs aeb-ablation, writes docs/ablation.md (a GPU, or an hour)"
@@ -141,6 +142,15 @@ build/models/data: install-train
 	$(BIN)/twin dataset $@ --count 20000 --size 640x360 --streets 12,4,2 --split-shares 0.75,0.2,0.05 \
 	  --rule long_side_px_min=24 --rule short_side_px_min=8 --rule visible_px_min=150 \
 	  --device $(DEVICE) $(DATASET)
+
+# The same pictures give the same files.
+integer-models: install
+	$(BIN)/twin dataset build/models/calibration --count 160 --seed 71 --size 640x360 --streets 6,1,1 \
+	  --split-shares 0.8,0.1,0.1
+	for model in $(MODELS); do \
+	  $(BIN)/devkit quantize $$model -o devkit/models/$$model-int8.integer \
+	    --calibrate build/models/calibration || exit; \
+	done
 
 # Goes on where it was stopped. On a GPU ARGS="--workers cuda"; a small one on a laptop: ARGS="--weather clear,heavy_fog".
 ABLATION = runs/aeb-ablation

@@ -21,6 +21,7 @@ from devkit.detector.commands import (
     models,
     parity,
 )
+from devkit.detector.integer.command import quantize
 from devkit.replaying.command import replay
 from devkit.training.commands import evaluate, train
 from twin.base.cli import make_app, run
@@ -36,6 +37,7 @@ app.command("darknet-cfg")(darknet_cfg)
 app.command("models")(models)
 app.command("check-models")(check_models)
 app.command("detect")(detect)
+app.command("quantize")(quantize)
 app.command("train")(train)
 app.command("evaluate")(evaluate)
 app.command("parity")(parity)

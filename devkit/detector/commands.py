@@ -35,7 +35,7 @@ DescriptionOption = Annotated[
     Path | None, typer.Option(help="JSON about a model whose metadata has none.")
 ]
 Model = Annotated[
-    str, typer.Argument(help="Path of an ONNX file, or a name that `devkit models` prints.")
+    str, typer.Argument(help="Path of a model file, or a name that `devkit models` prints.")
 ]
 RuntimeOption = Annotated[RuntimeChoice, typer.Option(help="What runs the network.")]
 
@@ -96,14 +96,14 @@ def darknet_cfg(
 
 def models(output: OutputOption = Output.human) -> None:
     """List the networks that come with the package: names for `model` in a campaign file."""
-    from devkit.detector.model_files import shipped_models
+    from devkit.detector.model_files import shipped_integer_models, shipped_models
 
-    shipped = shipped_models()
+    shipped = dict(sorted({**shipped_models(), **shipped_integer_models()}.items()))
     if output is Output.json:
         print(json.dumps({name: str(path) for name, path in shipped.items()}))
         return
     for name, path in shipped.items():
-        card = path.with_suffix(".md")
+        card = path.with_name(f"{name.removesuffix('-int8')}.md")
         print(f"{name:20} {path.stat().st_size / 1e6:6.1f} MB  {card if card.is_file() else ''}")
     if not shipped:
         print("none is shipped with this version; `devkit import-darknet --help`", file=sys.stderr)

@@ -9,6 +9,8 @@ from pathlib import Path
 import onnx
 import warp as wp
 
+from devkit.detector.integer.convolution import convolution_kernel
+from devkit.detector.integer.map_kernels import picture_kernel
 from devkit.detector.model_files import shipped_models
 from devkit.detector.resize import prepare_kernels, resize_kernel
 from devkit.detector.stem import cut
@@ -28,7 +30,8 @@ def compile_kernels(device: str, folder: Path) -> None:
     try:
         wp.config.kernel_cache_dir = str(begun)
         prepare_kernels()
-        for kernel in (resize_kernel, *map(layer_kernel, _channels())):
+        integer = convolution_kernel, picture_kernel
+        for kernel in (resize_kernel, *integer, *map(layer_kernel, _channels())):
             wp.load_module(kernel.module, device=device)
         begun.chmod(0o755)
         if not folder.is_dir():  # another worker may have been faster

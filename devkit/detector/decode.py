@@ -22,6 +22,7 @@ import numpy as np
 from msgspec import Meta, Struct
 
 from devkit.detector.description import BoxHead, DetectorDescription, GridHead
+from devkit.detector.exponential import exponential
 from schemas.messages import Detection
 from schemas.steady import steady
 
@@ -284,8 +285,8 @@ def _logistic(values: np.ndarray) -> np.ndarray:
 
 
 def _exp(values: np.ndarray) -> np.ndarray:
-    """The exponential to 24 bits: NumPy's last bits depend on the instruction set."""
-    return steady(np.exp(values), 24)
+    """The exponential to 24 bits, the same on every processor."""
+    return steady(exponential(values), 24)
 
 
 def _clipped(box: np.ndarray, size_px: np.ndarray) -> np.ndarray:

@@ -1,4 +1,5 @@
-"""A detector: an ONNX file run on the CPU, by OpenCV or by ONNX Runtime, or on a GPU.
+"""A detector: an ONNX file run on the CPU, by OpenCV or by ONNX Runtime, or on a GPU; or an integer
+network, which kernels of ours run on both.
 
 A model is checked completely when it is loaded, with one black image through all of it: what can
 be wrong with a file is said then, in one line, and not in the middle of a case.
@@ -27,6 +28,9 @@ from devkit.images import Images
 from schemas.files.regular_file import read_regular
 from schemas.validation import suggest
 
+INTEGER_SUFFIX = ".integer"
+"""Ending of files of integer networks, :mod:`devkit.detector.integer`."""
+
 MODEL_BYTES_MAX = 2 << 30
 """A larger model does not fit into one ONNX file [bytes]."""
 
@@ -49,7 +53,7 @@ class Detector:
         """Load and check a model.
 
         Args:
-            path: ONNX file.
+            path: ONNX file, or an integer network, which runs in its own way whatever ``runtime``.
             selection: which boxes are reported.
             description: of a model whose metadata has none; wins over the metadata.
             runtime: what runs it, see :mod:`devkit.detector.runtime`.
@@ -66,23 +70,16 @@ class Detector:
         """
         self.path = path
         self.selection = selection or Selection()
-        if model is None:
-            model = _read_model(path)
-        self.description = description or _described(path, model)
-        name, batch = _check_input(path, model, self.description)
         # Several variants may select from one network, and look at the same time.
         self._turn = threading.Lock()
         self._network: LoadedNetwork
-        if device:
-            if runtime != "onnxruntime":
-                raise ModelError(f"{path}: runtime '{runtime}' on {device}, allowed: onnxruntime")
+        if path.suffix == INTEGER_SUFFIX:
             # Needs Warp, which the others do without.
-            from devkit.detector.frames import FrameNetwork
+            from devkit.detector.integer.network import open_integer
 
-            self._network = FrameNetwork(path, model, name, batch, self.description, device)
+            self.description, self._network = open_integer(path, device)
         else:
-            loaded = open_runtime(runtime, path, model, name)
-            self._network = HostNetwork(self.description, loaded, batch)
+            self.description, self._network = _opened(path, description, runtime, device, model)
         self._check_heads(size_px or (self.description.width, self.description.height))
 
     @property
@@ -137,6 +134,29 @@ class Detector:
                 )
 
 
+def _opened(
+    path: Path,
+    description: DetectorDescription | None,
+    runtime: RuntimeName,
+    device: str,
+    model: Any,
+) -> tuple[DetectorDescription, LoadedNetwork]:
+    """The network of an ONNX file; arguments as :class:`Detector` has them."""
+    if model is None:
+        model = read_model(path)
+    description = description or described(path, model)
+    name, batch = check_input(path, model, description)
+    if not device:
+        loaded = open_runtime(runtime, path, model, name)
+        return description, HostNetwork(description, loaded, batch)
+    if runtime != "onnxruntime":
+        raise ModelError(f"{path}: runtime '{runtime}' on {device}, allowed: onnxruntime")
+    # Needs Warp, which the others do without.
+    from devkit.detector.frames import FrameNetwork
+
+    return description, FrameNetwork(path, model, name, batch, description, device)
+
+
 def _head_mistake(head: GridHead | BoxHead, shape: Sequence[int], classes: int) -> str:
     """The shape that an output should have, and why; empty if it has it."""
     channels = head.channels(classes)
@@ -152,7 +172,7 @@ def _head_mistake(head: GridHead | BoxHead, shape: Sequence[int], classes: int) 
     return "" if fits else f"[batch, {dimensions}]: {why}"
 
 
-def _read_model(path: Path) -> Any:
+def read_model(path: Path) -> Any:
     """The file as ``onnx.ModelProto``."""
     import onnx
     from google.protobuf.message import DecodeError
@@ -172,7 +192,7 @@ def _read_model(path: Path) -> Any:
     return model
 
 
-def _described(path: Path, model: Any) -> DetectorDescription:
+def described(path: Path, model: Any) -> DetectorDescription:
     """What the model's metadata say."""
     for entry in model.metadata_props:
         if entry.key == METADATA_KEY:
@@ -186,7 +206,7 @@ def _described(path: Path, model: Any) -> DetectorDescription:
     )
 
 
-def _check_input(path: Path, model: Any, description: DetectorDescription) -> tuple[str, int]:
+def check_input(path: Path, model: Any, description: DetectorDescription) -> tuple[str, int]:
     """Name of the input and its batch size, 0 if that is free."""
     constants = {tensor.name for tensor in model.graph.initializer}
     inputs = [value for value in model.graph.input if value.name not in constants]

@@ -8,10 +8,10 @@ from pathlib import Path
 from devkit.darknet.importer import darknet_model
 from devkit.darknet.variant import ARCHITECTURES, published_cfg
 from devkit.detector.description import read_description
-from devkit.detector.detector import Detector
+from devkit.detector.detector import INTEGER_SUFFIX, Detector
 from devkit.detector.runtime import ModelError, RuntimeName
 from schemas.files.assets import file_digest
-from schemas.sections.perception import NetworkPerception, file_fields, is_model_path
+from schemas.sections.perception import NetworkPerception, file_fields, is_integer, is_model_path
 from schemas.validation import suggest
 from twin.base.errors import RefusedError
 
@@ -21,6 +21,11 @@ _SHIPPED = Path(__file__).parents[1] / "models"
 def shipped_models() -> dict[str, Path]:
     """Name -> ONNX file of the models that come with the package, by name."""
     return {path.stem: path for path in sorted(_SHIPPED.glob("*.onnx"))}
+
+
+def shipped_integer_models() -> dict[str, Path]:
+    """Name -> file of the integer networks that come with the package, by name."""
+    return {path.stem: path for path in sorted(_SHIPPED.glob(f"*{INTEGER_SUFFIX}"))}
 
 
 def open_detector(
@@ -62,6 +67,8 @@ def runtime_of(variant: NetworkPerception, device: str) -> tuple[RuntimeName, st
     """Runtime on a worker that computes on ``device``, and where: the device of
     :class:`devkit.detector.detector.Detector`."""
     on_gpu = device.startswith("cuda")
+    if is_integer(variant.model):
+        return "opencv", device if on_gpu else ""  # it is run by neither of the two
     if variant.runtime == "opencv" or (variant.runtime == "auto" and not on_gpu):
         return "opencv", ""
     return "onnxruntime", device if on_gpu else ""
@@ -82,7 +89,7 @@ def _check_content(path: Path, expected: str | None) -> None:
 
 
 def model_file(name_or_path: str) -> Path:
-    """The ONNX file of a shipped model's name, or of a path.
+    """The file of a shipped model's name, or of a path.
 
     Raises:
         ModelError: neither.
@@ -93,7 +100,7 @@ def model_file(name_or_path: str) -> Path:
 
 
 def _shipped(name: str) -> Path:
-    known = shipped_models()
+    known = {**shipped_models(), **shipped_integer_models()}
     if name in known:
         return known[name]
     if name in ARCHITECTURES:

@@ -33,6 +33,16 @@ class LoadedNetwork(Protocol):
         ...
 
 
+def resized(image: np.ndarray, description: DetectorDescription) -> np.ndarray:
+    """A picture, uint8 [H, W, 3], RGB, stretched to the network's size, in its order of
+    channels."""
+    size = (description.width, description.height)
+    if (image.shape[1], image.shape[0]) != size:
+        # The bit-exact variant is integer arithmetic: the same on any machine.
+        image = cv2.resize(image, size, interpolation=cv2.INTER_LINEAR_EXACT)
+    return image[..., ::-1] if description.channel_order == "bgr" else image
+
+
 class HostNetwork:
     """Resizes on the CPU, in batches of any size."""
 
@@ -58,13 +68,7 @@ class HostNetwork:
 
     def _prepared(self, image: np.ndarray) -> np.ndarray:
         """uint8 [H, W, 3] -> float32 [3, height, width]: stretched to the network's size."""
-        size = (self._description.width, self._description.height)
-        if (image.shape[1], image.shape[0]) != size:
-            # The bit-exact variant is integer arithmetic: the same on any machine.
-            image = cv2.resize(image, size, interpolation=cv2.INTER_LINEAR_EXACT)
-        if self._description.channel_order == "bgr":
-            image = image[..., ::-1]
-        planes = np.ascontiguousarray(image.transpose(2, 0, 1))
+        planes = np.ascontiguousarray(resized(image, self._description).transpose(2, 0, 1))
         return planes * np.float32(self._description.scale)
 
     def _forward(self, blob: np.ndarray) -> dict[str, np.ndarray]:

@@ -99,11 +99,23 @@ class NetworkInput:
         self._scale = float(description.scale)
         self._bgr = int(description.channel_order == "bgr")
         self._size = (size_px[1], size_px[0], 3)
-        self.planes = wp.zeros((batch, 3, height, width), dtype=wp.float32, device=self.device)
+        self.planes = self._target(batch, height, width)
         self._rows = Staged((batch,), wp.int32, self)
         self._pictures: Staged | None = None
-        wp.load_module(resize_kernel.module.name, device=self.device)
+        wp.load_module(self._kernel().module.name, device=self.device)
         wp.synchronize_device(self.device)
+
+    def _target(self, batch: int, height: int, width: int) -> wp.array:
+        """Memory for what the network reads: float32 [N, 3, height, width]."""
+        return wp.zeros((batch, 3, height, width), dtype=wp.float32, device=self.device)
+
+    def _kernel(self) -> wp.Kernel:
+        """What writes there."""
+        return resize_kernel
+
+    def _numbers(self) -> list[Any]:
+        """The kernel's numbers: scale and order of the channels."""
+        return [self._scale, self._bgr]
 
     @property
     def queue(self) -> int:
@@ -118,6 +130,10 @@ class NetworkInput:
     def head(self, shape: Sequence[int]) -> Staged:
         """Memory for an output of the network, float32."""
         return Staged(shape, wp.float32, self)
+
+    def beside(self, array: wp.array) -> Staged:
+        """A twin in the host's memory of an array on the device."""
+        return Staged(array.shape, array.dtype, self, array)
 
     def fill(self, images: Images, rows: Sequence[int]) -> None:
         """Queue the pictures ``rows`` of ``images``, at most a batch. What fills the batch up
@@ -136,10 +152,11 @@ class NetworkInput:
         self._rows.host[:] = rows[0]
         self._rows.host[: len(rows)] = rows
         self._rows.push()
+        across, down = self._across, self._down
         wp.launch(
-            resize_kernel,
-            (len(self._rows.host), *self.planes.shape[2:]),
-            inputs=[self._across, self._down, self._scale, self._bgr, pictures, self._rows.device],
+            self._kernel(),
+            (len(self._rows.host), down.shape[1], across.shape[1]),
+            inputs=[across, down, *self._numbers(), pictures, self._rows.device],
             outputs=[self.planes],
             device=self.device,
             stream=self.stream,
@@ -159,14 +176,26 @@ class NetworkInput:
 class Staged:
     """An array on a device and its pinned twin in the host's memory; one and the same on a CPU."""
 
-    def __init__(self, shape: Sequence[int], dtype: Any, beside: NetworkInput) -> None:
-        """Copied in the stream of ``beside``."""
+    host: np.ndarray
+
+    def __init__(
+        self,
+        shape: Sequence[int],
+        dtype: Any,
+        beside: NetworkInput,
+        device: wp.array | None = None,
+    ) -> None:
+        """Copied in the stream of ``beside``; ``device``: the array there, if there is one."""
         self._stream = beside.stream
         gpu = self._stream is not None
+        if device is not None and not gpu:
+            self._twin = self.device = device
+            self.host = device.numpy()
+            return
         self._twin = wp.zeros(tuple(shape), dtype=dtype, device="cpu", pinned=gpu)
-        self.host: np.ndarray = self._twin.numpy()
-        self.device = self._twin
-        if gpu:
+        self.host = self._twin.numpy()
+        self.device = self._twin if device is None else device
+        if gpu and device is None:
             self.device = wp.zeros(tuple(shape), dtype=dtype, device=beside.device)
             wp.synchronize_device(beside.device)  # it was made in another stream
 

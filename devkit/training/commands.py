@@ -146,8 +146,9 @@ def evaluate(
     with progress("evaluate", "scoring", "images") as advance:
         card = score_detector(detector, images, advance)
     if output is Output.json:
-        about = {"model": model, "data": str(data), "split": split.value}
-        print(json.dumps({**about, "runtime": runtime.value, **plain(card)}))
+        ran = detector.runtime.removesuffix(" cpu")
+        about = {"model": model, "data": str(data), "split": split.value, "runtime": ran}
+        print(json.dumps({**about, **plain(card)}))
     else:
         print(report(card), end="")
 

@@ -16,6 +16,7 @@ from msgspec import Struct, defstruct, structs, to_builtins
 from schemas.kinds.perception import TAG, perception_kind, perception_kinds
 from schemas.kinds.perceptions.ground_truth import GroundTruthPerception as GroundTruthPerception
 from schemas.kinds.perceptions.network import NetworkPerception as NetworkPerception
+from schemas.kinds.perceptions.network import is_integer as is_integer
 from schemas.kinds.perceptions.network import is_model_path as is_model_path
 
 

@@ -28,6 +28,7 @@ ELSEWHERE = {
     "devkit host": "started by every worker here",
     "devkit import-darknet": "a file of weights: tests/unit/devkit/detector/test_model_commands",
     "devkit parity": "published logs: tests/unit/devkit/replaying/test_parity",
+    "devkit quantize": "pictures: tests/unit/devkit/detector/integer/test_quantize",
     "devkit train": "torch: tests/unit/devkit/training/test_training_command",
     "hpc bundle": "half a gigabyte of wheels: test_offline",
     "hpc cancel": "a scheduler: test_slurm",

@@ -25,6 +25,7 @@ from autodrive_logs import config, drive
 from compiled_text import HEADER, ROADS, SPEED, TELEPORT, by_entity, compiled, scenario_text
 from darknet_oracle import random_weights
 from fuzz_target import SEEDS
+from integer_networks import PLAIN, convolution, head, network
 from played_files import played
 from road_files import crossing
 from road_furniture import furniture_file
@@ -46,6 +47,8 @@ from conductor.report.reading.cache import Cache
 from conductor.report.reading.resources import RESOURCES_SCHEMA
 from conductor.serve.engine import ConductorEngine, IncomingRequest
 from devkit.darknet.weights import write_weights
+from devkit.detector.integer.network_file import encode_network
+from devkit.detector.integer.steps import IntegerPool
 from schemas import SCHEMA_VERSION as V
 from schemas.files.drive_record import RecordAnswer, RecordHead, RecordSeen
 from schemas.files.kpi import KPI_COLUMNS
@@ -210,6 +213,11 @@ def _assets(folder: Path) -> None:
     spots = write_dark_spot_detector(folder / "spots.onnx")
     model = onnx.load(spots)
     _write("onnx", "spots", spots.read_bytes())
+    _write(
+        "integer-network",
+        "small",
+        encode_network(network(convolution(0, 3, 4), IntegerPool(1, PLAIN), head(2, 4))),
+    )
     _write("detector-description", "spots", model.metadata_props[0].value)
     _write("darknet-cfg", "head", CFG)
     write_weights(folder / "w", small_network(), random_weights(small_network(), 7))

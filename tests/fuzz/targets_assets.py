@@ -73,6 +73,7 @@ def _mesh_answer(data: bytes) -> object:
 MESH = (ValueError,)
 TARGETS = {
     "onnx": Target(of_file("m.onnx", Detector), (UsageError,), cost=15),
+    "integer-network": Target(of_file("n.integer", Detector), (UsageError,), cost=15),
     "detector-description": Target(of_file("d.json", read_description), (UsageError,)),
     "darknet-cfg": Target(of_file("n.cfg", read_network), (UsageError,), cost=3),
     "darknet-weights": Target(

@@ -20,7 +20,7 @@ _LIBRARIES = (
 )
 _GPU_LIBRARIES = ("nvidia-cudnn-cu13", "nvidia-cublas", "nvidia-cuda-runtime")
 """Count where onnxruntime-gpu, which computes with them, is installed."""
-_SUFFIXES = {".py", ".yaml", ".xodr", ".cfg", ".names", ".onnx"}
+_SUFFIXES = {".py", ".yaml", ".xodr", ".cfg", ".names", ".onnx", ".integer"}
 
 
 def software_digest() -> str:

@@ -8,8 +8,11 @@ from msgspec import Meta, Struct
 
 from schemas.kinds.perception import PerceptionKind
 
-MODEL_SUFFIXES = (".onnx", ".cfg")
+MODEL_SUFFIXES = (".onnx", ".cfg", ".integer")
 """Endings of a model's name that make it the path of a file."""
+
+INTEGER_ENDINGS = (".integer", "-int8")
+"""Endings of the files and of the shipped names of integer networks."""
 
 _PATHS = ("weights", "names", "description")
 
@@ -20,8 +23,8 @@ class NetworkPerception(
     """A neural network that sees the pictures of the main camera and nothing else."""
 
     model: Annotated[str, Meta(min_length=1)]
-    """Name of a shipped model (`devkit models`), path of an ONNX file, or path of a Darknet .cfg
-    (or a published architecture's name) with `weights`."""
+    """Name of a shipped model (`devkit models`), path of an ONNX file or of an integer network, or
+    path of a Darknet .cfg (or a published architecture's name) with `weights`."""
     weights: str = ""
     """Path of a Darknet network's .weights."""
     names: str = ""
@@ -39,18 +42,35 @@ class NetworkPerception(
     output, which `rules: autodrive` looks at."""
     runtime: Literal["auto", "opencv", "onnxruntime"] = "auto"
     """What runs it. `auto`: OpenCV on workers that simulate on the CPU, ONNX Runtime on those with
-    a GPU."""
+    a GPU; an integer network runs in kernels of its own, with the same bits on both."""
 
     def __post_init__(self) -> None:
         """Refuse keys that the kind of model would not look at."""
         if self.model.endswith(".cfg") and not self.weights:
             raise ValueError("weights: missing; a Darknet .cfg needs its .weights")
+        if is_integer(self.model):
+            self._check_integer()
         if self.model.endswith(".onnx") and (self.weights or self.names):
             raise ValueError("weights and names belong to a Darknet .cfg, not to an ONNX file")
         if self.names and not self.weights:
             raise ValueError("names belong to a Darknet network, which needs its weights")
         if self.weights and self.description:
             raise ValueError("description belongs to an ONNX file, not to a Darknet .cfg")
+
+    def _check_integer(self) -> None:
+        given = [name for name in _PATHS if getattr(self, name)]
+        if given:
+            raise ValueError(f"{given[0]}: not for an integer network, whose file has everything")
+        if self.runtime != "auto":
+            raise ValueError(
+                f"runtime: given {self.runtime}; an integer network runs in kernels of its own,"
+                " leave the key out"
+            )
+
+
+def is_integer(model: str) -> bool:
+    """Whether a network's ``model`` is an integer network."""
+    return model.endswith(INTEGER_ENDINGS)
 
 
 def is_model_path(model: str) -> bool:
@@ -67,7 +87,8 @@ def _files(variant: NetworkPerception) -> dict[str, str]:
 def _shipped(variant: NetworkPerception) -> dict[str, str]:
     if variant.weights or is_model_path(variant.model):
         return {}
-    return {f"model {variant.model}": f"devkit/models/{variant.model}.onnx"}
+    suffix = ".integer" if is_integer(variant.model) else ".onnx"
+    return {f"model {variant.model}": f"devkit/models/{variant.model}{suffix}"}
 
 
 KIND = PerceptionKind(

@@ -19,7 +19,10 @@ from twin.base.software import device_class, package_folder
 VARIABLE = "TWIN_COMPILED_KERNELS"
 """Environment variable of a stack's process: the folder, in which Warp made one per version."""
 
-SOURCES = ("detector/resize.py", "detector/stem.py", "detector/thin.py")
+SOURCES = (
+    *("detector/resize.py", "detector/stem.py", "detector/thin.py"),
+    *("detector/integer/convolution.py", "detector/integer/map_kernels.py"),
+)
 """Files of ``devkit`` that define the kernels."""
 
 

@@ -154,9 +154,9 @@ def test_a_network_is_loaded_once_for_all_that_select_from_it(models, monkeypatc
     path = tmp_path / "own.onnx"
     path.write_bytes(models[0].read_bytes())
     loaded = []
-    real = devkit.detector.detector._read_model
+    real = devkit.detector.detector.read_model
     monkeypatch.setattr(
-        devkit.detector.detector, "_read_model", lambda p: (loaded.append(p), real(p))[1]
+        devkit.detector.detector, "read_model", lambda p: (loaded.append(p), real(p))[1]
     )
     stack = AebStack(3)
     for token in range(12):

@@ -7,12 +7,19 @@ def test_files_that_decide_a_result_are_part_of_it(monkeypatch, tmp_path):
     monkeypatch.setattr(software, "package_folder", lambda package: tmp_path / package)
     (tmp_path / "devkit" / "models").mkdir(parents=True)
     found = {software.software_digest()}
-    for name in ("stack.py", "downtown.yaml", "yolov3.cfg", "coco.names", "models/a.onnx"):
+    for name in (
+        "stack.py",
+        "downtown.yaml",
+        "yolov3.cfg",
+        "coco.names",
+        "models/a.onnx",
+        "b.integer",
+    ):
         (tmp_path / "devkit" / name).write_bytes(b"1")
         found.add(software.software_digest())
         (tmp_path / "devkit" / name).write_bytes(b"2")
         found.add(software.software_digest())
-    assert len(found) == 11
+    assert len(found) == 13
     (tmp_path / "devkit" / "models" / "a.md").write_text("a model card")
     assert software.software_digest() in found
 
