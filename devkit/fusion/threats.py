@@ -219,9 +219,9 @@ def _crosses(
     # A vehicle that comes along a curve is no crossing one, though it goes aside for a while.
     aside = (speed > np.abs(vx_mps)) | (tracks.x_m < PATH_SURE_M)
     moves &= person | ((speed > CROSSES_MPS) & (vx_mps != 0.0))
-    moves &= ttc_s < staging.crossing_s
+    # Braking begins earlier than crossing is foreseen: who turns off has to count until then.
     departs = moves & ~person & (leaves < ttc_s - EARLY_LATE_S)
-    moves &= leaves > 0.0
+    moves &= (ttc_s < staging.crossing_s) & (leaves > 0.0)
     # Radar sees one end and wheel of a lorry that goes by after the other.
     moves &= (tracks.label > 0) | (tracks.lidar.hits >= WALKS_SIGHTINGS)
     passes = np.minimum(LENGTH_M / np.maximum(closing_mps, 1.0), FLANK_SHARE * ttc_s)

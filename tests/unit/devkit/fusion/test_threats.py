@@ -139,7 +139,9 @@ def test_who_leaves_the_path_at_the_last_moment_counts_as_long_as_he_is_there():
     assert find_threats(tracks, ego, health, STAGING).agreed[0, 0]
 
 
-def beside(label="", *, lidar_hits=20, radar_hits=20, age_s=3.0, speed_mps=8.0, **values):
+def beside(
+    label="", *, lidar_hits=20, radar_hits=20, age_s=3.0, speed_mps=8.0, inside=False, **values
+):
     """Whether somebody beside the path of a car at ``speed_mps`` is braked for."""
     tracks = TrackStore(1, TrackingParameters())
     given = {"live": True, "p_vv": 0.1, "q_vv": 0.1, "right_m": -0.3, "left_m": 0.3}
@@ -153,6 +155,7 @@ def beside(label="", *, lidar_hits=20, radar_hits=20, age_s=3.0, speed_mps=8.0, 
     )
     for memory, hits in hits_of:
         memory.age_s[0, 0], memory.hits[0, 0] = (0.0 if hits else 1e9), hits
+        memory.inside[0, 0] = float(inside)
     ego, health = EgoMotion(1), SensorHealth(1)
     ego.speed_mps[:] = speed_mps
     found = find_threats(tracks, ego, health, STAGING)
@@ -183,3 +186,15 @@ def test_nobody_brakes_for_the_flank():
     walker = {"y_m": 3.7, "vx_mps": 0.0, "vy_mps": -1.7, "right_m": -0.6, "left_m": 0.6}
     assert not beside("pedestrian", x_m=7.2, **walker), "0.4 s before it: he comes 0.8 s later"
     assert beside("pedestrian", x_m=12.0, **walker), "1.0 s: he may be faster"
+
+
+def test_who_turns_off_ahead_is_left_alone_as_soon_as_the_brake_could_begin():
+    """At 3.1 s he is half out of the path and will be gone in half a second."""
+    ahead = {"x_m": 17.3, "y_m": -1.3, "right_m": -1.1, "left_m": 1.1, "vx_mps": 4.0}
+    assert not inside(**ahead, vy_mps=-1.3, turn_radps=-0.17)
+    assert inside(**ahead, vy_mps=-0.2, turn_radps=0.0), "he stays"
+
+
+def inside(**values):
+    """Whether a slower car in the path of one at 8.3 m/s is braked for."""
+    return beside("car", speed_mps=8.33, inside=True, **values)
