@@ -21,6 +21,7 @@ from schemas.axes import (
 from schemas.campaign import ID_CHARS_MAX, Campaign
 from schemas.identity import stream_key
 from schemas.kinds.scenario import kind_of
+from schemas.kinds.sensor import sensor_kinds
 from schemas.names import minutes
 from schemas.rulebook_rows import (
     REPEAT_AXIS,
@@ -355,4 +356,18 @@ def _rates(
         for name, hz in rates.items()
         if hz > control_hz or control_hz % hz
     ]
+    return mistakes + _parts(sensor_hz)
+
+
+def _parts(sensor_hz: dict[str, int]) -> list[Mistake]:
+    """Sensors that are made of another one's measurements need it, at a multiple of their rate."""
+    mistakes = []
+    for name, hz in sensor_hz.items():
+        whole = sensor_kinds().find(name).part_of
+        if whole and whole not in sensor_hz:
+            problem = f"is made of what {whole} measures; add '{whole}: {{}}' to sensors"
+            mistakes.append(Mistake(f"sensors.{name}", problem))
+        elif whole and sensor_hz[whole] % hz:
+            allowed = f"given {hz}, allowed: a divisor of sensors.{whole}.hz {sensor_hz[whole]}"
+            mistakes.append(Mistake(f"sensors.{name}.hz", allowed))
     return mistakes

@@ -25,6 +25,8 @@ from schemas.sections.lidar import POINT_COLUMNS
 PERIOD_S = PERIOD_NS * 1e-9
 FRONT_M, REAR_M, HALF_WIDTH_M = 4.1, -1.07, 1.01
 BRAKE_MPS2, BRAKE_LAG_S, STEP_S = 8.8, 0.12, 0.005
+DIVE_RAD_PER_MPS2 = 0.0053
+"""How far the nose dives per deceleration: 0.043 rad in a full braking of opencav."""
 SIDE_MIN_PX, VISIBLE_MIN_PX, RADAR_RANGE_M = 20.0, 6.0, 150.0
 VIEW = CameraView.of_site(camera_site())
 DOWN = np.radians(np.linspace(-10.64, 30.59, CHANNELS))[:, None]
@@ -85,6 +87,8 @@ class Driven:
     way_m: float = 0.0
     accel_mps2: float = 0.0
     braking: bool = False
+    released_s: float | None = None
+    """When the stack let go of the brake first."""
     warned_s: float | None = None
     braked_s: float | None = None
     impact_mps: float | None = None
@@ -98,6 +102,8 @@ class Driven:
         if command.brake > 0.05:
             self.braked_s = time_s if self.braked_s is None else self.braked_s
             self.braking = True
+        elif self.braked_s is not None and self.released_s is None:
+            self.released_s = time_s
         wanted = -BRAKE_MPS2 * command.brake if self.braking else 0.0
         for _ in range(round(PERIOD_S / STEP_S)):
             self.accel_mps2 += (wanted - self.accel_mps2) * STEP_S / BRAKE_LAG_S
@@ -171,8 +177,9 @@ def sweep(
 def echoes(
     situation: Situation, car: Driven, time_s: float, rng: np.random.Generator
 ) -> list[list[float]]:
-    """Detections of the radar; some are of wheels, a tenth is missed."""
-    rows = []
+    """Detections of the radar; some are of wheels, a tenth is missed. The axes are those of a car
+    that pitches."""
+    rows, up_rad = [], -DIVE_RAD_PER_MPS2 * car.accel_mps2
     for mover in situation.movers:
         x, y, vx, vy = mover.at(time_s)
         x -= car.way_m + FRONT_M
@@ -184,11 +191,11 @@ def echoes(
         for n in range(2 if mover.rcs_dbsm > 0.0 else 1):
             noise = rng.normal(0.0, 1.0, 3) * (0.1, 0.1, 4.0)
             near_m, speed = range_m + noise[0] + 0.4 * n, radial + noise[1]
-            rows.append([near_m, azimuth, 0.0, speed, mover.rcs_dbsm + noise[2], 20.0])
+            rows.append([near_m, azimuth, up_rad, speed, mover.rcs_dbsm + noise[2], 20.0])
         if mover.wheels and abs(vx) > 3.0 and rng.random() < 0.4:
             speed = radial + rng.uniform(-1.0, 1.0) * abs(vx)
             rcs = mover.rcs_dbsm - 5.0 + rng.normal(0.0, 4.0)
-            rows.append([range_m + 0.5, azimuth, 0.0, speed, rcs, 20.0])
+            rows.append([range_m + 0.5, azimuth, up_rad, speed, rcs, 20.0])
     return rows
 
 

@@ -170,9 +170,14 @@ class _Row:
 
 def _declared(kind: SensorKind, rows: list[_Row | None]) -> tuple[Any, Any]:
     """Values of a sensor as it declares them, and valid rows per slot where they differ."""
-    if not kind.rows_max:
+    if not kind.looks:
         return _stack(rows, kind.name, len(kind.columns)).astype(kind.dtype), None
     values = np.zeros((len(rows), *kind.shape), kind.dtype)
+    if kind.grid:
+        for slot, row in enumerate(rows):
+            for *place, value in [] if row is None else row.values[kind.name]:
+                values[(slot, *place)] = value
+        return values, None
     count = [0 if row is None else len(row.values[kind.name]) for row in rows]
     for slot, row in enumerate(rows):
         if row is not None:

@@ -33,17 +33,24 @@ WHEELBASE_M = 3.09
 """Wheelbase by which a steering angle becomes a curvature [m]."""
 CURVATURE_S = 0.3
 """Time constant of the smoothed curvature [s]."""
+DIVE_S = 0.1
+"""Time constant of the pitch that follows from the acceleration: the accelerometer's noise is not
+of the body [s]."""
 
 
 class EgoMotion:
-    """Speed, yaw rate and path of S cars."""
+    """Speed, yaw rate, pitch and path of S cars."""
 
-    def __init__(self, slots: int) -> None:
-        """Begin with all cars at rest."""
+    def __init__(self, slots: int, dive_rad_per_mps2: float = 0.0) -> None:
+        """Begin with all cars at rest; ``dive_rad_per_mps2``: how far the nose dives."""
+        self._dive = dive_rad_per_mps2
         self.speed_mps = np.zeros(slots)
         self.yaw_rate_radps = np.zeros(slots)
         self.curvature_per_m = np.zeros(slots)
         """Of the path, left positive."""
+        self.dive_rad = np.zeros(slots)
+        """Pitch against the road, nose down positive, as the accelerometer lets expect; 0 without
+        one."""
         self.still = np.zeros(slots, bool)
         """Whether the wheels stand."""
         self.from_encoders = np.zeros(slots, bool)
@@ -61,7 +68,7 @@ class EgoMotion:
         """A new car stands or drives in ``slot``; ``ticks_per_rev`` 0: it has no encoders."""
         for values in (
             *(self.speed_mps, self.yaw_rate_radps, self.curvature_per_m, self._distance_m),
-            *(self._counted_m, self._still_s, self._accel_mps2),
+            *(self._counted_m, self._still_s, self._accel_mps2, self.dive_rad),
         ):
             values[slot] = 0.0
         self.still[slot] = self.from_encoders[slot] = False
@@ -88,6 +95,8 @@ class EgoMotion:
         if imu is not None:
             self._accel_mps2 = imu[:, _ACCEL].copy()
             self.yaw_rate_radps = imu[:, _RATE].copy()
+            share = period_s / (period_s + DIVE_S)
+            self.dive_rad = self.dive_rad - share * (self._dive * self._accel_mps2 + self.dive_rad)
         else:
             self.yaw_rate_radps = vehicle[:, _YAW_RATE].copy()
         if encoders is not None:

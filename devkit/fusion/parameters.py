@@ -37,6 +37,9 @@ class FusionSensors(Struct, frozen=True, forbid_unknown_fields=True):
     too."""
     radar_z_m: Annotated[float, Meta(ge=0, le=5)] = 0.5
     """Radar above the road [m], 0 to 5."""
+    dive_rad_per_mps2: Annotated[float, Meta(ge=0, le=0.02)] = 0.005
+    """How far the nose dives when the accelerometer feels the car slow down [rad/(m/s^2)], 0 to
+    0.02; by it heights of echoes are corrected."""
 
 
 class TrackingParameters(Struct, frozen=True, forbid_unknown_fields=True):

@@ -59,7 +59,11 @@ class EchoGroup:
 
 
 def group_detections(
-    detections: np.ndarray, view: RadarView, speed_mps: float, yaw_rate_radps: float
+    detections: np.ndarray,
+    view: RadarView,
+    speed_mps: float,
+    yaw_rate_radps: float,
+    dive_rad: float = 0.0,
 ) -> list[EchoGroup]:
     """Objects of one radar frame, the nearest first.
 
@@ -68,6 +72,7 @@ def group_detections(
         view: of the radar.
         speed_mps: of the ego.
         yaw_rate_radps: likewise.
+        dive_rad: its pitch against the road, nose down positive: what is ahead looks higher.
     """
     points = []
     for row in detections.astype(np.float64).tolist():
@@ -77,7 +82,8 @@ def group_detections(
         # Rounded: sines of C libraries differ in their last bits.
         cosine, sine = round(math.cos(angle), 9), round(math.sin(angle), 9)
         flat_m = row[RANGE] * round(math.cos(row[ELEVATION]), 9)
-        height_m = view.position_m[2] + row[RANGE] * round(math.sin(row[ELEVATION]), 9)
+        rise = round(math.sin(row[ELEVATION]), 9) - dive_rad
+        height_m = view.position_m[2] + row[RANGE] * rise
         if not LOW_M < height_m < HIGH_M:
             continue
         x, y = view.position_m[0] + flat_m * cosine, view.position_m[1] + flat_m * sine

@@ -159,7 +159,8 @@ class Sensing:
             speed, turn = float(ego.speed_mps[slot]), float(ego.yaw_rate_radps[slot])
             bend = float(ego.curvature_per_m[slot])
             health.echoed(slot)
-            groups = group_detections(rows, self._radar, speed, turn)
+            dive = float(ego.dive_rad[slot])
+            groups = group_detections(rows, self._radar, speed, turn, dive)
             for index, group in enumerate(groups[:OBJECTS_MAX]):
                 middle_m = 0.5 * bend * group.x_m * group.x_m
                 right, left = group.right_m - middle_m, group.left_m - middle_m

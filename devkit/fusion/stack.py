@@ -87,7 +87,7 @@ class FusionStack(Stack):
         sped = self.staging.cruise_speed_mps != StagingParameters().cruise_speed_mps
         if self.controller.cruise == "throttle" and sped:
             raise ValueError("cruise_speed_mps is set, but cruise: throttle does not look at it")
-        self.ego = EgoMotion(slots)
+        self.ego = EgoMotion(slots, self.sensors.dive_rad_per_mps2)
         self.health = SensorHealth(slots)
         self.tracks = TrackStore(slots, parts[1])
         self.stages = Stages(slots, self.staging)

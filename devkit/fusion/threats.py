@@ -37,10 +37,11 @@ BRAKES_MPS2 = 1.5
 SIGHTINGS_MIN = 3
 """Fewest sightings by one sensor of what counts: two give no speed."""
 WALKS_SIGHTINGS = 6
-"""LiDAR has to see so often what is taken for walking, though no camera names it: where radar saw
-it first, LiDAR corrects its direction, which looks like a step aside."""
+"""LiDAR has to see so often what is taken for walking or crossing, though no camera names it: where
+radar saw it first, LiDAR corrects its direction, which looks like a step aside."""
 RIPE_S = 0.6
-"""A younger track whose speed is not known might be as fast as the car [s]."""
+"""A younger track whose speed is not known might be as fast as the car; and its speed across may be
+the step from one corner or thing to the next [s]."""
 RECENT_S = 0.5
 """Sensors agree on a track that each of them has seen so lately [s]."""
 FREE_MARGIN_M = 2.0
@@ -51,6 +52,9 @@ CROSSES_MPS = 2.0
 """A vehicle that is not so fast across the path stays in its lane [m/s]."""
 EARLY_LATE_S = 0.25
 """Who would be in the path so shortly before or after the car is there crosses it [s]."""
+FLANK_SHARE = 0.5
+"""Who would meet the car's flank may as well meet its front, if he is only so much later as this
+share of the time to collision: speeds change until then, and nobody brakes for his flank [-]."""
 NARROW_M, WALKS_MPS = 1.0, 1.0
 """Whom no camera names is a pedestrian if narrower, and faster across, than this [m, m/s]."""
 IMMINENT_S = 0.5
@@ -107,7 +111,8 @@ def find_threats(
     vx = np.where(_is_speed(tracks.vx_mps, tracks.p_vv, SURE_VARIANCES), tracks.vx_mps, 0.0)
     person = _is_any(tracks.label, _PERSONS)
     sure = np.where(person, PERSON_SURE_VARIANCES, SURE_VARIANCES)
-    vy = np.where(_is_speed(tracks.vy_mps, tracks.q_vv, sure), tracks.vy_mps, 0.0)
+    ripe = person | (tracks.age_s > RIPE_S)
+    vy = np.where(ripe & _is_speed(tracks.vy_mps, tracks.q_vv, sure), tracks.vy_mps, 0.0)
     closing = speed - vx
     inside, stays = _in_path(tracks)
     gap = np.maximum(tracks.x_m + np.where(inside, tracks.path_m, 0.0) - staging.front_m, 0.0)
@@ -214,10 +219,12 @@ def _crosses(
     # A vehicle that comes along a curve is no crossing one, though it goes aside for a while.
     aside = (speed > np.abs(vx_mps)) | (tracks.x_m < PATH_SURE_M)
     moves &= person | ((speed > CROSSES_MPS) & (vx_mps != 0.0))
-    moves &= ttc_s < staging.crossing_s
+    # Braking begins earlier than crossing is foreseen: who turns off has to count until then.
     departs = moves & ~person & (leaves < ttc_s - EARLY_LATE_S)
-    moves &= leaves > 0.0
-    passes = LENGTH_M / np.maximum(closing_mps, 1.0)
+    moves &= (ttc_s < staging.crossing_s) & (leaves > 0.0)
+    # Radar sees one end and wheel of a lorry that goes by after the other.
+    moves &= (tracks.label > 0) | (tracks.lidar.hits >= WALKS_SIGHTINGS)
+    passes = np.minimum(LENGTH_M / np.maximum(closing_mps, 1.0), FLANK_SHARE * ttc_s)
     meets = (
         moves
         & (person | aside)

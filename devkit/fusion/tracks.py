@@ -176,7 +176,9 @@ class TrackStore:
 
         A box tells directions well and distances badly, so it moves only tracks that no other
         sensor places. Its ends are those at the track's distance along its rays, and so is whether
-        they reach into the path: the camera's directions at the radar's distance.
+        they reach into the path: the camera's directions at the radar's distance. Where that would
+        make it wider than it is at its own distance, the box is too large, as one around two cars
+        is, and its middle counts.
 
         Args:
             seen: arrays [S, M].
@@ -191,6 +193,8 @@ class TrackStore:
         right = eye_y + (seen.right_m[:, None] - eye_y) * scale
         left = eye_y + (seen.left_m[:, None] - eye_y) * scale
         y = self.y_m[:, :, None]
+        wider = 0.5 * np.maximum(left - right - (seen.left_m - seen.right_m)[:, None], 0.0)
+        right, left = right + wider, left - wider
         common = np.minimum(left, y + self.left_m[:, :, None])
         common = common - np.maximum(right, y + self.right_m[:, :, None])
         least = np.minimum(left - right, (self.left_m - self.right_m)[:, :, None])

@@ -60,9 +60,19 @@ class PointsLook(Struct, frozen=True):
     """Values of the full colours, below and above 0."""
 
 
+class GridLook(Struct, frozen=True):
+    """How viewers draw a sensor's grid as a picture: its largest values along the last axis, the
+    first axis upwards, in decibels."""
+
+    low_db: float
+    """Shown black."""
+    high_db: float
+    """Shown white."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SensorKind:
-    """Declaration of a sensor that gives rows of numbers."""
+    """Declaration of a sensor that gives rows of numbers, or a grid of them."""
 
     name: str
     """Name of its section in ``sensors``, and of its message."""
@@ -78,26 +88,42 @@ class SensorKind:
     rows_max: int = 0
     """Most rows of a slot; 0: a row per slot [S, K]. With any other number it looks at the world
     and has as many rows as it sees [S, N, K], with the number of valid ones per slot."""
+    grid: tuple[int, ...] = ()
+    """Cells of a slot along each axis; with it, the sensor looks at the world and has a value per
+    cell [S, ...], and :attr:`columns` name its axes."""
     implementation: str
-    """``module:attribute`` of its :class:`twin.sensors.mount.Sensor`; with ``rows_max``, of its
-    :class:`twin.sensors.ray_sensor.RaySensor`."""
+    """``module:attribute`` of its :class:`twin.sensors.mount.Sensor`; if it looks at the world, of
+    its :class:`twin.sensors.ray_sensor.RaySensor`."""
+    part_of: str = ""
+    """Another sensor of this table, declared before it, whose measurements it is made of: it is
+    there only beside that one, and that one's rate is a multiple of its own."""
     no_axes: tuple[str, ...] = ()
     """Keys that no matrix may vary."""
     points: PointsLook | None = None
     """With ``rows_max``: how viewers draw its rows; None: not at all."""
+    picture: GridLook | None = None
+    """With ``grid``: how viewers draw it; None: not at all."""
     site: str = ""
     """With :attr:`points`: ``module:attribute`` of a function of a case and its vehicle that says
     where the sensor sits: x forward of the vehicle's reference point, y left, z up [m]; and its
     roll, pitch and yaw, as of :class:`schemas.sections.lidar.LidarMount` [deg]."""
     memory: str = ""
-    """With ``rows_max``: ``module:attribute`` of a function of a case and its world that says what
-    a slot takes of a GPU besides the rows [bytes]; empty: nothing."""
+    """If it looks at the world: ``module:attribute`` of a function of a case and its world that
+    says what a slot takes of a GPU besides its values [bytes]; empty: nothing."""
     made_up: Callable[[MadeUpDrive], list[float] | list[list[float]]]
-    """A row of the made-up drive; with ``rows_max``, rows."""
+    """A row of the made-up drive; with ``rows_max``, rows; with ``grid``, cells, each as its place
+    along the axes and its value, all others being 0."""
+
+    @property
+    def looks(self) -> bool:
+        """Whether it looks at the world."""
+        return bool(self.rows_max or self.grid)
 
     @property
     def shape(self) -> tuple[int, ...]:
         """Shape of a slot's values."""
+        if self.grid:
+            return self.grid
         return (self.rows_max, len(self.columns)) if self.rows_max else (len(self.columns),)
 
 
@@ -116,4 +142,10 @@ def drawn_kinds(names: Iterable[str]) -> list[SensorKind]:
 def shown_columns(names: Iterable[str]) -> dict[str, list[str]]:
     """Columns of those sensors that give a row per slot, which viewers plot."""
     kinds = (sensor_kinds().find(name) for name in names)
-    return {kind.name: list(kind.columns) for kind in kinds if not kind.rows_max}
+    return {kind.name: list(kind.columns) for kind in kinds if not kind.looks}
+
+
+def pictured_kinds(names: Iterable[str]) -> list[SensorKind]:
+    """Those of the sensors ``names`` whose grids viewers draw as pictures."""
+    kinds = (sensor_kinds().get(name) for name in names)
+    return [kind for kind in kinds if kind is not None and kind.picture is not None]

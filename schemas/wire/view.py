@@ -115,6 +115,8 @@ class CaseStart(Struct, frozen=True):
     cameras: list[CameraSite] = []
     """All cameras of the ego that see, the main one first; live only."""
     lidars: list[LidarSite] = []
+    grids: list[str] = []
+    """Sensors whose grids are drawn as pictures; live only."""
     rig: str = ""
     """Rig whose feed it comes from; live only."""
     scene_sha256: str = ""

@@ -4,12 +4,14 @@
 the first eight of ``--slots`` slots of every shipped profile on both devices. Where they differ it
 says in which arrays of the sensor they do, in the order in which these are made. Then it times all
 slots and says how long each kernel takes. Exit code 1 where bytes differ or the rate of the
-long-range radar is below its target. About half a minute, half of it compiling.
+long-range radar is below its target. Cubes of the same eight slots are compared, too, and timed.
+About half a minute, half of it compiling.
 """
 
 from __future__ import annotations
 
 import argparse
+import hashlib
 import sys
 import time
 from typing import Any
@@ -19,9 +21,11 @@ from twin.world.kernel_cache import prepare_kernels
 prepare_kernels()
 
 import numpy as np  # noqa: E402
+import warp as wp  # noqa: E402
 
 from schemas.kinds.sensors.radar import PROFILES  # noqa: E402
 from twin.bench.radar import TARGET, RadarBench  # noqa: E402
+from twin.sensors.radar_cube.cube import RadarCubes  # noqa: E402
 
 COMPARED = 8
 """Slots whose bytes are compared."""
@@ -56,6 +60,21 @@ def _fields(array: Any, slots: int) -> dict[str, np.ndarray]:
     return {name: column.reshape(slots, -1) for name, column in columns.items()}
 
 
+def cubes(profile: str, device: str) -> tuple[str, float]:
+    """SHA-256 of the cubes of the compared slots, and how long they take together [ms]."""
+    bench = RadarBench(device, COMPARED, profile)
+    bench.detections(COMPARED)
+    cube, spent_s = RadarCubes(COMPARED, bench.device), []
+    for _ in range(3):
+        wp.synchronize_device(bench.device)
+        started = time.perf_counter()
+        cube.clear()
+        cube.take(bench.sensor)
+        wp.synchronize_device(bench.device)
+        spent_s.append(time.perf_counter() - started)
+    return hashlib.sha256(cube.cube.pull().tobytes()).hexdigest(), 1e3 * min(spent_s)
+
+
 def main() -> int:
     """Print the figures; the exit code."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
@@ -74,6 +93,10 @@ def main() -> int:
         print(f"{profile}: cpu {host[:16]}, {args.device} {other[:16]}: {same}", flush=True)
         if host != other:
             print("\n".join(differences(reference, bench)), flush=True)
+        (mine, _), (theirs, took_ms) = (cubes(profile, d) for d in ("cpu", args.device))
+        good = good and mine == theirs
+        same = "the same bytes" if mine == theirs else "OTHER BYTES"
+        print(f"{profile}: cubes {same}, {took_ms:.1f} ms for {COMPARED} slots", flush=True)
         rate, target = bench.rate(), TARGET[args.device.partition(":")[0]]
         print(f"{profile}: {rate:,.0f} measurements/s at {args.slots} slots", flush=True)
         if profile == PROFILES[0]:

@@ -44,6 +44,12 @@ class SensorData:
             return self.values.shape
         return tuple(self.device.__cuda_array_interface__["shape"])
 
+    def of(self, slot: int) -> np.ndarray:
+        """Copy of one slot's values; nothing of the others is brought to the host for it."""
+        if self._values is None and self.device is not None:
+            return np.array(self.device[slot].numpy())
+        return self.values[slot].copy()
+
     @property
     def values(self) -> np.ndarray:
         """[S, ...] on the host; valid until the next call of the engine."""

@@ -1,4 +1,4 @@
-"""Ray sensors of the table of kinds: rows of numbers, as many as a slot has."""
+"""Ray sensors of the table of kinds: rows of numbers, as many as a slot has, or a grid."""
 
 from __future__ import annotations
 
@@ -21,7 +21,8 @@ from twin.world.street.build import World
 
 
 class DeclaredRays:
-    """Sensors whose declaration has ``rows_max``, as :class:`twin.sensors.ray_sensor.RayRig`."""
+    """Sensors whose declaration says that they look at the world, as a
+    :class:`twin.sensors.ray_sensor.RayRig`."""
 
     def channels(
         self,
@@ -29,7 +30,7 @@ class DeclaredRays:
         vehicle: Vehicle,  # noqa: ARG002 - the declaration says all
         slots: int,
     ) -> list[FrameChannel]:
-        """Rows [S, N, K] of each."""
+        """Rows [S, N, K] or grid of each."""
         return [_channel(kind, slots) for kind, _ in _asked(case)]
 
     def memory(
@@ -38,10 +39,11 @@ class DeclaredRays:
         vehicle: Vehicle,  # noqa: ARG002 - the declaration says all
         world: World,
     ) -> list[MemoryRow]:
-        """Rows of each, and what an implementation takes besides."""
+        """Values of each, and what an implementation takes besides."""
         rows = []
         for kind, _ in _asked(case):
-            rows.append(MemoryRow(f"{kind.name}: rows", 0, _channel(kind, 1).size))
+            values = "grid" if kind.grid else "rows"
+            rows.append(MemoryRow(f"{kind.name}: {values}", 0, _channel(kind, 1).size))
             if kind.memory:
                 more = implementation(kind.memory)(case, world)
                 rows.append(MemoryRow(f"{kind.name}: its work", 0, more))
@@ -53,15 +55,22 @@ class DeclaredRays:
         Raises:
             ValueError: an implementation cannot be imported; one line.
         """
-        return [DeclaredRay(kind, mount, hz) for kind, hz in _asked(mount.case)]
+        built: dict[str, RaySensor] = {}
+        sensors: list[RaySensor] = []
+        for kind, hz in _asked(mount.case):
+            whole = (built[kind.part_of],) if kind.part_of else ()
+            built[kind.name] = implementation(kind.implementation)(mount, hz, *whole)
+            sensors.append(DeclaredRay(kind, mount, hz, built[kind.name]))
+        return sensors
 
 
 class DeclaredRay:
     """One sensor; what it reads is held against its declaration and put where stacks look."""
 
-    def __init__(self, kind: SensorKind, mount: RayMount, hz: int) -> None:
-        """``hz``: readings per second [Hz]."""
-        self._sensor: RaySensor = implementation(kind.implementation)(mount, hz)
+    def __init__(self, kind: SensorKind, mount: RayMount, hz: int, sensor: RaySensor) -> None:
+        """``hz``: readings per second [Hz]; ``sensor``: what the declaration names."""
+        self._sensor = sensor
+        self._kind = kind
         self.every = mount.case.rig.control_hz // hz
         self.needs_truth = self._sensor.needs_truth
         self._channel = _channel(kind, mount.geometry.slots)
@@ -122,7 +131,7 @@ class DeclaredRay:
         self._sensor.launch(sight)
 
     def read(self) -> dict[str, SensorData]:
-        """Rows, and how many of them are valid.
+        """Rows, and how many of them are valid; or a grid.
 
         Raises:
             ValueError: they are not what the declaration says; one line.
@@ -134,15 +143,21 @@ class DeclaredRay:
         data = readings[name]
         if data.shape != shape:
             raise ValueError(f"sensor '{name}' reads {data.shape}; declared: {shape}")
+        if self._kind.grid:
+            return {name: self._shown(data, None)}
         count = np.zeros(0, np.int32) if data.count is None else np.asarray(data.count)
         if count.shape != shape[:1] or count.min() < 0 or count.max() > shape[1]:
             raise ValueError(
                 f"sensor '{name}' counts {count.tolist()} valid rows; "
                 f"allowed: 0 to {shape[1]} in each of {shape[0]} slots"
             )
+        return {name: self._shown(data, count)}
+
+    def _shown(self, data: SensorData, count: np.ndarray | None) -> SensorData:
+        """``data`` where stacks look for it, on a GPU until the host asks."""
         if data.device is None:
-            return {name: SensorData(self._hosted(data), count)}
-        return {name: SensorData(lambda: self._hosted(data), count, data.device)}
+            return SensorData(self._hosted(data), count)
+        return SensorData(lambda: self._hosted(data), count, data.device)
 
     def _hosted(self, data: SensorData) -> np.ndarray:
         """Values on the host, in memory shared with the stack where there is some."""
@@ -163,12 +178,12 @@ def _asked(case: Case) -> Iterator[tuple[SensorKind, int]]:
     """The sensors that a rig has, and their rates [Hz]."""
     for name, hz in case.rig.sensor_hz.items():
         kind = sensor_kinds().find(name)
-        if kind.rows_max:
+        if kind.looks:
             yield kind, hz
 
 
 def _channel(kind: SensorKind, slots: int) -> FrameChannel:
-    return FrameChannel(kind.name, (slots, kind.rows_max, len(kind.columns)), kind.dtype)
+    return FrameChannel(kind.name, (slots, *kind.shape), kind.dtype)
 
 
 DECLARED = DeclaredRays()

@@ -23,7 +23,7 @@ class SensorSuite:
         self._sensors: dict[str, Sensor] = {}
         for name, hz in case.rig.sensor_hz.items():
             kind = sensor_kinds().find(name)
-            if kind.rows_max:
+            if kind.looks:
                 continue  # it looks at the world: the exteroceptive suite has it
             build: type[Sensor] = implementation(kind.implementation)
             mount = SensorMount(slots, device, origin, hz, case.rig.control_hz // hz)

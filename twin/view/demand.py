@@ -1,13 +1,14 @@
 """Viewers of a rig's cases, and what they are due: paced by the wall clock, at the source.
 
-Streams are named as their sensor messages (``camera.front_left``, ``lidar.roof``), beside
-``thumbnail`` for the wall, and ``start`` and ``state`` for those who look at a single case.
+Streams are named as their sensor messages (``camera.front_left``, ``lidar.roof``, ``radar_cube``),
+beside ``thumbnail`` for the wall, and ``start`` and ``state`` for those who look at a single case.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 
+from schemas.kinds.sensor import pictured_kinds
 from schemas.sections.view_mode import ViewMode
 from schemas.wire import topics
 from twin.fabric.bus import Bus
@@ -15,6 +16,9 @@ from twin.view.items import SlotRun
 
 PERIODS_S = {"thumbnail": 0.5, "start": 1.0, "state": 0.1, "camera": 0.1, "lidar": 0.2}
 """Shortest wall time between two samples of a kind of stream of one case [s]."""
+
+GRID_PERIOD_S = 0.5
+"""The same of a sensor's grid that is drawn as a picture [s]."""
 
 FOCUS_MAX = 8
 """Cases of a rig that are shown in full at the same time, at most; further ones stay small."""
@@ -71,7 +75,8 @@ class Demand:
         if wall and (blind or "camera" in names) and _elapsed(run, "thumbnail", now_s) >= 1:
             due.add("thumbnail")
         if singles and self.focused(run):
-            shown = (n for n in names if n.partition(".")[0] in ("camera", "lidar"))
+            shown = [n for n in names if n.partition(".")[0] in ("camera", "lidar")]
+            shown += (kind.name for kind in pictured_kinds(names))
             due.update(n for n in shown if _elapsed(run, n, now_s) >= 1)
             # With its picture, so that boxes stand where they belong; without one, half as often.
             if "camera" in due or _elapsed(run, "state", now_s) >= (1 if blind else 2):
@@ -99,4 +104,4 @@ def _elapsed(run: SlotRun, name: str, now_s: float) -> float:
     """Wall time since the stream was last due, in its periods; infinite at first."""
     if name not in run.shown_s:
         return float("inf")
-    return (now_s - run.shown_s[name]) / PERIODS_S[name.partition(".")[0]]
+    return (now_s - run.shown_s[name]) / PERIODS_S.get(name.partition(".")[0], GRID_PERIOD_S)

@@ -8,6 +8,7 @@ import msgspec
 import numpy as np
 
 from schemas import SCHEMA_VERSION
+from schemas.kinds.sensor import pictured_kinds
 from schemas.wire import topics
 from schemas.wire.codec import encode
 from schemas.wire.control import Lease
@@ -30,6 +31,7 @@ from twin.view.items import Began, Scenery, ShownEnd, SlotRun, SlotSeen, Ticked
 from twin.view.quality import Quality
 from twin.view.samples import (
     THUMBNAIL_WIDTH_PX,
+    grid_picture,
     jpeg,
     last_of,
     last_row_of,
@@ -99,6 +101,7 @@ class Encoder:
             start_of(lease, stage, UNNUMBERED),
             cameras=item.cameras,
             lidars=item.lidars,
+            grids=[kind.name for kind in pictured_kinds(lease.case.rig.sensor_hz)],
             rig=item.rig,
             scene_sha256=self._packed(world).sha256,
         )
@@ -194,6 +197,10 @@ def _live(
     attachment = encode(_camera_sample(snapshot, token, UNNUMBERED))
     pictures = {"camera": picture} if picture and "camera" in due else {}
     pictures.update((n, _compressed(run, n, image)) for n, image in snapshot.pictures.items())
+    for kind in pictured_kinds(snapshot.grids):
+        assert kind.picture is not None
+        image = grid_picture(kind.picture, snapshot.grids[kind.name])
+        pictures[kind.name] = _compressed(run, kind.name, image)
     for name, data in sorted(pictures.items()):
         messages.append(ViewMessage(topics.VIEW_LIVE_CAMERA, data, attachment, name))
     for name, cloud in sorted(snapshot.clouds.items()):

@@ -37,6 +37,8 @@ class SlotSeen:
     """Pictures of further cameras by message name; like ``image``."""
     clouds: dict[str, Cloud] = field(default_factory=dict)
     """LiDAR points by message name."""
+    grids: dict[str, np.ndarray] = field(default_factory=dict)
+    """Grids that are drawn as pictures by message name, as their sensors declare them."""
     label: str = ""
     """See :attr:`SlotRun.label`."""
     target: bool = True
@@ -55,7 +57,7 @@ class SlotSeen:
     def nbytes(self) -> int:
         """Bytes of the large arrays."""
         arrays = [*self.pictures.values(), *(cloud.points for cloud in self.clouds.values())]
-        arrays += self.rows.values()
+        arrays += [*self.rows.values(), *self.grids.values()]
         return sum(a.nbytes for a in (self.image, *arrays) if a is not None)
 
 

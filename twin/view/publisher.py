@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from schemas import SCHEMA_VERSION
-from schemas.kinds.sensor import sensor_kinds
+from schemas.kinds.sensor import pictured_kinds, sensor_kinds
 from schemas.messages import Command
 from schemas.wire import topics
 from schemas.wire.codec import encode
@@ -272,6 +272,7 @@ class ViewPublisher(View):
             boxes=boxes,
             pictures={n: sensed[n].values[slot].copy() for n in due if n.startswith("camera.")},
             clouds={n: _thinned(sensed[n], slot) for n in due if n.startswith("lidar.")},
+            grids={kind.name: sensed[kind.name].of(slot) for kind in pictured_kinds(due)},
             label=run.label if run else "",
             target=run is not None and run.target is not None,
             nearest=engine.closest(slot),
@@ -340,7 +341,7 @@ class ViewPublisher(View):
 
 def _readings(sensed: dict[str, SensorData], slot: int) -> dict[str, np.ndarray]:
     """Rows of numbers that were due, by message [K]."""
-    names = (kind.name for kind in sensor_kinds().declared if not kind.rows_max)
+    names = (kind.name for kind in sensor_kinds().declared if not kind.looks)
     return {name: sensed[name].values[slot].copy() for name in names if name in sensed}
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from schemas import SCHEMA_VERSION
 from schemas.case import Case
 from schemas.kinds.registry import implementation
-from schemas.kinds.sensor import drawn_kinds, shown_columns
+from schemas.kinds.sensor import GridLook, drawn_kinds, shown_columns
 from schemas.messages import BOX_COLUMNS, OBJECT_CLASSES, Command, command_mistake
 from schemas.sections.lidar import POINT_COLUMNS
 from schemas.wire.control import Lease
@@ -53,6 +53,18 @@ def points_of(cloud: Cloud) -> np.ndarray:
     rows[:, :3] = xyz[inside]
     rows[:, 3] = np.clip(cloud.points[inside, _POINT["intensity"]], 0, 255)
     return rows
+
+
+def grid_picture(look: GridLook, grid: np.ndarray) -> np.ndarray:
+    """A sensor's grid as its look says: uint8 [H, W, 3], the first axis upwards, the second to the
+    right, the shorter one stretched by a whole number so that both are about as long."""
+    flat = grid.max(axis=tuple(range(2, grid.ndim)))
+    level_db = 10.0 * np.log10(np.maximum(flat, 1e-30))
+    share = (level_db - look.low_db) / (look.high_db - look.low_db)
+    grey = np.rint(255.0 * np.clip(share, 0.0, 1.0)).astype(np.uint8)[::-1]
+    high, wide = grey.shape
+    grey = grey.repeat(max(1, wide // high), axis=0).repeat(max(1, high // wide), axis=1)
+    return np.repeat(grey[:, :, None], 3, axis=2)
 
 
 def stage_of(lease: Lease, colliders: np.ndarray, cars: int, target: int | None) -> Stage:

@@ -97,7 +97,7 @@ class FocusedCase:
                 state: StateSample = decode(sample.payload, StateSample)
                 self._send(state.token, lambda c: c.states([state]))
                 self._touched()
-            case "camera":
+            case _ if kind == "camera" or self._is_grid(stream):
                 picture: CameraSample = decode(
                     sample.attachment, CameraSample, ATTACHMENT_BYTES_MAX
                 )
@@ -111,6 +111,9 @@ class FocusedCase:
             case "end":
                 end: CaseEnd = decode(sample.payload, CaseEnd)
                 self._end(end)
+
+    def _is_grid(self, stream: str) -> bool:
+        return self._start is not None and stream in self._start.grids
 
     def stand(self) -> None:
         """Log the standing world once it has come."""
@@ -194,6 +197,7 @@ def open_stream(hub_url: str, start: CaseStart) -> rr.RecordingStream:
             start.cameras,
             start.lidars,
             start.sensors,
+            grids=start.grids,
             rows=tuple(start.rows),
             live=True,
         ),

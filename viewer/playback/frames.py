@@ -24,6 +24,7 @@ from rerun.error_utils import RerunWarning
 
 from twin.base.errors import UsageError
 from viewer.playback import native
+from viewer.playback.point_rows import PointMount, PointRows, mount_of, rows_of, sensor_of
 from viewer.recording import naming
 
 _PROPERTIES = "__properties/"
@@ -78,6 +79,8 @@ class PlayedTick:
     truth: list[Mark] | None = None
     readings: dict[str, dict[str, float]] = field(default_factory=dict)
     """Readings of the sensors with a row of numbers that were due: name -> column -> value."""
+    points: dict[str, PointRows] = field(default_factory=dict)
+    """Rows of the sensors that are drawn as points and were due, by name."""
 
 
 @dataclass(slots=True)
@@ -89,6 +92,8 @@ class RecordedCase:
     frames: list[PlayedTick] = field(default_factory=list)
     """Frames in order of sim time, one per time."""
     events: list[LogEvent] = field(default_factory=list)
+    mounts: dict[str, PointMount] = field(default_factory=dict)
+    """Where the sensors that are drawn as points sit, by name."""
     properties: dict[str, dict[str, Any]] = field(default_factory=dict)
     """``case`` (campaign, model, weather, ...) and, unless the recorder was killed, ``verdict``."""
 
@@ -193,6 +198,9 @@ def _take(case: RecordedCase, frames: dict[int, PlayedTick], chunk: Chunk) -> No
     if path.startswith(_PROPERTIES):
         _take_properties(case, path.removeprefix(_PROPERTIES), batch)
         return
+    sensor = sensor_of(path, batch)
+    if sensor and chunk.is_static and (mount := mount_of(batch)) is not None:
+        case.mounts[sensor] = mount
     if chunk.is_static or naming.SIM_TIME not in batch.schema.names:
         return
     times = [int(t) for t in batch.column(naming.SIM_TIME).cast(pa.int64()).to_pylist()]
@@ -210,6 +218,11 @@ def _take(case: RecordedCase, frames: dict[int, PlayedTick], chunk: Chunk) -> No
             if value is not None:
                 read = frames.setdefault(time_ns, PlayedTick(time_ns)).readings
                 read.setdefault(sensor, {})[column] = value
+        return
+    if sensor:
+        for time_ns, rows in zip(times, rows_of(batch), strict=True):
+            if rows is not None:
+                frames.setdefault(time_ns, PlayedTick(time_ns)).points[sensor] = rows
         return
     for time_ns, values in zip(times, _values(path, batch), strict=False):
         frame = frames.setdefault(time_ns, PlayedTick(time_ns))

@@ -1,8 +1,8 @@
 """A recorded case as an MCAP file for Foxglove, Lichtblick, PlotJuggler and the like.
 
 Pictures, boxes, pose and log in Foxglove's own Protobuf types; the plots in ``drivetwin.State``,
-whose fields are absent where nothing was recorded, and every sensor with a row of numbers in a type
-of its own. All times are sim time from reset, so the same
+whose fields are absent where nothing was recorded, every sensor with a row of numbers in a type of
+its own, and radar detections as point clouds. All times are sim time from reset, so the same
 recording gives the same bytes.
 """
 
@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from viewer.playback.frames import LogEvent, Mark, PlayedTick, RecordedCase
+from viewer.playback.mcap_points import PointClouds
 from viewer.playback.outputs import needed, write_whole
 from viewer.recording.scenery import CYAN, ORANGE, RED, YELLOW, Color, quaternion
 
@@ -80,6 +81,7 @@ class _Converter:
         self._annotations = schema("ImageAnnotations")
         self._transform = schema("FrameTransform")
         self._log = schema("Log")
+        self._clouds = PointClouds()
         self._line_loop = schema("PointsAnnotation").LINE_LOOP
         self._state = _plotted_type("State", PLOTTED, flags=("aeb",))
         self._readings: dict[str, Any] = {}
@@ -90,6 +92,9 @@ class _Converter:
         messages: list[tuple[int, str, Any]] = []
         for frame in case.frames:
             messages += [(frame.sim_time_ns, *rest) for rest in self._of(frame)]
+            for name, rows in sorted(frame.points.items()):
+                cloud = _stamped(self._clouds.of(rows, case.mounts.get(name)), frame.sim_time_ns)
+                messages.append((frame.sim_time_ns, f"/sensors/{name}", cloud))
         messages += [(event.sim_time_ns, "/events", self._event(event)) for event in case.events]
         messages.sort(key=lambda message: message[0])
         return messages

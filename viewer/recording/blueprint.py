@@ -37,6 +37,7 @@ def case_blueprint(
     lidars: Sequence[LidarSite] = (),
     sensors: Mapping[str, Sequence[str]] = MappingProxyType({}),
     *,
+    grids: Sequence[str] = (),
     rows: Sequence[str] = (),
     live: bool = False,
 ) -> rrb.Blueprint:
@@ -47,11 +48,13 @@ def case_blueprint(
         cameras: all of the ego's that see; empty, unless ``live``: the main one.
         lidars: of the ego; their points are shown in the street.
         sensors: with a row of numbers -> names of the columns; a plot for each.
+        grids: sensors whose grids are drawn as pictures, beside those of the cameras.
         rows: sensors whose rows are drawn as points; a view from above for them.
         live: the newest is followed, and the eye drives behind the ego.
     """
     names = [site.message for site in cameras] if cameras or live else ["camera"]
     views = [_camera(name, main=name == names[0]) for name in names]
+    views += [rrb.Spatial2DView(origin=naming.grid(name), name=name) for name in grids]
     plots = [
         _plot("Speed [m/s]", [naming.SPEED]),
         _plot("Distance to collision [m]", [naming.DTC]),

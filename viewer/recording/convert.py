@@ -110,13 +110,15 @@ class CaseConverter:
     def pictures(
         self, pictures: Sequence[tuple[CameraSample, bytes]], name: str = "camera"
     ) -> list[EntityRows]:
-        """JPEGs of the camera whose messages are called ``name``, passed through untouched."""
+        """JPEGs of the camera or grid whose messages are called ``name``, passed through
+        untouched."""
         if not pictures:
             return []
         columns = rr.EncodedImage.columns(
             blob=[jpeg for _, jpeg in pictures], media_type=["image/jpeg"] * len(pictures)
         )
-        return [rows_at(naming.sensor(name), [sample for sample, _ in pictures], columns)]
+        path = naming.grid(name) if name in self._start.grids else naming.sensor(name)
+        return [rows_at(path, [sample for sample, _ in pictures], columns)]
 
     def end(self, end: CaseEnd) -> list[EntityRows]:
         """The verdict as an event."""

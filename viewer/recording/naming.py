@@ -82,6 +82,11 @@ def reading(sensor_name: str, column: str) -> str:
     return f"{READINGS}/{sensor_name}/{column}"
 
 
+def grid(sensor_name: str) -> str:
+    """Entity path of the picture of a sensor's grid: no camera sees it, so it is not on the ego."""
+    return f"{READINGS}/{sensor_name}"
+
+
 def recording_id(campaign: str, case: str, attempt: int) -> str:
     """Recording id of one attempt."""
     return safe_id(campaign, case, str(attempt))

@@ -197,7 +197,7 @@ def _detection(
 
 
 @wp.func
-def _antennas(
+def antennas_of(
     model: RadarModel,
     state: RadarSlot,
     near: wp.array2d(dtype=wp.float64),
@@ -255,7 +255,7 @@ def detect_kernel(
     row = peaks[slot, number] / model.speeds
     speed = peaks[slot, number] - row * model.speeds
     here = power[slot, speed, row]
-    x = _antennas(model, state, near, by_speed, touched, signals, slot, speed, row, here)
+    x = antennas_of(model, state, near, by_speed, touched, signals, slot, speed, row, here)
     below = (speed + model.speeds - 1) % model.speeds
     above = (speed + 1) % model.speeds
     level = level_of(power, slot, speed, row)

@@ -154,6 +154,13 @@ class RadarSensor:
         self.look()
         self._tell()
 
+    @property
+    def cells(self) -> list[wp.array]:
+        """What the last measurement left of every cell: slots, rain by range and by speed, where
+        echoes are, signals there, powers."""
+        seen = [self._near, self._by_speed, self.touched, self.signals, self.power]
+        return [self.state.device, *seen]
+
     def _launch(self, kernel: wp.Kernel, dim: Any, inputs: list, outputs: list) -> None:
         wp.launch(kernel, dim, inputs=inputs, outputs=outputs, device=self._device)
 
@@ -244,12 +251,11 @@ class RadarSensor:
             [model, state, self.alarm, self._count_by_row],
             [self._peaks],
         )
-        seen = [self._near, self._by_speed, self.touched, self.signals, self.power]
         total = self.peaks_total
         launch(
             detect.detect_kernel,
             (slots, peaks.PEAKS_MAX),
-            [model, state, *seen, self._peaks, total],
+            [model, *self.cells, self._peaks, total],
             [self.found],
         )
         candidates = (slots, peaks.PEAKS_MAX * detect.PER_PEAK)

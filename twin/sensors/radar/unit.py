@@ -124,9 +124,13 @@ class RadarUnit:
             sensor.state.host["active"] = self._active & its
             sensor.measure(sight.pose)
 
+    def sensors(self) -> list[RadarSensor]:
+        """Radars of the profiles that any case has asked for; a slot is active in one of them."""
+        return [self._sensors[name] for name in PROFILES if name in self._sensors]
+
     def read(self) -> dict[str, SensorData]:
         """Detections."""
-        sensors = [self._sensors[name] for name in PROFILES if name in self._sensors]
+        sensors = self.sensors()
         if len(sensors) == 1:
             return {"radar": SensorData.mirrored(sensors[0].rows, sensors[0].count.numpy())}
         rows = np.zeros((len(self._active), DETECTIONS_MAX, len(COLUMNS)), np.float32)

@@ -102,3 +102,12 @@ def test_whom_it_need_not_stop_for_it_leaves_alone():
     cars = dict(zip(LEFT_ALONE, drive_all(list(LEFT_ALONE.values())), strict=True))
     assert {name: car.braked_s for name, car in cars.items() if car.braked_s is not None} == {}
     assert {name for name, car in cars.items() if car.impact_mps is not None} == set()
+
+
+def test_it_brakes_on_while_its_nose_dives():
+    """All echoes look as if they came from 3 m above the road while the car brakes fully: what
+    radar alone sees is braked for until the car stands."""
+    comes = [ahead(Mover, 66, -68), ahead(Mover, 80, -60, y_m=0.4)]
+    for car in drive_all(comes, sensors_used="camera+radar"):
+        assert car.braked_s is not None
+        assert car.released_s is None, "it lets go of the brake"

@@ -81,3 +81,19 @@ def test_a_slow_car_goes_where_its_wheels_point():
     for _ in range(100):
         ego.update(vehicle, None, None, np.full(1, PERIOD_S))
     assert ego.curvature_per_m[0] == pytest.approx(math.tan(0.3) / 3.09, rel=0.01)
+
+
+def test_the_nose_dives_with_what_the_accelerometer_feels_and_rises_again():
+    ego = EgoMotion(2, 0.005)
+    inertial = np.zeros((2, 6))
+    for accel, dive, ticks in ((-8.0, 0.04, 12), (2.0, -0.01, 12)):
+        inertial[0, 0] = accel
+        for _ in range(ticks):
+            ego.update(np.zeros((2, 7)), None, inertial, np.full(2, PERIOD_S))
+        assert ego.dive_rad[0] == pytest.approx(dive, abs=1e-3)
+        assert ego.dive_rad[1] == 0.0, "the neighbour's"
+    before = ego.dive_rad.copy()
+    ego.update(np.zeros((2, 7)), None, None, np.full(2, PERIOD_S))
+    assert (ego.dive_rad == before).all(), "no reading, no news"
+    ego.reset(0, 44.0, 0.36)
+    assert ego.dive_rad[0] == 0.0

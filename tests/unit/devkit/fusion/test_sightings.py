@@ -193,3 +193,14 @@ def test_radar_leaves_out_what_is_not_on_the_road(row):
 
 def test_no_detections_are_no_groups():
     assert group_detections(detections(), RADAR, 10.0, 0.0) == []
+
+
+def test_what_looks_high_because_the_nose_dives_is_on_the_road():
+    """At 66 m with 0.036 rad an echo seems to come from 2.9 m; a bridge is higher by all means."""
+    car, bridge = (66.0, 0.0, 0.036, -30.0, 10.0, 40.0), (66.0, 0.0, 0.12, -10.0, 10.0, 40.0)
+    assert group_detections(detections(car), RADAR, 10.0, 0.0) == []
+    (found,) = group_detections(detections(car, bridge), RADAR, 10.0, 0.0, 0.036)
+    assert found.over_ground_mps == pytest.approx(-20.0, abs=0.05)
+    below = (66.0, 0.0, -0.03, -30.0, 10.0, 40.0)
+    assert group_detections(detections(below), RADAR, 10.0, 0.0) == []
+    assert len(group_detections(detections(below), RADAR, 10.0, 0.0, -0.03)) == 1, "nose up"

@@ -137,3 +137,64 @@ def test_who_leaves_the_path_at_the_last_moment_counts_as_long_as_he_is_there():
     )
     tracks.vy_mps[0, 0] = 1.4
     assert find_threats(tracks, ego, health, STAGING).agreed[0, 0]
+
+
+def beside(
+    label="", *, lidar_hits=20, radar_hits=20, age_s=3.0, speed_mps=8.0, inside=False, **values
+):
+    """Whether somebody beside the path of a car at ``speed_mps`` is braked for."""
+    tracks = TrackStore(1, TrackingParameters())
+    given = {"live": True, "p_vv": 0.1, "q_vv": 0.1, "right_m": -0.3, "left_m": 0.3}
+    given |= {"probability": 0.999, "age_s": age_s, "label": LABELS.index(label)}
+    for name, value in (given | values).items():
+        getattr(tracks, name)[0, 0] = value
+    hits_of = (
+        (tracks.lidar, lidar_hits),
+        (tracks.radar, radar_hits),
+        (tracks.camera, 20 * bool(label)),
+    )
+    for memory, hits in hits_of:
+        memory.age_s[0, 0], memory.hits[0, 0] = (0.0 if hits else 1e9), hits
+        memory.inside[0, 0] = float(inside)
+    ego, health = EgoMotion(1), SensorHealth(1)
+    ego.speed_mps[:] = speed_mps
+    found = find_threats(tracks, ego, health, STAGING)
+    near = found.ttc_s[0, 0] < STAGING.partial_ttc_s
+    return bool(near and (found.agreed[0, 0] | found.single[0, 0]))
+
+
+CROSSES = {"x_m": 11.3, "y_m": -3.0, "vx_mps": 2.0, "vy_mps": 4.0}
+
+
+@pytest.mark.parametrize("label", ["car", ""])
+def test_a_vehicle_that_crosses_is_braked_for_once_its_speed_across_is_known(label):
+    assert beside(label, **CROSSES)
+    assert not beside(label, age_s=0.3, **CROSSES), "a step from one corner to the next"
+    assert beside("bicycle", age_s=0.3, **CROSSES), "there is no time to be surer"
+
+
+def test_what_radar_alone_sees_go_aside_does_not_cross():
+    """One end and wheel of a lorry that goes by after the other."""
+    passing = {"x_m": 15.7, "y_m": 1.95, "vx_mps": -2.6, "vy_mps": -2.17, "q_vv": 0.3}
+    assert not beside(lidar_hits=2, **passing)
+    assert beside(lidar_hits=6, **passing)
+    assert beside("truck", lidar_hits=2, **passing)
+
+
+def test_nobody_brakes_for_the_flank():
+    """Who would be in the path when the car's rear passes is too late for a brake to help."""
+    walker = {"y_m": 3.7, "vx_mps": 0.0, "vy_mps": -1.7, "right_m": -0.6, "left_m": 0.6}
+    assert not beside("pedestrian", x_m=7.2, **walker), "0.4 s before it: he comes 0.8 s later"
+    assert beside("pedestrian", x_m=12.0, **walker), "1.0 s: he may be faster"
+
+
+def test_who_turns_off_ahead_is_left_alone_as_soon_as_the_brake_could_begin():
+    """At 3.1 s he is half out of the path and will be gone in half a second."""
+    ahead = {"x_m": 17.3, "y_m": -1.3, "right_m": -1.1, "left_m": 1.1, "vx_mps": 4.0}
+    assert not inside(**ahead, vy_mps=-1.3, turn_radps=-0.17)
+    assert inside(**ahead, vy_mps=-0.2, turn_radps=0.0), "he stays"
+
+
+def inside(**values):
+    """Whether a slower car in the path of one at 8.3 m/s is braked for."""
+    return beside("car", speed_mps=8.33, inside=True, **values)

@@ -160,6 +160,22 @@ def test_a_camera_box_is_in_the_path_at_the_distance_of_the_radar():
         assert store.x_m[0, 0] == radar_x_m
 
 
+def test_a_box_that_is_too_large_for_the_radars_distance_is_no_wider_there():
+    """A box around two cars that come along the other lane, 34 m away by its size: 50 m away its
+    edge would reach into the path, though the middle of the box is where radar sees the nearer."""
+    eye = EyePlaces(np.zeros(1), np.zeros(1), np.zeros(1), 1.1)
+    for right_m, inside in ((0.65, False), (-0.2, True)):
+        store = TrackStore(1, PARAMETERS)
+        middle_m = (right_m + 1.0) * 50.0 / 34.0
+        store.update(sightings([50.0], [middle_m], half_m=0.5), store.radar, np.ones(1, bool))
+        box = sightings([34.0], [right_m + 1.0], half_m=1.0)
+        box.sigma_m[0, 0] = 6.0
+        for _ in range(3):
+            store.take_boxes(box, eye, np.ones(1, bool))
+        assert store.live.sum() == 1
+        assert (store.camera.inside[0, 0] > 0.5) == inside
+
+
 def test_no_more_tracks_than_places():
     store = TrackStore(1, PARAMETERS)
     many = TRACKS_MAX + 8

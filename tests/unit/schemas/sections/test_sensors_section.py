@@ -66,6 +66,21 @@ def test_a_sensor_that_is_shipped_later_is_in_no_digest_that_does_not_use_it(mon
             "matrix.sensors.gnss",
             ["gnss is off", "add 'gnss: {}' to sensors"],
         ),
+        (
+            {"sensors": {"radar_cube": {}}},
+            "sensors.radar_cube",
+            ["is made of what radar measures", "add 'radar: {}' to sensors"],
+        ),
+        (
+            {"sensors": {"radar_cube": {}, "radar": {"on": False}}},
+            "sensors.radar_cube",
+            ["add 'radar: {}' to sensors"],
+        ),
+        (
+            {"sensors": {"radar_cube": {"hz": 20}, "radar": {"hz": 10}}},
+            "sensors.radar_cube.hz",
+            ["given 20", "a divisor of sensors.radar.hz 10"],
+        ),
         ({"matrix": {"sensors.gnss.hzz": [1]}}, "matrix.sensors.gnss.hzz", ["sensors.gnss.hz"]),
     ],
 )

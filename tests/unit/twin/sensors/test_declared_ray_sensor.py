@@ -21,7 +21,9 @@ matrix: {sensors.sonar.range_m: [1, 500]}
 
 DRIVE = """
 import json, sys
+from types import SimpleNamespace
 import numpy as np
+from schemas.kinds.sensor import sensor_kinds
 from schemas.files.yaml_file import parse_yaml
 from schemas.identity import rig_key
 from schemas.messages import Command
@@ -62,9 +64,8 @@ class Says:
         return self.data
 
 def refusal(**data):
-    ray = DeclaredRay.__new__(DeclaredRay)
-    ray._sensor, ray._shared = Says(data), None
-    ray._channel = frame_channels(cases[0], 2)[-1]
+    mount = SimpleNamespace(case=cases[0], geometry=SimpleNamespace(slots=2), buffers={})
+    ray = DeclaredRay(sensor_kinds().find("sonar"), mount, 10, Says(data))
     try:
         ray.read()["sonar"].values
     except ValueError as error:

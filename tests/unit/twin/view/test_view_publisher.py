@@ -5,6 +5,7 @@ import threading
 import zlib
 from types import SimpleNamespace
 
+import cv2
 import msgspec
 import numpy as np
 import pytest
@@ -32,6 +33,7 @@ from twin.actors.motion import Still
 from twin.fabric.memory_bus import MemoryHub
 from twin.kpi.recorder import KpiRecorder
 from twin.rig.slot import Finished, RigTick, Slot, SlotEnd
+from twin.sensors.data import SensorData
 from twin.vehicle.state import COLUMN
 from twin.view import encoder as view_encoder
 from twin.view import publisher
@@ -165,6 +167,7 @@ class Listener:
             "lidar.roof": (PointsSample, sample.attachment),
             "start": (CaseStart, sample.payload),
             "state": (StateSample, sample.payload),
+            "radar_cube": (CameraSample, sample.attachment),
             "camera": (CameraSample, sample.attachment),
             "end": (CaseEnd, sample.payload),
             "thumbnail": (Thumbnail, sample.attachment),
@@ -444,6 +447,38 @@ def test_detections_travel_in_the_state_and_the_start_says_where_the_radar_sits(
     states = [m for m in rest if isinstance(m, StateSample)]
     assert [row[0] for row in states[0].rows["radar"]] == [20.0, 30.5]
     assert states[1].rows == {}, "none was due"
+
+
+def test_a_grid_is_a_picture_for_those_who_look_and_in_no_recording(hub, clock):
+    sections = {"radar": {}, "radar_cube": {"hz": 20}}
+    campaign, mistakes = parse_campaign(
+        {"schema": 1, "campaign": "c", "matrix": {"weather": ["clear"]}, "sensors": sections}
+    )
+    assert campaign is not None, mistakes
+    recorder, listener = Listener(hub, recorder=True), Listener(hub, [ALONE])
+    view = ViewPublisher(hub.open(), RIG, ViewMode.record_live)
+    sim = Sim()
+    cube = np.zeros((2, 400, 160, 32), np.float32)
+    cube[0, 100, 40, 7] = 1e5
+    sim.more["radar_cube"] = SensorData(cube)
+    sim.begin(view, msgspec.structs.replace(lease(), case=expand(campaign)[0]))
+    for late_s in (0.0, 0.2, 0.4):
+        clock.now_s += late_s
+        sim.step(view)
+    sim.end(view)
+    view.close(10)
+    got = listener.wait()
+    assert next(m for m in got if isinstance(m, CaseStart)).grids == ["radar_cube"]
+    shown = [m for m in got if isinstance(m, CameraSample) and m.tick in (0, 2)]
+    assert len(shown) == 4, "camera and cube at two ticks; half a second lies between two cubes"
+    picture = cv2.imdecode(np.frombuffer(listener.payloads["radar_cube"], np.uint8), 1)
+    assert picture.shape == (400, 320, 3)
+    bright = np.unravel_index(picture[..., 0].argmax(), picture.shape[:2])
+    assert (bright[0], bright[1] // 2) == (399 - 100, 40), "ranges upwards, speeds to the right"
+    assert picture[..., 0].max() > 240
+    start, *rest = recorder.wait()
+    assert start.grids == []
+    assert len([m for m in rest if isinstance(m, CameraSample)]) == 3, "the camera's alone"
 
 
 def test_the_start_is_repeated_for_those_who_come_later(hub, clock):

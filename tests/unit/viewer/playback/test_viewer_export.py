@@ -15,6 +15,8 @@ from PIL import Image
 from unit.viewer.recorded_case import PICTURES, write
 from view_messages import camera, end, start, state
 
+from schemas.kinds.sensor import sensor_kinds
+from schemas.wire.view import RowsSite
 from twin.base.errors import UsageError
 from viewer.playback.frames import read_case
 from viewer.playback.mcap_file import write_mcap
@@ -181,6 +183,46 @@ def test_the_pose_in_an_mcap_file_has_height_pitch_and_roll(tmp_path):
         upward = [2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)]
         np.testing.assert_allclose(forward, expected[:, 0], atol=1e-6)
         np.testing.assert_allclose(upward, expected[:, 2], atol=1e-6)
+
+
+RADAR = sensor_kinds().find("radar")
+MOUNTS = ([0.0, 0.0, 45.0], [10.0, -20.0, 170.0], [180.0, 0.0, 0.0], [0.0, 180.0, 0.0])
+
+
+@pytest.mark.parametrize("rotation_deg", MOUNTS)
+def test_detections_in_an_mcap_file_are_points_with_all_their_numbers(tmp_path, rotation_deg):
+    site = RowsSite(list(RADAR.columns), RADAR.points, [3.7, 0.9, 0.5], rotation_deg)
+    recording = RecordingFile(start(tmp_path, rows={"radar": site}))
+    seen = [[10.0, 0.1, 0.0, -3.0, 10.0, 30.0], [20.0, -0.2, 0.05, 1.0, 5.0, 12.0]]
+    recording.state(state(1, 0, rows={"radar": seen}))
+    recording.state(state(2, 1))
+    recording.state(state(3, 2, rows={"radar": []}))
+    recording.close(end(4, tick=2))
+    write_mcap(read_case(tmp_path / naming.RECORDING_FILE), tmp_path / "a.mcap")
+    with (tmp_path / "a.mcap").open("rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        found = list(reader.iter_decoded_messages(topics=["/sensors/radar"]))
+    assert [schema.name for schema, *_ in found] == ["foxglove.PointCloud"] * 2, "none was due at 1"
+    full, empty = (message for *_, message in found)
+    names = [field.name for field in full.fields]
+    assert names == ["x", "y", "z", *sorted(RADAR.columns)]
+    assert [field.offset for field in full.fields] == list(range(0, 36, 4))
+    values = np.frombuffer(full.data, "<f4").reshape(-1, full.point_stride // 4)
+    for row, sent in zip(values, seen, strict=True):
+        named = dict(zip(names, row, strict=True))
+        assert [named[column] for column in RADAR.columns] == pytest.approx(sent)
+        assert np.linalg.norm(row[:3]) == pytest.approx(sent[0])
+        assert np.arctan2(row[1], row[0]) == pytest.approx(sent[1], abs=1e-6)
+    assert (len(empty.data), empty.frame_id) == (0, "ego")
+    at, turn = full.pose.position, full.pose.orientation
+    assert (at.x, at.y, at.z) == pytest.approx((3.7, 0.9, 0.5))
+    x, y, z, w = turn.x, turn.y, turn.z, turn.w
+    matrix = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    np.testing.assert_allclose(matrix, rotation(rotation_deg), atol=1e-6)
 
 
 def test_a_library_that_is_not_installed_is_named(monkeypatch):

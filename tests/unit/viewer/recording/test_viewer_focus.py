@@ -105,6 +105,18 @@ def test_what_comes_before_the_start_is_not_shown():
     assert naming.STREET not in shown.paths(), "it comes as a mesh"
 
 
+def test_a_grid_is_a_picture_that_no_camera_sees():
+    seat = Seat()
+    seat.send("start", begin(grids=["radar_cube", "state"]))
+    seat.send("radar_cube", camera(-1), b"jpeg")
+    seat.send("other_grid", camera(-1), b"jpeg")
+    seat.send("state", state(-1))
+    shown = seat.streams[0]
+    assert (naming.grid("radar_cube"), "EncodedImage", False) in shown.logged
+    assert naming.SPEED in shown.paths(), "no grid takes the place of another stream"
+    assert not {path for path in shown.paths() if "other_grid" in path}
+
+
 def test_the_start_is_repeated_and_shown_once():
     seat = Seat()
     seat.send("start", begin())

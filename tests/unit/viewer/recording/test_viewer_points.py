@@ -95,3 +95,14 @@ def test_a_case_with_a_radar_has_a_view_from_above():
     assert names(case_blueprint(STAGE).root_container) == ["Street"]
     both = names(case_blueprint(STAGE, rows=["radar"]).root_container)
     assert both == ["Street", "Radar from above"]
+
+
+def test_a_case_with_a_grid_has_its_picture_beside_the_cameras():
+    def origins(part):
+        inner = getattr(part, "contents", [])
+        own = [part.origin] if getattr(part, "class_identifier", "") == "2D" else []
+        return own or [origin for child in inner for origin in origins(child)]
+
+    plain = origins(case_blueprint(STAGE).root_container)
+    both = origins(case_blueprint(STAGE, grids=["radar_cube"]).root_container)
+    assert both == [*plain, naming.grid("radar_cube")]

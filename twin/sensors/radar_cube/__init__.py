@@ -1,0 +1,1 @@
+"""The range-Doppler-angle cube of a radar."""
