@@ -114,4 +114,8 @@ def decode_proof(data: bytes, shown: str, trusted: Collection[str]) -> Proof:
             f"{shown}: case {escape(file.row.case, 200)} is not in the table that was signed, or "
             "not with this result"
         )
+    if msgspec.json.encode(file) + b"\n" != data:
+        raise InfrastructureError(
+            f"{shown}: not as `conductor certify` writes it: bytes were added or written otherwise"
+        )
     return Proof(head=head, key=file.key, row=file.row, device_class=device_class)
