@@ -89,6 +89,7 @@ def prepared(certificate: Certificate, plan: Plan, consent: Consent, shown: str)
             f"{shown}: the stack here is another one: {words} (stack digest {before.digest[:12]}, "
             f"here {now.digest[:12]})"
         )
+    _require_names(certificate, ready, places, shown)
     _require_same(certificate, ready, shown)
     return ready
 
@@ -128,6 +129,21 @@ def _require_same(certificate: Certificate, plan: Plan, shown: str) -> None:
         raise InfrastructureError(f"{shown}: {escape(odd, 200)} has {where}")
 
 
+def _require_names(
+    certificate: Certificate, plan: Plan, places: dict[str, str], shown: str
+) -> None:
+    """An axis of files gives its cases names that have the paths in them, and names decide random
+    numbers."""
+    if {case.id for case in plan.cases} == {row.case for row in certificate.rows}:
+        return
+    moved = [path for path, place in places.items() if path != place]
+    if moved:
+        raise UsageError(
+            f"{shown}: names of its cases have the paths of files in them; put the file at "
+            f"{escape(moved[0], 200)}, and give its folder with --files"
+        )
+
+
 def _places(campaign: Campaign, folder: Path | None, shown: str) -> dict[str, str]:
     """Path in the campaign -> path of the file here with the same content."""
     assets, models = named_paths(campaign)
@@ -153,6 +169,10 @@ def _found(folder: Path, sha: str, path: str, *, whole: bool) -> Path | None:
     """A file below ``folder`` with this digest; ``whole``: with the files that it names."""
     suffix = Path(path).suffix
     looked = 0
+    given = Path(path)
+    is_below = folder.absolute() in given.parents and ".." not in given.parts
+    if is_below and _has(given, sha, whole=whole):
+        return given  # before any copy of it
     for parent, folders, names in os.walk(folder):
         folders.sort()
         for name in sorted(names):
@@ -162,13 +182,16 @@ def _found(folder: Path, sha: str, path: str, *, whole: bool) -> Path | None:
             if Path(name).suffix != suffix:
                 continue
             place = Path(parent, name).absolute()
-            try:
-                digest = asset_digest(place) if whole else file_digest(place)
-            except (OSError, YamlError):
-                continue  # not the one that is looked for
-            if digest == sha:
+            if _has(place, sha, whole=whole):
                 return place
     return None
+
+
+def _has(place: Path, sha: str, *, whole: bool) -> bool:
+    try:
+        return (asset_digest(place) if whole else file_digest(place)) == sha
+    except (OSError, YamlError):
+        return False  # not the one that is looked for
 
 
 def _require_named(campaign: Campaign, shown: str) -> None:

@@ -5,11 +5,13 @@ from __future__ import annotations
 import json
 import shutil
 import signal
+import sys
 from pathlib import Path
 
 import msgspec
 import pytest
 from changed_campaigns import changed
+from foreign_campaigns import CLIENT
 from processes import outcomes
 from waiting import wait_for
 
@@ -152,6 +154,28 @@ def test_a_run_without_a_sandbox_is_certified_and_audited_only_if_told(marked, t
     done = marked.run("conductor", *audit, "--allow-unprotected")
     assert done.returncode == 0, done.stderr
     assert "UNPROTECTED: its stack could have written its verdicts" in done.stderr
+
+
+def foreign(data):
+    data["matrix"] = {"weather": ["clear", "heavy_rain"]}
+    data["autonomy"] = {"command": [sys.executable, str(CLIENT)]}
+
+
+def test_a_stack_of_ones_own_is_run_in_a_sandbox_and_only_if_told(marked, tmp_path):
+    folder, path, out = tmp_path / "run", tmp_path / "c.cert", tmp_path / "audit"
+    campaign = changed(tmp_path, "chaos-16", foreign)
+    done = marked.run("conductor", "run", campaign, "--out", str(folder), "--workers", "1")
+    assert done.returncode in (0, 1), done.stderr
+    assert marked.run("conductor", "certify", str(folder), "-o", str(path)).returncode == 0
+    audit = ("audit", str(path), "--out", str(out), *OPTIONS)
+    line = refused(marked, *audit, code=2)
+    assert f"would run the command `{sys.executable} {CLIENT}` on this machine" in line
+    assert not out.exists()
+    found = audited(marked, path, "--out", str(out), "--run-stack")
+    assert found["same"] == 2
+    protection = json.loads((out / "outcomes.json").read_text())["protection"]
+    assert protection == json.loads((folder / "outcomes.json").read_text())["protection"]
+    assert not any(each.startswith("unprotected") for each in protection)
 
 
 def test_a_key_of_ones_own_signs_and_must_be_known(marked, quiet, tmp_path):

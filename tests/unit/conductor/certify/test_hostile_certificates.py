@@ -153,6 +153,27 @@ def test_files_are_found_by_content_whatever_they_are_called(tmp_path):
         prepared(certificate, plan, Consent(files=tmp_path), "c.cert")
 
 
+def test_files_on_an_axis_keep_their_paths(tmp_path):
+    """The paths are parts of the names of cases."""
+    there, other = tmp_path / "there", tmp_path / "other"
+    there.mkdir()
+    other.mkdir()
+    shipped_scene = Path(__file__).parents[4] / "twin/world/scenes/downtown.yaml"
+    scene = there / "town.yaml"
+    scene.write_text(shipped_scene.read_text())
+    data = simulated(
+        matrix={"scenario.scene": [str(scene), "downtown"]},
+        files={str(scene): asset_digest(scene)},
+    )
+    certificate = made(data)
+    plan = plan_in(certificate, "c.cert")
+    (other / "a.yaml").write_text(scene.read_text())
+    with pytest.raises(UsageError, match=f"put the file at {scene}, and give its folder"):
+        prepared(certificate, plan, Consent(files=other), "c.cert")
+    ready = prepared(certificate, plan, Consent(files=tmp_path), "c.cert")
+    assert {case.rig.scene for case in ready.cases} == {str(scene), "downtown"}
+
+
 def test_parameters_do_not_lead_to_the_auditors_files(tmp_path):
     secret = tmp_path / "secret"
     secret.write_text("s")
