@@ -151,7 +151,7 @@ def _audit(
     audited = audit(certificate, shown, options, run_cases)
     if isinstance(audited, int):
         raise typer.Exit(audited)
-    _print_json(audited) if as_json else _print(audited)
+    _print_json(audited, certificate) if as_json else _print(audited)
     raise typer.Exit(audited.exit_code)
 
 
@@ -217,11 +217,12 @@ def _check_proof(path: Path, trusted: frozenset[str]) -> None:
     )
 
 
-def _print_json(audited: Audited) -> None:
+def _print_json(audited: Audited, certificate: Certificate) -> None:
     from conductor.certify.comparing import Kind
 
     counts = {kind.replace(" ", "_"): audited.count(kind) for kind in get_args(Kind)}
-    shown = {**msgspec.to_builtins(audited), **counts, "bound": audited.bound}
+    said = {"key": certificate.key, "protected": certificate.head.protected}
+    shown = {**said, **msgspec.to_builtins(audited), **counts, "bound": audited.bound}
     print(json.dumps({**shown, "holds": not audited.exit_code}))
 
 
