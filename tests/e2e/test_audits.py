@@ -10,6 +10,7 @@ from pathlib import Path
 
 import msgspec
 import pytest
+from certificates import campaign, made, signer
 from changed_campaigns import changed
 from foreign_campaigns import CLIENT
 from processes import outcomes
@@ -176,6 +177,16 @@ def test_a_stack_of_ones_own_is_run_in_a_sandbox_and_only_if_told(marked, tmp_pa
     protection = json.loads((out / "outcomes.json").read_text())["protection"]
     assert protection == json.loads((folder / "outcomes.json").read_text())["protection"]
     assert not any(each.startswith("unprotected") for each in protection)
+
+
+def test_noop_starts_no_stack_whatever_the_certificate_names(marked, tmp_path):
+    ran, path = tmp_path / "ran", tmp_path / "c.cert"
+    command = {"command": ["/bin/sh", "-c", f"touch {ran}"]}
+    path.write_bytes(encode_certificate(made(campaign(2, autonomy=command))))
+    options = ("--public-key", signer().public, "--out", str(tmp_path / "audit"))
+    found = audited(marked, path, *options, code=1)  # its KPIs are inventions
+    assert found["false"] == 2
+    assert not ran.exists()
 
 
 def test_a_key_of_ones_own_signs_and_must_be_known(marked, quiet, tmp_path):

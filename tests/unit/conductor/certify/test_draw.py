@@ -15,7 +15,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import binom, hypergeom
 
-from conductor.certify.comparing import compared
+from conductor.certify.audit import AuditOptions, audit
+from conductor.certify.comparing import compared, lines
 from conductor.certify.draw import bound, checked_seed, draw, false_at_most
 from conductor.certify.rows import Row
 from conductor.records.outcomes import CaseOutcome, Outcomes
@@ -162,6 +163,27 @@ def test_another_device_class_decides_nothing_and_is_counted_apart():
     assert (audited.exit_code, audited.bound) == (3, "")
     same = [Row(row.case, row.outcome, row.kpi, 1) for row in certificate.rows]
     assert compared(certificate, [row.case for row in same], "s", outcomes(same)).exit_code == 0
+
+
+def test_rows_without_a_result_are_told_and_never_drawn(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    rows = made().rows
+    left = [msgspec.structs.replace(row, outcome="unresolved", kpi="", device=-1) for row in rows]
+    options = AuditOptions(cases=8, seed="s")
+    with pytest.raises(UsageError, match="no row of it has a result"):
+        audit(made(rows=left), "c.cert", options, lambda _plan, _folder: 0)
+    table = made(rows=[*left[:5], *rows[5:]])
+    ran: list[str] = []
+
+    def run_cases(plan, folder):
+        ran.extend(case.id for case in plan.cases)
+        return 75
+
+    assert audit(table, "c.cert", options, run_cases) == 75
+    assert ran == [row.case for row in rows[5:]]
+    audited = compared(table, ran, "s", outcomes(rows))
+    assert (audited.rows, audited.without_result, audited.exit_code) == (3, 5, 0)
+    assert lines(audited, 20)[-1].startswith("5 rows without a result: nothing is claimed")
 
 
 def test_a_case_that_comes_to_no_result_here_decides_nothing():
