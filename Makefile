@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN = $(VENV)/bin
 
-.PHONY: help install install-test install-test-all install-train install-bench demo driving test test-all test-rest faults redteam fuzz soak offline planted mutation check lock models integer-models ablation frozen clean
+.PHONY: help install install-test install-test-all install-train install-bench demo driving test test-all test-rest audit-env faults redteam fuzz soak offline planted mutation check lock models integer-models ablation frozen clean
 
 help:
 	@echo "make demo     install, then run the eight-case demo campaign (again: resume)"
@@ -11,6 +11,7 @@ help:
 	@echo "make test-all that, then processes, faults, clusters, browsers, torch (half an hour)"
 	@echo "make driving  100 km of free driving on a GPU: PART=1 to 10, COMMIT= the one that froze the stack"
 	@echo "make install  create $(VENV) with the pinned dependencies"
+	@echo "make audit-env  $(VENV)-audit with the packages that a certificate lists, by their hashes: CERT=demo.cert"
 	@echo "make faults   the table of docs/reliability.md: a thousand faults on real processes (root)"
 	@echo "make redteam  the table of attacks of docs/security.md, on real processes with two users (root)"
 	@echo "make fuzz     half an hour of coverage-guided fuzzing; findings become seeds of the tests"
@@ -76,6 +77,14 @@ test-all: test test-rest
 
 test-rest: install-test-all
 	$(BIN)/pytest $(if $(ARGS),$(ARGS),--lane rest --numprocesses auto --dist loadgroup)
+
+# An environment with what a certificate lists, and this project: make audit-env CERT=aeb-demo.cert
+audit-env: install
+	mkdir -p build
+	$(BIN)/conductor audit $(CERT) --lock $(ARGS) > build/lock.txt
+	$(PYTHON) -m venv --clear $(VENV)-audit
+	$(VENV)-audit/bin/pip install --quiet --disable-pip-version-check --no-deps --require-hashes --requirement build/lock.txt
+	$(VENV)-audit/bin/pip install --quiet --disable-pip-version-check --no-deps --editable .
 
 # More than a thousand faults; goes on where it was stopped. `make test-all` injects each once.
 faults: install-test

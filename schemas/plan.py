@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Hashable, Iterable, Sequence
+from collections.abc import Collection, Hashable, Iterable, Sequence
 from typing import Any
 
 import msgspec
@@ -87,6 +87,11 @@ class Plan:
         """The plan with this one case, which keeps its id; None: it has no such case."""
         points = [point for point in self._points if point.id == case]
         return self._restricted(points) if points else None
+
+    def among(self, names: Collection[str]) -> Plan:
+        """The plan with those of its cases that are named, in its order; they keep their ids."""
+        wanted = set(names)
+        return self._restricted([point for point in self._points if point.id in wanted])
 
     def first(self, count: int) -> Plan:
         """The plan with its first ``count`` cases, which keep their ids."""

@@ -46,7 +46,8 @@ def own_key(key: Path | None, *, insecure: bool) -> MemberKey | None:
 
 def keygen(
     folder: Annotated[
-        Path | None, typer.Argument(help="Folder of keys to write, for its owner only.")
+        Path | None,
+        typer.Argument(help="Folder of keys to write, for its owner only; --signing: a file."),
     ] = None,
     state: Annotated[
         Path | None,
@@ -58,11 +59,26 @@ def keygen(
     force: Annotated[
         bool, typer.Option("--force", help="Replace keys; whoever has an old one is shut out.")
     ] = False,
+    signing: Annotated[
+        bool,
+        typer.Option(
+            "--signing",
+            help="A key to sign runs and certificates with instead, and print its public key; "
+            "default: signing.key in your own folder.",
+        ),
+    ] = False,
 ) -> None:
     """Make the keys of a new fabric: of its authority, and one for each role.
 
     A conductor makes its own by itself; those of --state FOLDER --force take their place.
     """
+    if signing:
+        if state is not None or force:
+            raise UsageError("--signing takes neither --state nor --force; give the file alone")
+        from conductor.trust.signing import new_signer
+
+        print(new_signer(folder).public)
+        return
     from twin.fabric.keys.authority import make_keys, refuse_keys_in
     from twin.fabric.keys.own_keys import fabric_name, make_way, note
 

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from conductor.commands.audit_command import audit_command
+from conductor.commands.certify_command import certify_command
 from conductor.commands.driving_command import driving_command
 from conductor.commands.fingerprint_command import fingerprint
 from conductor.commands.regress_command import regress_command
@@ -37,6 +39,8 @@ def add_report_commands(app: typer.Typer) -> None:
     """Add the commands to ``app``."""
     app.command("fingerprint")(fingerprint)
     app.command("verify")(verify)
+    app.command("certify")(certify_command)
+    app.command("audit")(audit_command)
     app.command("export")(export_command)
     app.command("compare")(compare_command)
     app.command("driving")(driving_command)

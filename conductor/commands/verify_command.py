@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from conductor.commands.progress_bars import bars
 from schemas.words import counted
 from twin.base.cli import Output, OutputOption
 from twin.base.errors import EXIT_INFRASTRUCTURE, EXIT_PASS, UsageError
@@ -40,32 +41,14 @@ def verify(
 
     Exit code 3: it is not as it was signed, or not signed; a line per difference says in what.
     """
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-
     from conductor.trust.signing import parse_key, trusted_keys
     from conductor.trust.verify import verify_run
 
     if not folder.is_dir():
         raise UsageError(f"{folder}: no such folder; give that of a run, e.g. runs/aeb-demo")
     trusted = frozenset(map(parse_key, public_key)) if public_key else trusted_keys()
-    console = Console(stderr=True)
-    with Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        console=console,
-        disable=not console.is_terminal,
-    ) as progress:
-        bars: dict[str, int] = {}
-
-        def advance(what: str, done: int, total: int) -> None:
-            if what not in bars:
-                bars[what] = progress.add_task(what, total=total)
-            progress.update(bars[what], completed=done)  # type: ignore[arg-type]
-
-        verified = verify_run(folder, trusted, deep=deep, told=advance)
+    with bars() as told:
+        verified = verify_run(folder, trusted, deep=deep, told=told)
     _print_json(verified) if output is Output.json else _print(verified)
     raise typer.Exit(EXIT_INFRASTRUCTURE if verified.differences else EXIT_PASS)
 

@@ -56,13 +56,13 @@ def sameness(first: Path, second: Path) -> Sameness:
     left, right = read_outcomes(first), read_outcomes(second)
     differences = []
     for name in sorted({*left.cases, *right.cases}):
-        words = _difference((first, left), (second, right), name)
+        words = difference((first, left), (second, right), name)
         if words:
             differences.append(Difference(name, words))
     return Sameness(prints, differences, list(_reasons(left, right)))
 
 
-def _difference(first: tuple[Path, Outcomes], second: tuple[Path, Outcomes], name: str) -> str:
+def difference(first: tuple[Path, Outcomes], second: tuple[Path, Outcomes], name: str) -> str:
     """What of a case differs; empty: nothing."""
     for (_, there), (folder, elsewhere) in ((first, second), (second, first)):
         if name in elsewhere.cases and name not in there.cases:

@@ -105,6 +105,8 @@ class RunOptions:
     metrics: str = ""
     """``HOST:PORT`` of a Prometheus endpoint, or empty."""
     json: bool = False
+    report: bool = True
+    """Report, sign and print results at the end; False: who asked reads the outcomes."""
 
 
 class Interrupted(BaseException):
@@ -189,7 +191,7 @@ def run_campaign(
         try:
             _execute(campaign, options, workers, cases, console, signals)
             computed()
-            result = _conclude(campaign, options)
+            result = _conclude(campaign, options) if options.report else None
         except Interrupted as stop:
             console.print(
                 f"stopped by {stop}; the same command goes on: {again()}",
@@ -200,6 +202,8 @@ def run_campaign(
         finally:
             with contextlib.suppress(TwinError):
                 sign_again(options.out)
+    if result is None:
+        return read_outcomes(options.out).exit_code
     outcomes, kpi_fingerprint = result
     return _tell(campaign, options, outcomes, kpi_fingerprint, time.monotonic() - started)
 
@@ -302,7 +306,8 @@ def _work(
         )
     try:
         workers.serve(WorkerStart(conductor.endpoint, slots, key), places)
-        report = None if campaign.simulator == "noop" else ReportPreload(options.out)
+        shown = options.report and campaign.simulator != "noop"
+        report = ReportPreload(options.out) if shown else None
         _wait(conductor, campaign, workers, report, console, signals)
         workers.ask()
         if report is not None:

@@ -112,10 +112,20 @@ def load(
         campaign = with_repository(campaign, shown)
     if seed is not None:
         campaign = msgspec.structs.replace(campaign, seed=seed)
-    complete = msgspec.structs.replace(
-        campaign, files=_digests(campaign), stack_identity=_identity(campaign, shown)
+    return completed(plan.amended(campaign), shown)
+
+
+def completed(plan: Plan, shown: str) -> Plan:
+    """The plan with the digests of its files and of its stack, as they are here.
+
+    Raises:
+        UsageError: one cannot be read.
+    """
+    campaign = plan.campaign
+    identity = _identity(campaign, shown)
+    return plan.amended(
+        msgspec.structs.replace(campaign, files=_digests(campaign), stack_identity=identity)
     )
-    return plan.amended(complete)
 
 
 def _line(mistake: Mistake, shown: str, options: dict[str, bool]) -> str:
@@ -176,22 +186,28 @@ def _axis_values(campaign: Campaign) -> Iterator[tuple[str, Any]]:
 
 def _digests(campaign: Campaign) -> dict[str, str]:
     """SHA-256 of every scene, vehicle, scenario and model file that the campaign names by path."""
-    named = set()
-    for field in ("scene", "vehicle", *kind_of(campaign.scenario).files):
-        axis = f"scenario.{field}"
-        named.add(getattr(campaign.scenario, field))
-        named.update(str(value) for other, value in _axis_values(campaign) if other == axis)
-    paths = [name for name in sorted(named) if is_path(name) and Path(name).is_file()]
-    variants = campaign.autonomy.perception.values()
-    models = {name for variant in variants for name in file_fields(variant).values()}
+    assets, models = named_paths(campaign)
     try:
-        digests = {name: asset_digest(Path(name)) for name in paths}
-        digests.update((n, file_digest(Path(n))) for n in sorted(models) if Path(n).is_file())
+        digests = {name: asset_digest(Path(name)) for name in assets if Path(name).is_file()}
+        digests.update((n, file_digest(Path(n))) for n in models if Path(n).is_file())
         return digests
     except YamlError as error:
         raise UsageError(str(error)) from None
     except OSError as error:
         raise UsageError(f"{error.filename}: cannot be read ({error.strerror})") from None
+
+
+def named_paths(campaign: Campaign) -> tuple[list[str], list[str]]:
+    """Paths of scene, vehicle and scenario files, and those of models, that a campaign names; none
+    is looked at."""
+    named = set()
+    for field in ("scene", "vehicle", *kind_of(campaign.scenario).files):
+        axis = f"scenario.{field}"
+        named.add(getattr(campaign.scenario, field))
+        named.update(str(value) for other, value in _axis_values(campaign) if other == axis)
+    variants = campaign.autonomy.perception.values()
+    models = {name for variant in variants for name in file_fields(variant).values()}
+    return [name for name in sorted(named) if is_path(name)], sorted(models)
 
 
 def only_case(plan: Plan, case: str) -> Plan:

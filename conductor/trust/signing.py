@@ -69,7 +69,29 @@ def own_signer() -> Signer:
             _make(path)
     except OSError as error:
         raise storage_error(error, str(path)) from None
-    return _load(path)
+    return load_signer(path)
+
+
+def new_signer(path: Path | None = None) -> Signer:
+    """A new key in a file that is not there yet; the user's own, if no path is given.
+
+    Raises:
+        UsageError: the file is there.
+        TwinError: it cannot be written, or others may replace it.
+    """
+    path = own_folder() / KEY_FILE if path is None else path
+    if os.path.lexists(path):
+        raise UsageError(
+            f"{path}: is there already, and what it has signed is believed by its public key; "
+            "move it away, or give another file"
+        )
+    if path == own_folder() / KEY_FILE:
+        return own_signer()
+    try:
+        _make(path)
+    except OSError as error:
+        raise storage_error(error, str(path)) from None
+    return load_signer(path)
 
 
 def own_public() -> str:
@@ -77,7 +99,7 @@ def own_public() -> str:
     if not (own_folder() / KEY_FILE).exists():
         return ""
     _check_folder(own_folder())
-    return _load(own_folder() / KEY_FILE).public
+    return load_signer(own_folder() / KEY_FILE).public
 
 
 def trusted_keys() -> frozenset[str]:
@@ -169,7 +191,12 @@ def _make(path: Path) -> None:
         new.unlink()
 
 
-def _load(path: Path) -> Signer:
+def load_signer(path: Path) -> Signer:
+    """The key in a file.
+
+    Raises:
+        TwinError: there is none, it is damaged, or others may read it.
+    """
     from cryptography.hazmat.primitives import serialization
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 

@@ -70,6 +70,8 @@ ELSEWHERE = {
 
 READ = [
     ("conductor", "verify", "{run}"),
+    ("conductor", "certify", "{run}", "-o", "{tmp}/run.cert"),
+    ("conductor", "audit", "{tmp}/run.cert", "--cases", "1", "--out", "{tmp}/audit"),
     ("conductor", "fingerprint", "{run}"),
     ("conductor", "report", "{run}", "--films", "failures"),
     ("conductor", "export", "{run}", "--format", "autodrive-csv", "--out", "{tmp}/csv"),

@@ -22,6 +22,7 @@ import numpy as np
 import onnx
 import pyarrow.parquet as pq
 from autodrive_logs import config, drive
+from certificates import made
 from compiled_text import HEADER, ROADS, SPEED, TELEPORT, by_entity, compiled, scenario_text
 from darknet_oracle import random_weights
 from fuzz_target import SEEDS
@@ -36,6 +37,8 @@ from test_compile_trajectories import follow, vertex
 from tiny_networks import write_dark_spot_detector
 from wire_messages import case, control, drive_plane, result, steering, view_plane
 
+from conductor.certify.form import encode_certificate
+from conductor.certify.proof import prove
 from conductor.core.facts import EpochRaised
 from conductor.core.state import Config
 from conductor.journal.owner import this_process
@@ -173,6 +176,16 @@ def _result_files(folder: Path) -> None:
     _write("play", "small", msgspec.msgpack.encode(played()))
     _write("key", "viewer", key)
     _write("key", "line", as_line(key))
+
+
+def _certificates() -> None:
+    certificate = made()
+    _write("certificate", "table", encode_certificate(certificate))
+    rows = msgspec.json.encode(certificate.rows)
+    lines = (certificate.signed, rows, certificate.campaign, certificate.lock)
+    _write("certificate-signed", "table", b"\n".join(lines))
+    _write("certificate-proof", "case", prove(certificate, certificate.rows[3].case))
+    _write("certificate-lock", "three", certificate.lock)
 
 
 def _drive_record(path: Path) -> None:
@@ -379,6 +392,7 @@ def main() -> None:
         _conductor_files(folder)
         _result_files(folder)
         _autodrive()
+        _certificates()
         _assets(folder)
         _yaml()
         _roads()

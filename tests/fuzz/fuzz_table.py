@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import targets_assets
+import targets_certificates
 import targets_files
 import targets_roads
 import targets_scenarios
@@ -14,5 +15,6 @@ TARGETS: dict[str, Target] = {
     **targets_files.TARGETS,
     **targets_assets.TARGETS,
     **targets_roads.TARGETS,
+    **targets_certificates.TARGETS,
     **targets_scenarios.TARGETS,
 }

@@ -13,7 +13,7 @@ Outcome = Literal["refused", "contained", "open", "not run"]
 """``refused``: nothing came of it. ``contained``: it did something that harms nobody else.
 ``open``: harm was seen. ``not run``: this machine lacks what it needs."""
 
-ROWS = range(1, 17)
+ROWS = range(1, 18)
 """Numbers of the table that was found; an attack belongs to one of them."""
 
 

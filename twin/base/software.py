@@ -32,11 +32,16 @@ def software_digest() -> str:
         for path in sorted(p for p in root.rglob("*") if p.suffix in _SUFFIXES and p.is_file()):
             name = f"{package}/{path.relative_to(root).as_posix()}"
             parts.append(f"{name}={hashlib.sha256(path.read_bytes()).hexdigest()}".encode())
+    parts += [f"{name}=={version}".encode() for name, version in library_versions().items()]
+    return digest(parts)
+
+
+def library_versions() -> dict[str, str]:
+    """Versions of the libraries that reach a KPI, as far as they are installed."""
     versions = {name: version for name in _LIBRARIES if (version := _version(name))}
     if "onnxruntime-gpu" in versions:
         versions |= {name: version for name in _GPU_LIBRARIES if (version := _version(name))}
-    parts += [f"{library}=={version}".encode() for library, version in versions.items()]
-    return digest(parts)
+    return versions
 
 
 def _version(library: str) -> str:

@@ -48,8 +48,7 @@ def contents(names: set[str]) -> dict[str, str]:
     """``name version`` of distributions and of what they require, as far as it is installed ->
     SHA-256 over the files that they installed.
 
-    It is taken over the lines of RECORD that have a digest, without scripts and metadata, which
-    differ between environments of the same versions.
+    See :func:`record_digest`.
     """
     digests: dict[str, str] = {}
     waiting, reached = sorted(names), {_OURS}
@@ -63,7 +62,7 @@ def contents(names: set[str]) -> dict[str, str]:
         except importlib.metadata.PackageNotFoundError:
             continue
         record = distribution.read_text("RECORD") or ""
-        digests[f"{name} {distribution.version}"] = _record_digest(record)
+        digests[f"{name} {distribution.version}"] = record_digest(record)
         for line in distribution.requires or ():
             required, _, condition = line.partition(";")
             match = _NAME.match(required)
@@ -72,7 +71,9 @@ def contents(names: set[str]) -> dict[str, str]:
     return digests
 
 
-def _record_digest(record: str) -> str:
+def record_digest(record: str) -> str:
+    """SHA-256 over the lines of a RECORD that have a digest, without scripts and metadata, which
+    differ between environments of the same versions."""
     lines = []
     for line in record.splitlines():
         path, _, rest = line.partition(",")
