@@ -45,6 +45,7 @@ __all__ = [
     "ANGLE_LIMIT_RAD",
     "portable_acos",
     "portable_asin",
+    "portable_asin_f32",
     "portable_atan",
     "portable_atan2",
     "portable_atan2_f32",
@@ -74,6 +75,12 @@ def portable_sin_f32(x: wp.float32) -> wp.float32:
 def portable_cos_f32(x: wp.float32) -> wp.float32:
     """Cosine of ``x`` [rad] in float32."""
     return wp.float32(portable_cos(wp.float64(x)))
+
+
+@wp.func
+def portable_asin_f32(x: wp.float32) -> wp.float32:
+    """Inverse sine [rad] in float32."""
+    return wp.float32(portable_asin(wp.float64(x)))
 
 
 @wp.func

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import warp as wp
 
+from twin.base.portable_math import portable_asin, portable_atan2, portable_cos, portable_sin
 from twin.vehicle import model as _model
 from twin.vehicle.ground import Ground, surface_below
 from twin.vehicle.model import VehicleModel
@@ -256,7 +257,7 @@ def advance(
         angle = _ZERO
         if i < 2:
             angle = s.steer[i]
-        heading = wp.vec3d(wp.cos(angle), wp.sin(angle), _ZERO)
+        heading = wp.vec3d(portable_cos(angle), portable_sin(angle), _ZERO)
         f = footing(m, ground, before, i, hub, hub_v, heading)
         n = f.normal
         up += f.up
@@ -361,11 +362,11 @@ def observe(m: VehicleModel, state: VehicleState) -> VehicleState:
     x = wp.quat_rotate(s.orientation, wp.vec3d(_ONE, _ZERO, _ZERO))
     y = wp.quat_rotate(s.orientation, wp.vec3d(_ZERO, _ONE, _ZERO))
     z = wp.quat_rotate(s.orientation, wp.vec3d(_ZERO, _ZERO, _ONE))
-    s.yaw = wp.atan2(x[1], x[0])
-    s.pitch = wp.asin(wp.clamp(-x[2], -_ONE, _ONE))
-    s.roll = wp.atan2(y[2], z[2])
-    cosine = wp.cos(s.yaw)
-    sine = wp.sin(s.yaw)
+    s.yaw = portable_atan2(x[1], x[0])
+    s.pitch = portable_asin(wp.clamp(-x[2], -_ONE, _ONE))
+    s.roll = portable_atan2(y[2], z[2])
+    cosine = portable_cos(s.yaw)
+    sine = portable_sin(s.yaw)
     # The reference keeps its distance in the plane: pitching does not move it along the road.
     s.x = s.com[0] + cosine * m.reference_x - sine * m.reference_y
     s.y = s.com[1] + sine * m.reference_x + cosine * m.reference_y

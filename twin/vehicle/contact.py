@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import warp as wp
 
+from twin.base.portable_math import portable_cos, portable_sin
 from twin.vehicle.hull import Hull, hull_at
 
 _ZERO = wp.constant(wp.float64(0.0))
@@ -61,8 +62,8 @@ class Meeting:
 @wp.func
 def hull_of(a: RigidBox) -> Hull:
     """The hull of a body."""
-    c = wp.cos(a.yaw)
-    s = wp.sin(a.yaw)
+    c = portable_cos(a.yaw)
+    s = portable_sin(a.yaw)
     return hull_at(a.x + a.offset * c, a.y + a.offset * s, a.yaw, a.half_length, a.half_width)
 
 

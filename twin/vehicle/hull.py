@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import warp as wp
 
+from twin.base.portable_math import portable_cos, portable_sin
+
 
 @wp.struct
 class Hull:
@@ -25,8 +27,8 @@ def hull_at(
     hull = Hull()
     hull.x = x
     hull.y = y
-    hull.c = wp.cos(yaw)
-    hull.s = wp.sin(yaw)
+    hull.c = portable_cos(yaw)
+    hull.s = portable_sin(yaw)
     hull.half_length = half_length
     hull.half_width = half_width
     return hull

@@ -11,11 +11,12 @@ from __future__ import annotations
 
 import warp as wp
 
+from twin.base.portable_math import portable_cos, portable_sin
 from twin.vehicle.hull import Hull, hull_at, separation
 from twin.vehicle.model import VehicleModel
 from twin.vehicle.state import VehicleState
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 NEAREST = ("distance_m", "distance_index", "ttc_s", "ttc_index")
 """Columns of what was measured, float64 [S, 4]; index -1: there is none."""
@@ -125,8 +126,8 @@ def nearest_kernel(
     if active[slot] != 0:
         m = models[model_of[slot, 0]]
         s = states[slot, 0]
-        ahead_x = m.hull_x * wp.cos(s.yaw)
-        ahead_y = m.hull_x * wp.sin(s.yaw)
+        ahead_x = m.hull_x * portable_cos(s.yaw)
+        ahead_y = m.hull_x * portable_sin(s.yaw)
         a = hull_at(s.com[0] + ahead_x, s.com[1] + ahead_y, s.yaw, m.half_length, m.half_width)
         vx = s.velocity[0]
         vy = s.velocity[1]

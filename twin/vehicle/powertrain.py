@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import warp as wp
 
+from twin.base.portable_math import portable_atan, portable_tan
 from twin.vehicle.model import VehicleModel
 from twin.vehicle.state import VehicleState
 
@@ -150,9 +151,10 @@ def steer(m: VehicleModel, position: wp.float64, target: wp.float64, speed: wp.f
 @wp.func
 def wheel_angles(m: VehicleModel, steering: wp.float64) -> wp.vec2d:
     """Angles of the left and right front wheel: atan(2 l tan d / (2 l -+ w tan d)) [rad]."""
-    t = wp.tan(steering)
+    t = portable_tan(steering)
     length = _TWO * m.wheelbase
     width = m.track * m.ackermann
     return wp.vec2d(
-        wp.atan(length * t / (length - width * t)), wp.atan(length * t / (length + width * t))
+        portable_atan(length * t / (length - width * t)),
+        portable_atan(length * t / (length + width * t)),
     )

@@ -25,7 +25,7 @@ from twin.world.meshes.mesh import DECAL, Mesh
 from twin.world.mirror import Mirror
 from twin.world.street.build import World
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 _BLOCK = 8  # spheres that are met together
 _NOWHERE_M = 1e9
@@ -175,18 +175,24 @@ def ray_functions(closest: Any, blocked: Any, *, holes: bool = False) -> tuple[A
 
     @wp.func
     def trace(
-        scene: RayScene, slot: wp.int32, origin: wp.vec3, direction: wp.vec3, far: wp.float32
+        scene: RayScene,
+        slot: wp.int32,
+        origin: wp.vec3,
+        direction: wp.vec3,
+        near: wp.float32,
+        far: wp.float32,
     ) -> RayHit:
-        """What the ray from ``origin`` along unit ``direction`` meets first within ``far`` [m]."""
+        """What the ray from ``origin`` along unit ``direction`` meets first, from ``near`` to below
+        ``far`` [m]."""
         hit = RayHit()
         hit.object = wp.int32(-1)
         hit.instance = wp.int32(-1)
         if wp.static(holes):
             found = closest(
-                scene.nodes, scene.leaves, scene.uv, scene.cuts, 0, 0, origin, direction, far
+                scene.nodes, scene.leaves, scene.uv, scene.cuts, 0, 0, origin, direction, near, far
             )
         else:
-            found = closest(scene.nodes, scene.leaves, 0, origin, direction, far)
+            found = closest(scene.nodes, scene.leaves, 0, origin, direction, near, far)
         hit.face = wp.cast(found[3], wp.int32)
         for block in range(scene.spheres.shape[1]):
             mask = traverse.spheres_entered(scene.spheres, slot, block, origin, direction, found[0])
@@ -207,10 +213,13 @@ def ray_functions(closest: Any, blocked: Any, *, holes: bool = False) -> tuple[A
                         pose.first_face,
                         local,
                         ahead,
+                        near,
                         found[0],
                     )
                 else:
-                    own = closest(scene.nodes, scene.leaves, pose.root, local, ahead, found[0])
+                    own = closest(
+                        scene.nodes, scene.leaves, pose.root, local, ahead, near, found[0]
+                    )
                 face = wp.cast(own[3], wp.int32)
                 if face >= 0:
                     found = own
@@ -238,11 +247,11 @@ def ray_functions(closest: Any, blocked: Any, *, holes: bool = False) -> tuple[A
         """Whether anything lies on the ray within ``far`` [m]."""
         if wp.static(holes):
             if blocked(
-                scene.nodes, scene.leaves, scene.uv, scene.cuts, 0, 0, origin, direction, far
+                scene.nodes, scene.leaves, scene.uv, scene.cuts, 0, 0, origin, direction, 0.0, far
             ):
                 return True
         else:
-            if blocked(scene.nodes, scene.leaves, 0, origin, direction, far):
+            if blocked(scene.nodes, scene.leaves, 0, origin, direction, 0.0, far):
                 return True
         for block in range(scene.spheres.shape[1]):
             mask = traverse.spheres_entered(scene.spheres, slot, block, origin, direction, far)
@@ -262,11 +271,12 @@ def ray_functions(closest: Any, blocked: Any, *, holes: bool = False) -> tuple[A
                         pose.first_face,
                         local,
                         ahead,
+                        0.0,
                         far,
                     ):
                         return True
                 else:
-                    if blocked(scene.nodes, scene.leaves, pose.root, local, ahead, far):
+                    if blocked(scene.nodes, scene.leaves, pose.root, local, ahead, 0.0, far):
                         return True
         return False
 
@@ -440,4 +450,5 @@ def _sphere(mesh: Mesh) -> tuple[float, float, float, float]:
     low, high = mesh.points_m.min(axis=0), mesh.points_m.max(axis=0)
     centre = (low + high).astype(float) / 2
     radius = np.linalg.norm(mesh.points_m - centre, axis=1).max()
-    return (*centre.tolist(), float(radius) * 1.0001)
+    # Wider than the mesh by more than a ray's place is rounded far away.
+    return (*centre.tolist(), float(radius) * 1.005 + 0.005)

@@ -4,6 +4,11 @@ A CPU meets all eight children of a node, or all eight triangles of a leaf, with
 instruction; a GPU has one ray per thread and nodes of four children, loaded as float4. Edges
 are tested with Pluecker coordinates relative to the ray (see Woop, Benthin, Wald 2013): two
 faces get the same number with opposite sign for their common edge, so no ray slips between them.
+
+A hit has the same bits on every device: whether a face is met, where and how far away follow from
+the ray and the face alone, by the same operations in the same order; of all faces that are met the
+nearest counts, of equally near ones that with the lowest number. Hierarchies only choose which
+faces are asked. Kernels that call these functions have to say ``fuse_fp=False``.
 """
 
 from __future__ import annotations
@@ -12,24 +17,40 @@ import warp as wp
 
 from twin.render.trace.cutouts import HOLE, Cutouts
 
-# A GPU's exact division is a subroutine that costs a third of the registers; the quick one is off
-# by two units in the last place.
+# A GPU's exact division is a subroutine that costs a third of the registers. Boxes may be met with
+# a quick one. What a hit follows from is divided by hand: with a reciprocal of the full precision,
+# a quotient that is mended by its remainder is the nearest float (Markstein, "Computation of
+# elementary functions on the IBM RISC System/6000 processor", 1990) unless something overflows or
+# is subnormal on the way, which areas and distances of a world are not.
 _RAY = """
     #if defined(__CUDA_ARCH__)
-    #define TWIN_DIV(a, b) __fdividef(a, b)
+    #define TWIN_QUICK(a, b) __fdividef(a, b)
+    auto divided = [](float a, float b) -> float {
+        float r;
+        asm("rcp.approx.ftz.f32 %0, %1;" : "=f"(r) : "f"(b));
+        r = fmaf(fmaf(-b, r, 1.0f), r, r);
+        float q = a * r;
+        q = fmaf(fmaf(-b, q, a), r, q);
+        return fmaf(fmaf(-b, q, a), r, q);
+    };
+    #define TWIN_DIV(a, b) divided(a, b)
     #else
+    #define TWIN_QUICK(a, b) ((a) / (b))
     #define TWIN_DIV(a, b) ((a) / (b))
     #endif
     const float ox = origin[0], oy = origin[1], oz = origin[2];
     const float dx = direction[0], dy = direction[1], dz = direction[2];
     const float tiny = 1.0e-20f;
-    const float rx = TWIN_DIV(1.0f, (dx == 0.0f ? tiny : dx));
-    const float ry = TWIN_DIV(1.0f, (dy == 0.0f ? tiny : dy));
-    const float rz = TWIN_DIV(1.0f, (dz == 0.0f ? tiny : dz));
+    const float rx = TWIN_QUICK(1.0f, (dx == 0.0f ? tiny : dx));
+    const float ry = TWIN_QUICK(1.0f, (dy == 0.0f ? tiny : dy));
+    const float rz = TWIN_QUICK(1.0f, (dz == 0.0f ? tiny : dz));
     // Planes are met at b / d - o / d, one operation each; hierarchies are padded for its rounding.
     const float mx0 = -ox * rx, my0 = -oy * ry, mz0 = -oz * rz;
     int node = root;
     int top = 0;
+    // Boxes are entered a little beyond the nearest hit: the distance of a face that is met at a
+    // grazing angle is rounded more coarsely than that of its box.
+    const float slack = 1.00390625f;
 """
 
 # ---- eight at once, CPU --------------------------------------------------------------------------
@@ -55,7 +76,7 @@ _CHILDREN8 = """
             const f8 az = __builtin_elementwise_fma((f8)box[nz], RZ, MZ);
             const f8 bz = __builtin_elementwise_fma((f8)box[fz], RZ, MZ);
             const f8 zero = 0.0f;
-            const f8 limit = far;
+            const f8 limit = far * slack;
             const f8 near8 = __builtin_elementwise_max(
                 __builtin_elementwise_max(ax, ay), __builtin_elementwise_max(az, zero));
             const f8 far8 = __builtin_elementwise_min(__builtin_elementwise_min(
@@ -87,8 +108,9 @@ _LEAF8 = """
             const f8 mx = ey * gz - ez * gy, my = ez * gx - ex * gz, mz = ex * gy - ey * gx;
             const f8 slope = mx * dx + my * dy + mz * dz;
             const f8 t = (px * mx + py * my + pz * mz) / slope;
-            const i8 meets = ((least >= 0.0f) | (most <= 0.0f)) & (slope != 0.0f) & (t >= 0.0f)
-                & (t < far);
+            const f8 sum = U + V + W;
+            const i8 meets = ((least >= 0.0f) | (most <= 0.0f)) & (sum != 0.0f) & (t >= near)
+                & (t <= far);
             const b8 found = __builtin_convertvector(meets, b8);
             unsigned mask = __builtin_bit_cast(unsigned char, found);
 """
@@ -134,20 +156,22 @@ _CLOSEST8 = f"""
             while (mask) {{
                 const int k = __builtin_ctz(mask);
                 mask &= mask - 1;
-                if (t[k] < far) {{
+                const int face = ((const int*)(c + 9))[k];
+                if (t[k] < far || (t[k] == far && face < best)) {{
+                    const float share = 1.0f / sum[k];
+                    const float u = W[k] * share, v = U[k] * share;
                     // SKIP8
                     far = t[k];
-                    const float sum = U[k] + V[k] + W[k];
-                    best_u = W[k] / sum;
-                    best_v = U[k] / sum;
-                    best = ((const int*)(c + 9))[k];
+                    best_u = u;
+                    best_v = v;
+                    best = face;
                 }}
             }}
         }}
         do {{
             if (top == 0) return wp::vec4(far, best_u, best_v, __builtin_bit_cast(float, best));
             node = stack[--top];
-        }} while (entry[top] > far);
+        }} while (entry[top] > far * slack);
     }}
 """
 
@@ -203,7 +227,7 @@ _CHILD4 = """
                 const float near4 = TWIN_MAX(TWIN_MAX(TWIN_FMA(lx.{k}, rx, mx0),
                     TWIN_FMA(ly.{k}, ry, my0)), TWIN_MAX(TWIN_FMA(lz.{k}, rz, mz0), 0.0f));
                 const float far4 = TWIN_MIN(TWIN_MIN(TWIN_FMA(hx.{k}, rx, mx0),
-                    TWIN_FMA(hy.{k}, ry, my0)), TWIN_MIN(TWIN_FMA(hz.{k}, rz, mz0), far));
+                    TWIN_FMA(hy.{k}, ry, my0)), TWIN_MIN(TWIN_FMA(hz.{k}, rz, mz0), limit));
                 {use}
             }}
 """
@@ -217,12 +241,15 @@ _BOXES4 = """
             const v4 hy = TWIN_LOAD(base + (mirror_y ? 4 : 16));
             const v4 hz = TWIN_LOAD(base + (mirror_z ? 8 : 20));
             const v4 child = TWIN_LOAD(base + 24);
+            const float limit = far * slack;
 """
 
-_FACE4 = """
+_CORNERS4 = """
                 const float* corner = leaves.data + (size_t)face * 12;
                 const v4 P = TWIN_LOAD(corner), Q = TWIN_LOAD(corner + 4);
                 const v4 S = TWIN_LOAD(corner + 8);
+"""
+_VOLUMES4 = """
                 const float px = P.x - ox, py = P.y - oy, pz = P.z - oz;
                 const float qx = Q.x - ox, qy = Q.y - oy, qz = Q.z - oz;
                 const float sx = S.x - ox, sy = S.y - oy, sz = S.z - oz;
@@ -238,15 +265,26 @@ _FACE4 = """
                     + (gx * by - gy * bx) * dz;
                 const float W = (hy * kz - hz * ky) * dx + (hz * kx - hx * kz) * dy
                     + (hx * ky - hy * kx) * dz;
-                const float least = TWIN_MIN(U, TWIN_MIN(V, W));
-                const float most = TWIN_MAX(U, TWIN_MAX(V, W));
-                if (least >= 0.0f || most <= 0.0f) {
+"""
+_DISTANCE4 = """
                     const float mx = ey * gz - ez * gy, my = ez * gx - ex * gz;
                     const float mz = ex * gy - ey * gx;
                     const float slope = mx * dx + my * dy + mz * dz;
                     const float t = TWIN_DIV(px * mx + py * my + pz * mz, slope);
-                    if (slope != 0.0f && t >= 0.0f && t < far) {
 """
+_FACE4 = f"""
+                {_CORNERS4}
+                {_VOLUMES4}
+                const float least = TWIN_MIN(U, TWIN_MIN(V, W));
+                const float most = TWIN_MAX(U, TWIN_MAX(V, W));
+                if (least >= 0.0f || most <= 0.0f) {{
+                    {_DISTANCE4}
+                    const float sum = U + V + W;
+                    if (sum != 0.0f && t >= near && NEARER4) {{
+"""
+
+# Of faces at one distance the one with the lowest number, however a hierarchy has them.
+_NEARER4 = "(t < far || (t == far && TWIN_BITS(P.w) < best))"
 
 
 def _keys() -> str:
@@ -298,12 +336,13 @@ _CLOSEST4 = f"""
             const int link = -1 - node;
             const int last = (link >> 4) + (link & 15);
             for (int face = link >> 4; face < last; ++face) {{
-                {_FACE4}
+                {_FACE4.replace("NEARER4", _NEARER4)}
+                        const float share = TWIN_DIV(1.0f, sum);
+                        const float u = W * share, v = U * share;
                         // SKIP4
                         far = t;
-                        const float sum = U + V + W;
-                        best_u = TWIN_DIV(W, sum);
-                        best_v = TWIN_DIV(U, sum);
+                        best_u = u;
+                        best_v = v;
                         best = TWIN_BITS(P.w);
                     }}
                 }}
@@ -313,7 +352,7 @@ _CLOSEST4 = f"""
         do {{
             if (top == 0) return wp::vec4(far, best_u, best_v, TWIN_FLOAT(best));
             next = stack[--top];
-        }} while (TWIN_FLOAT((int)(next >> 32)) > far);
+        }} while (TWIN_FLOAT((int)(next >> 32)) > far * slack);
         node = (int)(unsigned)next;
     }}
 """
@@ -328,7 +367,8 @@ _BLOCKED4 = f"""
             const int link = -1 - node;
             const int last = (link >> 4) + (link & 15);
             for (int face = link >> 4; face < last; ++face) {{
-                {_FACE4}
+                {_FACE4.replace("NEARER4", "t <= far")}
+                        // SHARE4
                         // SKIP4
                         return true;
                     }}
@@ -342,22 +382,19 @@ _BLOCKED4 = f"""
 
 
 _SKIPS = {
-    "// SKIP8": """
-                    const float whole = U[k] + V[k] + W[k];
-                    const int row = first_face + ((const int*)(c + 9))[k];
-                    if (hole(row, W[k] / whole, U[k] / whole)) continue;""",
+    "// SKIP8": "if (hole(first_face + face, u, v)) continue;",
     "// EACH8": """
             while (mask) {
                 const int k = __builtin_ctz(mask);
-                const float whole = U[k] + V[k] + W[k];
+                const float share = 1.0f / sum[k];
                 const int row = first_face + ((const int*)(c + 9))[k];
-                if (!hole(row, W[k] / whole, U[k] / whole)) return true;
+                if (!hole(row, W[k] * share, U[k] * share)) return true;
                 mask &= mask - 1;
             }""",
-    "// SKIP4": """
-                        const float whole = U + V + W;
-                        const int row = first_face + TWIN_BITS(P.w);
-                        if (hole(row, TWIN_DIV(W, whole), TWIN_DIV(U, whole))) continue;""",
+    "// SHARE4": """
+                        const float share = TWIN_DIV(1.0f, sum);
+                        const float u = W * share, v = U * share;""",
+    "// SKIP4": "if (hole(first_face + TWIN_BITS(P.w), u, v)) continue;",
 }
 
 
@@ -372,6 +409,18 @@ def _with_holes(text: str) -> str:
     return HOLE + text
 
 
+def closest_with(volumes: str, distance: str, *, holes: bool) -> str:
+    """The code of a GPU with another test of a face, for every device.
+
+    Args:
+        volumes: defines ``U``, ``V``, ``W`` of the corners ``P``, ``Q``, ``S``.
+        distance: defines ``t``.
+        holes: the ray passes holes.
+    """
+    text = _RAY + _CLOSEST4.replace(_VOLUMES4, volumes).replace(_DISTANCE4, distance)
+    return _with_holes(text) if holes else text
+
+
 CLOSEST = _either(_CLOSEST4, _CLOSEST8)
 BLOCKED = _either(_BLOCKED4, _BLOCKED8)
 CLOSEST_THERE, BLOCKED_THERE = _with_holes(CLOSEST), _with_holes(BLOCKED)
@@ -384,10 +433,11 @@ def closest(
     root: wp.int32,
     origin: wp.vec3,
     direction: wp.vec3,
+    near: wp.float32,
     far: wp.float32,
 ) -> wp.vec4:
-    """What a ray meets first within ``far``: its distance, the barycentric weights of the first two
-    corners, and the bits of the face; face -1 and ``far``: nothing."""
+    """What a ray meets first from ``near`` to below ``far``: its distance, the barycentric weights
+    of the first two corners, and the bits of the face; face -1 and ``far``: nothing."""
 
 
 @wp.func_native(BLOCKED)
@@ -397,9 +447,10 @@ def blocked(
     root: wp.int32,
     origin: wp.vec3,
     direction: wp.vec3,
+    near: wp.float32,
     far: wp.float32,
 ) -> wp.bool:
-    """Whether a ray meets anything within ``far``."""
+    """Whether a ray meets anything from ``near`` to ``far``."""
 
 
 @wp.func_native(_RAY + _CLOSEST4)
@@ -409,6 +460,7 @@ def closest_scalar(
     root: wp.int32,
     origin: wp.vec3,
     direction: wp.vec3,
+    near: wp.float32,
     far: wp.float32,
 ) -> wp.vec4:
     """Closest hit as of :func:`closest`, by the code of a GPU on every device."""
@@ -421,6 +473,7 @@ def blocked_scalar(
     root: wp.int32,
     origin: wp.vec3,
     direction: wp.vec3,
+    near: wp.float32,
     far: wp.float32,
 ) -> wp.bool:
     """Answer of :func:`blocked`, by the code of a GPU on every device."""
@@ -436,6 +489,7 @@ def closest_there(
     first_face: wp.int32,
     origin: wp.vec3,
     direction: wp.vec3,
+    near: wp.float32,
     far: wp.float32,
 ) -> wp.vec4:
     """Closest hit as of :func:`closest` of faces with holes; ``first_face``: row of the hierarchy's
@@ -452,6 +506,7 @@ def blocked_there(
     first_face: wp.int32,
     origin: wp.vec3,
     direction: wp.vec3,
+    near: wp.float32,
     far: wp.float32,
 ) -> wp.bool:
     """Answer of :func:`blocked` for faces with holes, arguments as of :func:`closest_there`."""
@@ -467,6 +522,7 @@ def closest_there_scalar(
     first_face: wp.int32,
     origin: wp.vec3,
     direction: wp.vec3,
+    near: wp.float32,
     far: wp.float32,
 ) -> wp.vec4:
     """Closest hit as of :func:`closest_there`, by the code of a GPU on every device."""
@@ -482,6 +538,7 @@ def blocked_there_scalar(
     first_face: wp.int32,
     origin: wp.vec3,
     direction: wp.vec3,
+    near: wp.float32,
     far: wp.float32,
 ) -> wp.bool:
     """Answer of :func:`blocked_there`, by the code of a GPU on every device."""

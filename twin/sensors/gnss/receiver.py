@@ -22,7 +22,7 @@ from twin.sensors.noise import Wander, gaussian, uniform, wander, wander_numbers
 from twin.sensors.truth import POSITION, rotation_at, vector_at
 from twin.world.mirror import Mirror, put_row, row_of
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 _ZERO = wp.constant(wp.float64(0.0))
 _ONE = wp.constant(wp.float64(1.0))
