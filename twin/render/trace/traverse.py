@@ -22,7 +22,7 @@ from twin.render.trace.cutouts import HOLE, Cutouts
 # a quotient that is mended by its remainder is the nearest float (Markstein, "Computation of
 # elementary functions on the IBM RISC System/6000 processor", 1990) unless something overflows or
 # is subnormal on the way, which areas and distances of a world are not.
-_RAY = """
+DIVISION = """
     #if defined(__CUDA_ARCH__)
     #define TWIN_QUICK(a, b) __fdividef(a, b)
     auto divided = [](float a, float b) -> float {
@@ -38,6 +38,9 @@ _RAY = """
     #define TWIN_QUICK(a, b) ((a) / (b))
     #define TWIN_DIV(a, b) ((a) / (b))
     #endif
+"""
+_RAY = f"""
+    {DIVISION}
     const float ox = origin[0], oy = origin[1], oz = origin[2];
     const float dx = direction[0], dy = direction[1], dz = direction[2];
     const float tiny = 1.0e-20f;
@@ -424,6 +427,11 @@ def closest_with(volumes: str, distance: str, *, holes: bool) -> str:
 CLOSEST = _either(_CLOSEST4, _CLOSEST8)
 BLOCKED = _either(_BLOCKED4, _BLOCKED8)
 CLOSEST_THERE, BLOCKED_THERE = _with_holes(CLOSEST), _with_holes(BLOCKED)
+
+
+@wp.func_native(f"{DIVISION} return TWIN_DIV(a, b);")
+def divided(a: wp.float32, b: wp.float32) -> wp.float32:
+    """The float that is nearest to ``a / b``, as hits are divided."""
 
 
 @wp.func_native(CLOSEST)
