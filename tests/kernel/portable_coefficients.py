@@ -1,4 +1,4 @@
-"""Derives the coefficients of ``twin.base.portable`` and prints them as its constants.
+"""Derives the coefficients of ``twin.base.portable`` and prints them as its coefficients.
 
     PYTHONPATH=tests python tests/kernel/portable_coefficients.py
 
@@ -120,4 +120,4 @@ def constants() -> dict[str, float]:
 
 if __name__ == "__main__":
     for name, value in constants().items():
-        print(f"{name} = wp.constant(wp.float64({value!r}))")
+        print(f"{name} = {value!r}")

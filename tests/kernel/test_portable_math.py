@@ -14,7 +14,7 @@ import warp as wp
 from portable_coefficients import constants as derived_constants
 
 from twin.base import portable_math
-from twin.base.portable import constants
+from twin.base.portable import coefficients, constants
 from twin.world.kernel_cache import prepare_kernels
 
 prepare_kernels()
@@ -351,6 +351,8 @@ def test_the_comparison_of_devices_compares():
 def test_constants_are_the_derived_ones():
     stored = {name: value for name, value in vars(constants).items() if name.isupper()}
     assert {name: value.value for name, value in stored.items()} == derived_constants()
+    plain = {name: value for name, value in vars(coefficients).items() if name.isupper()}
+    assert plain == derived_constants()
 
 
 def test_compiled_code_holds_every_bit_of_a_constant():

@@ -15,6 +15,7 @@ import numpy as np
 import warp as wp
 
 from twin.actors.motion import Placement
+from twin.base.portable.host import sine_cosine
 from twin.render.build import Features
 from twin.render.looks import LookTables, has_looks, pack_looks
 from twin.render.texture import Textures, pack_textures
@@ -353,7 +354,7 @@ class Geometry:
             return
         rows = self.poses.host
         kind = placement.kind + 1  # 0: not there
-        cosine, sine = np.cos(placement.yaw_rad), np.sin(placement.yaw_rad)
+        sine, cosine = sine_cosine(placement.yaw_rad)
         sphere = self._spheres[kind]
         rows["root"] = np.where(kind > 0, self._roots[kind], 0)
         rows["first_face"] = self._first_face[kind]
@@ -365,8 +366,8 @@ class Geometry:
         x, y, z = sphere[..., 0], sphere[..., 1], sphere[..., 2]
         rows["tilt"] = (0.0, 1.0, 0.0, 1.0)
         if placement.pitch_rad is not None and placement.roll_rad is not None:
-            up_sine, up_cosine = np.sin(placement.pitch_rad), np.cos(placement.pitch_rad)
-            side_sine, side_cosine = np.sin(placement.roll_rad), np.cos(placement.roll_rad)
+            up_sine, up_cosine = sine_cosine(placement.pitch_rad)
+            side_sine, side_cosine = sine_cosine(placement.roll_rad)
             rows["tilt"] = np.stack([up_sine, up_cosine, side_sine, side_cosine], axis=-1)
             y, z = side_cosine * y - side_sine * z, side_sine * y + side_cosine * z
             x, z = up_cosine * x + up_sine * z, up_cosine * z - up_sine * x
