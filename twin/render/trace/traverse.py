@@ -16,6 +16,8 @@ from __future__ import annotations
 import warp as wp
 
 from twin.render.trace.cutouts import HOLE, Cutouts
+from twin.render.trace.eight import BLOCKED8, CLOSEST8
+from twin.render.trace.four import BLOCKED4, CLOSEST4, DISTANCE4, VOLUMES4
 
 # A GPU's exact division is a subroutine that costs a third of the registers. Boxes may be met with
 # a quick one. What a hit follows from is divided by hand: with a reciprocal of the full precision,
@@ -56,334 +58,6 @@ _RAY = f"""
     const float slack = 1.00390625f;
 """
 
-# ---- eight at once, CPU --------------------------------------------------------------------------
-
-_VECTORS = """
-    typedef float f8 __attribute__((ext_vector_type(8)));
-    typedef int i8 __attribute__((ext_vector_type(8)));
-    typedef bool b8 __attribute__((ext_vector_type(8)));
-    const int nx = rx < 0.0f ? 3 : 0, ny = ry < 0.0f ? 4 : 1, nz = rz < 0.0f ? 5 : 2;
-    const int fx = 3 - nx, fy = 5 - ny, fz = 7 - nz;
-    typedef float u8 __attribute__((ext_vector_type(8), aligned(4)));  // arrays may begin anywhere
-    const f8 RX = rx, RY = ry, RZ = rz, MX = mx0, MY = my0, MZ = mz0;
-    int stack[320];
-"""
-
-_CHILDREN8 = """
-            const float* base = nodes.data + (size_t)node * 56;
-            const u8* box = (const u8*)base;
-            const f8 ax = __builtin_elementwise_fma((f8)box[nx], RX, MX);
-            const f8 bx = __builtin_elementwise_fma((f8)box[fx], RX, MX);
-            const f8 ay = __builtin_elementwise_fma((f8)box[ny], RY, MY);
-            const f8 by = __builtin_elementwise_fma((f8)box[fy], RY, MY);
-            const f8 az = __builtin_elementwise_fma((f8)box[nz], RZ, MZ);
-            const f8 bz = __builtin_elementwise_fma((f8)box[fz], RZ, MZ);
-            const f8 zero = 0.0f;
-            const f8 limit = far * slack;
-            const f8 near8 = __builtin_elementwise_max(
-                __builtin_elementwise_max(ax, ay), __builtin_elementwise_max(az, zero));
-            const f8 far8 = __builtin_elementwise_min(__builtin_elementwise_min(
-                __builtin_elementwise_min(bx, by), bz), limit);
-            const b8 into = __builtin_convertvector(near8 <= far8, b8);
-            unsigned mask = __builtin_bit_cast(unsigned char, into);
-            const int* child = (const int*)(base + 48);
-"""
-
-_LEAF8 = """
-            const u8* c = (const u8*)(leaves.data + (size_t)(-1 - node) * 80);
-            const f8 px = c[0] - ox, py = c[1] - oy, pz = c[2] - oz;
-            const f8 qx = c[3] - ox, qy = c[4] - oy, qz = c[5] - oz;
-            const f8 sx = c[6] - ox, sy = c[7] - oy, sz = c[8] - oz;
-            const f8 ex = sx - px, ey = sy - py, ez = sz - pz;
-            const f8 gx = px - qx, gy = py - qy, gz = pz - qz;
-            const f8 hx = qx - sx, hy = qy - sy, hz = qz - sz;
-            const f8 ax = sx + px, ay = sy + py, az = sz + pz;
-            const f8 bx = px + qx, by = py + qy, bz = pz + qz;
-            const f8 kx = qx + sx, ky = qy + sy, kz = qz + sz;
-            const f8 U = (ey * az - ez * ay) * dx + (ez * ax - ex * az) * dy
-                + (ex * ay - ey * ax) * dz;
-            const f8 V = (gy * bz - gz * by) * dx + (gz * bx - gx * bz) * dy
-                + (gx * by - gy * bx) * dz;
-            const f8 W = (hy * kz - hz * ky) * dx + (hz * kx - hx * kz) * dy
-                + (hx * ky - hy * kx) * dz;
-            const f8 least = __builtin_elementwise_min(U, __builtin_elementwise_min(V, W));
-            const f8 most = __builtin_elementwise_max(U, __builtin_elementwise_max(V, W));
-            const f8 mx = ey * gz - ez * gy, my = ez * gx - ex * gz, mz = ex * gy - ey * gx;
-            const f8 slope = mx * dx + my * dy + mz * dz;
-            const f8 t = (px * mx + py * my + pz * mz) / slope;
-            const f8 sum = U + V + W;
-            const i8 meets = ((least >= 0.0f) | (most <= 0.0f)) & (sum != 0.0f) & (t >= near)
-                & (t <= far);
-            const b8 found = __builtin_convertvector(meets, b8);
-            unsigned mask = __builtin_bit_cast(unsigned char, found);
-"""
-
-# Children that are met go on the stack farthest first.
-_CLOSEST8 = f"""
-    {_VECTORS}
-    float entry[320];
-    float best_u = 0.0f, best_v = 0.0f;
-    int best = -1;
-    while (true) {{
-        if (node >= 0) {{
-            {_CHILDREN8}
-            if (mask) {{
-                int first = __builtin_ctz(mask);
-                mask &= mask - 1;
-                int nearest = child[first];
-                float t0 = near8[first];
-                const int bottom = top;
-                while (mask) {{
-                    const int k = __builtin_ctz(mask);
-                    mask &= mask - 1;
-                    float tk = near8[k];
-                    int other = child[k];
-                    if (tk < t0) {{
-                        const float swap_t = t0; t0 = tk; tk = swap_t;
-                        const int swap = nearest; nearest = other; other = swap;
-                    }}
-                    int at = top++;
-                    while (at > bottom && entry[at - 1] < tk) {{
-                        entry[at] = entry[at - 1];
-                        stack[at] = stack[at - 1];
-                        --at;
-                    }}
-                    entry[at] = tk;
-                    stack[at] = other;
-                }}
-                node = nearest;
-                continue;
-            }}
-        }} else {{
-            {_LEAF8}
-            while (mask) {{
-                const int k = __builtin_ctz(mask);
-                mask &= mask - 1;
-                const int face = ((const int*)(c + 9))[k];
-                if (t[k] < far || (t[k] == far && face < best)) {{
-                    const float share = 1.0f / sum[k];
-                    const float u = W[k] * share, v = U[k] * share;
-                    // SKIP8
-                    far = t[k];
-                    best_u = u;
-                    best_v = v;
-                    best = face;
-                }}
-            }}
-        }}
-        do {{
-            if (top == 0) return wp::vec4(far, best_u, best_v, __builtin_bit_cast(float, best));
-            node = stack[--top];
-        }} while (entry[top] > far * slack);
-    }}
-"""
-
-_BLOCKED8 = f"""
-    {_VECTORS}
-    while (true) {{
-        if (node >= 0) {{
-            {_CHILDREN8}
-            while (mask) {{
-                const int k = __builtin_ctz(mask);
-                mask &= mask - 1;
-                stack[top++] = child[k];
-            }}
-        }} else {{
-            {_LEAF8}
-            // EACH8
-            if (mask) return true;
-        }}
-        if (top == 0) return false;
-        node = stack[--top];
-    }}
-"""
-
-# ---- one ray, nodes of four, GPU -----------------------------------------------------------------
-
-_SCALARS = """
-    #if defined(__CUDA_ARCH__)
-    #define TWIN_MIN(a, b) fminf(a, b)
-    #define TWIN_MAX(a, b) fmaxf(a, b)
-    #define TWIN_FMA(a, b, c) fmaf(a, b, c)
-    #define TWIN_LOAD(p) __ldg((const float4*)(p))
-    typedef float4 v4;
-    #define TWIN_BITS(f) __float_as_int(f)
-    #define TWIN_FLOAT(i) __int_as_float(i)
-    #else
-    struct f4 { float x, y, z, w; };
-    #define TWIN_MIN(a, b) ((a) < (b) ? (a) : (b))
-    #define TWIN_MAX(a, b) ((a) > (b) ? (a) : (b))
-    #define TWIN_FMA(a, b, c) __builtin_fmaf(a, b, c)
-    #define TWIN_LOAD(p) (*(const f4*)(p))
-    typedef f4 v4;
-    #define TWIN_BITS(f) __builtin_bit_cast(int, f)
-    #define TWIN_FLOAT(i) __builtin_bit_cast(float, i)
-    #endif
-    #define TWIN_LINK(key) ((unsigned)TWIN_BITS((key) & 2u ? ((key) & 1u ? child.w : child.z) \\
-        : ((key) & 1u ? child.y : child.x)))
-    const bool mirror_x = rx < 0.0f, mirror_y = ry < 0.0f, mirror_z = rz < 0.0f;
-    unsigned long long stack[128];
-"""
-
-_CHILD4 = """
-            {{
-                const float near4 = TWIN_MAX(TWIN_MAX(TWIN_FMA(lx.{k}, rx, mx0),
-                    TWIN_FMA(ly.{k}, ry, my0)), TWIN_MAX(TWIN_FMA(lz.{k}, rz, mz0), 0.0f));
-                const float far4 = TWIN_MIN(TWIN_MIN(TWIN_FMA(hx.{k}, rx, mx0),
-                    TWIN_FMA(hy.{k}, ry, my0)), TWIN_MIN(TWIN_FMA(hz.{k}, rz, mz0), limit));
-                {use}
-            }}
-"""
-
-_BOXES4 = """
-            const float* base = nodes.data + (size_t)node * 28;
-            const v4 lx = TWIN_LOAD(base + (mirror_x ? 12 : 0));
-            const v4 ly = TWIN_LOAD(base + (mirror_y ? 16 : 4));
-            const v4 lz = TWIN_LOAD(base + (mirror_z ? 20 : 8));
-            const v4 hx = TWIN_LOAD(base + (mirror_x ? 0 : 12));
-            const v4 hy = TWIN_LOAD(base + (mirror_y ? 4 : 16));
-            const v4 hz = TWIN_LOAD(base + (mirror_z ? 8 : 20));
-            const v4 child = TWIN_LOAD(base + 24);
-            const float limit = far * slack;
-"""
-
-_CORNERS4 = """
-                const float* corner = leaves.data + (size_t)face * 12;
-                const v4 P = TWIN_LOAD(corner), Q = TWIN_LOAD(corner + 4);
-                const v4 S = TWIN_LOAD(corner + 8);
-"""
-_VOLUMES4 = """
-                const float px = P.x - ox, py = P.y - oy, pz = P.z - oz;
-                const float qx = Q.x - ox, qy = Q.y - oy, qz = Q.z - oz;
-                const float sx = S.x - ox, sy = S.y - oy, sz = S.z - oz;
-                const float ex = sx - px, ey = sy - py, ez = sz - pz;
-                const float gx = px - qx, gy = py - qy, gz = pz - qz;
-                const float hx = qx - sx, hy = qy - sy, hz = qz - sz;
-                const float ax = sx + px, ay = sy + py, az = sz + pz;
-                const float bx = px + qx, by = py + qy, bz = pz + qz;
-                const float kx = qx + sx, ky = qy + sy, kz = qz + sz;
-                const float U = (ey * az - ez * ay) * dx + (ez * ax - ex * az) * dy
-                    + (ex * ay - ey * ax) * dz;
-                const float V = (gy * bz - gz * by) * dx + (gz * bx - gx * bz) * dy
-                    + (gx * by - gy * bx) * dz;
-                const float W = (hy * kz - hz * ky) * dx + (hz * kx - hx * kz) * dy
-                    + (hx * ky - hy * kx) * dz;
-"""
-_DISTANCE4 = """
-                    const float mx = ey * gz - ez * gy, my = ez * gx - ex * gz;
-                    const float mz = ex * gy - ey * gx;
-                    const float slope = mx * dx + my * dy + mz * dz;
-                    const float t = TWIN_DIV(px * mx + py * my + pz * mz, slope);
-"""
-_FACE4 = f"""
-                {_CORNERS4}
-                {_VOLUMES4}
-                const float least = TWIN_MIN(U, TWIN_MIN(V, W));
-                const float most = TWIN_MAX(U, TWIN_MAX(V, W));
-                if (least >= 0.0f || most <= 0.0f) {{
-                    {_DISTANCE4}
-                    const float sum = U + V + W;
-                    if (sum != 0.0f && t >= near && NEARER4) {{
-"""
-
-# Of faces at one distance the one with the lowest number, however a hierarchy has them.
-_NEARER4 = "(t < far || (t == far && TWIN_BITS(P.w) < best))"
-
-
-def _keys() -> str:
-    """Code that makes one sortable word per child: entry distance with the child's number in its
-    lowest bits; all ones: missed."""
-    text = "unsigned k0 = ~0u, k1 = ~0u, k2 = ~0u, k3 = ~0u;"
-    for i, k in enumerate("xyzw"):
-        use = f"if (near4 <= far4) k{i} = ((unsigned)TWIN_BITS(near4) & ~3u) | {i}u;"
-        text += _CHILD4.format(k=k, use=use)
-    return text
-
-
-def _push(key: str) -> str:
-    return f"if ({key} != ~0u) stack[top++] = ((unsigned long long){key} << 32) | TWIN_LINK({key});"
-
-
-def _pushes() -> str:
-    return "".join(
-        _CHILD4.format(
-            k=k, use=f"if (near4 <= far4) stack[top++] = (unsigned)TWIN_BITS(child.{k});"
-        )
-        for k in "xyzw"
-    )
-
-
-def _order(a: str, b: str) -> str:
-    return f"{{ const unsigned s = {a} < {b} ? {a} : {b}; {b} = {a} < {b} ? {b} : {a}; {a} = s; }}"
-
-
-_SORT4 = "\n".join(_order(f"k{a}", f"k{b}") for a, b in ((0, 1), (2, 3), (0, 2), (1, 3), (1, 2)))
-
-_CLOSEST4 = f"""
-    {_SCALARS}
-    float best_u = 0.0f, best_v = 0.0f;
-    int best = -1;
-    while (true) {{
-        if (node >= 0) {{
-            {_BOXES4}
-            {_keys()}
-            {_SORT4}
-            if (k0 != ~0u) {{
-                {_push("k3")}
-                {_push("k2")}
-                {_push("k1")}
-                node = (int)TWIN_LINK(k0);
-                continue;
-            }}
-        }} else {{
-            const int link = -1 - node;
-            const int last = (link >> 4) + (link & 15);
-            for (int face = link >> 4; face < last; ++face) {{
-                {_FACE4.replace("NEARER4", _NEARER4)}
-                        const float share = TWIN_DIV(1.0f, sum);
-                        const float u = W * share, v = U * share;
-                        // SKIP4
-                        far = t;
-                        best_u = u;
-                        best_v = v;
-                        best = TWIN_BITS(P.w);
-                    }}
-                }}
-            }}
-        }}
-        unsigned long long next;
-        do {{
-            if (top == 0) return wp::vec4(far, best_u, best_v, TWIN_FLOAT(best));
-            next = stack[--top];
-        }} while (TWIN_FLOAT((int)(next >> 32)) > far * slack);
-        node = (int)(unsigned)next;
-    }}
-"""
-
-_BLOCKED4 = f"""
-    {_SCALARS.replace("unsigned long long stack", "int stack")}
-    while (true) {{
-        if (node >= 0) {{
-            {_BOXES4}
-            {_pushes()}
-        }} else {{
-            const int link = -1 - node;
-            const int last = (link >> 4) + (link & 15);
-            for (int face = link >> 4; face < last; ++face) {{
-                {_FACE4.replace("NEARER4", "t <= far")}
-                        // SHARE4
-                        // SKIP4
-                        return true;
-                    }}
-                }}
-            }}
-        }}
-        if (top == 0) return false;
-        node = (int)stack[--top];
-    }}
-"""
-
-
 _SKIPS = {
     "// SKIP8": "if (hole(first_face + face, u, v)) continue;",
     "// EACH8": """
@@ -420,12 +94,12 @@ def closest_with(volumes: str, distance: str, *, holes: bool) -> str:
         distance: defines ``t``.
         holes: the ray passes holes.
     """
-    text = _RAY + _CLOSEST4.replace(_VOLUMES4, volumes).replace(_DISTANCE4, distance)
+    text = _RAY + CLOSEST4.replace(VOLUMES4, volumes).replace(DISTANCE4, distance)
     return _with_holes(text) if holes else text
 
 
-CLOSEST = _either(_CLOSEST4, _CLOSEST8)
-BLOCKED = _either(_BLOCKED4, _BLOCKED8)
+CLOSEST = _either(CLOSEST4, CLOSEST8)
+BLOCKED = _either(BLOCKED4, BLOCKED8)
 CLOSEST_THERE, BLOCKED_THERE = _with_holes(CLOSEST), _with_holes(BLOCKED)
 
 
@@ -461,7 +135,7 @@ def blocked(
     """Whether a ray meets anything from ``near`` to ``far``."""
 
 
-@wp.func_native(_RAY + _CLOSEST4)
+@wp.func_native(_RAY + CLOSEST4)
 def closest_scalar(
     nodes: wp.array(dtype=wp.float32),
     leaves: wp.array(dtype=wp.float32),
@@ -474,7 +148,7 @@ def closest_scalar(
     """Closest hit as of :func:`closest`, by the code of a GPU on every device."""
 
 
-@wp.func_native(_RAY + _BLOCKED4)
+@wp.func_native(_RAY + BLOCKED4)
 def blocked_scalar(
     nodes: wp.array(dtype=wp.float32),
     leaves: wp.array(dtype=wp.float32),
@@ -520,7 +194,7 @@ def blocked_there(
     """Answer of :func:`blocked` for faces with holes, arguments as of :func:`closest_there`."""
 
 
-@wp.func_native(_with_holes(_RAY + _CLOSEST4))
+@wp.func_native(_with_holes(_RAY + CLOSEST4))
 def closest_there_scalar(
     nodes: wp.array(dtype=wp.float32),
     leaves: wp.array(dtype=wp.float32),
@@ -536,7 +210,7 @@ def closest_there_scalar(
     """Closest hit as of :func:`closest_there`, by the code of a GPU on every device."""
 
 
-@wp.func_native(_with_holes(_RAY + _BLOCKED4))
+@wp.func_native(_with_holes(_RAY + BLOCKED4))
 def blocked_there_scalar(
     nodes: wp.array(dtype=wp.float32),
     leaves: wp.array(dtype=wp.float32),
