@@ -21,7 +21,7 @@ FOREIGN = re.compile(
     "a?(sin|cos|tan)h?|atan2|exp|exp2|expm1|log|log2|log10|log1p|pow|cbrt|erfc?|erfc?inv"
     "|quat_(from_axis_angle|to_axis_angle|from_euler|to_euler|rpy|slerp|from_matrix)"
     "|(sample|rand|tile|texture|hash_grid|bvh|mesh_query|mesh_eval)\\w*|p?noise|curlnoise|poisson"
-    "|svd\\w*|qr\\w*|eig\\w*|smoothstep|transform_from_matrix|matrix_from_\\w*|fast_\\w*"
+    "|nan|NAN|svd\\w*|qr\\w*|eig\\w*|smoothstep|transform_from_matrix|matrix_from_\\w*|fast_\\w*"
 )
 """Functions of Warp that end in other bits on another device, or may."""
 

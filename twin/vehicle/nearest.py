@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import warp as wp
 
-from twin.base.portable_math import portable_cos, portable_sin
 from twin.vehicle.hull import Hull, hull_at, separation
 from twin.vehicle.model import VehicleModel
 from twin.vehicle.state import VehicleState
@@ -72,7 +71,8 @@ def contact_time(a: Hull, b: Hull, vx: wp.float64, vy: wp.float64) -> wp.float64
             leave = wp.min(leave, wp.max(one, other))
     if enter > leave or leave < _ZERO:
         return _NEVER
-    return wp.max(enter, _ZERO)
+    # Of -0.0 and 0.0 a CPU and a GPU take different ones; the sum is 0.0 of both.
+    return wp.max(enter, _ZERO) + _ZERO
 
 
 @wp.func
@@ -126,9 +126,9 @@ def nearest_kernel(
     if active[slot] != 0:
         m = models[model_of[slot, 0]]
         s = states[slot, 0]
-        ahead_x = m.hull_x * portable_cos(s.yaw)
-        ahead_y = m.hull_x * portable_sin(s.yaw)
-        a = hull_at(s.com[0] + ahead_x, s.com[1] + ahead_y, s.yaw, m.half_length, m.half_width)
+        a = hull_at(s.com[0], s.com[1], s.yaw, m.half_length, m.half_width)
+        a.x = s.com[0] + m.hull_x * a.c
+        a.y = s.com[1] + m.hull_x * a.s
         vx = s.velocity[0]
         vy = s.velocity[1]
         count = walls.shape[0]

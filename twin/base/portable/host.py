@@ -111,7 +111,7 @@ def angle_of(y: npt.ArrayLike, x: npt.ArrayLike) -> Floats:
     height, width, back = np.abs(up), np.abs(across), np.signbit(across)
     with np.errstate(all="ignore"):
         value = _half_plane(height, width, back)
-        straight = ~back & (height / width < _SHORT)
+        straight = ~back & (height < _SHORT * width)
         value = np.where(straight, height / width, value)
     pi = _constant("PI_0")
     diagonal = np.where(back, _constant("THREE_QUARTERS_PI_0"), _constant("QUARTER_PI_0"))
@@ -137,10 +137,10 @@ def _half_plane(height: Floats, width: Floats, back: Any) -> Floats:
     a_rest = np.where(flat | steep, 0.0, difference_rest)
     b = np.where(flat, width, np.where(steep, height, total))
     b_rest = np.where(flat | steep, 0.0, total_rest)
-    u = a / b
+    inverse = 1.0 / b
+    u = a * inverse
     product, product_rest = _exact_product(u, b)
-    rest = (((a - product) - product_rest) + (a_rest - u * b_rest)) / b
-    rest = np.where(np.abs(u) < _SHORT, 0.0, rest)
+    rest = (((a - product) - product_rest) + (a_rest - u * b_rest)) * inverse
     base = _choice(flat, steep, back, 0)
     base_rest = _choice(flat, steep, back, 1)
     u, rest = np.where(back, 0.0 - u, u), np.where(back, 0.0 - rest, rest)

@@ -21,6 +21,7 @@ from twin.render.build import NONE, Features
 from twin.render.light.light import SlotLight
 from twin.render.looks import SMOOTH
 from twin.render.trace.cutouts import HOLE
+from twin.render.trace.eight import FUSED8
 from twin.render.trace.geometry import RayScene, into_object
 from twin.render.trace.rays import Optics, SlotPose
 from twin.render.trace.visibility import (
@@ -75,7 +76,12 @@ def raster_of(lens: Lens, table: np.ndarray, hfov_deg: float, device: wp.Device)
     return raster
 
 
-_DRAW = """
+_DRAW = f"""
+    {FUSED8}
+    #define LESS(a, b, c, d) __builtin_fmaf(a, b, -((c) * (d)))
+    #define SUM(a, b, c, d, e, f) __builtin_fmaf(a, b, __builtin_fmaf(c, d, (e) * (f)))
+"""
+_DRAW += """
     typedef float f8 __attribute__((ext_vector_type(8)));
     typedef int i8 __attribute__((ext_vector_type(8)));
     typedef bool b8 __attribute__((ext_vector_type(8)));
@@ -172,11 +178,15 @@ _DRAW = """
             const float ax = sx + px, ay = sy + py, az = sz + pz;
             const float bx = px + qx, by = py + qy, bz = pz + qz;
             const float kx = qx + sx, ky = qy + sy, kz = qz + sz;
-            const float Ux = ey * az - ez * ay, Uy = ez * ax - ex * az, Uz = ex * ay - ey * ax;
-            const float Vx = gy * bz - gz * by, Vy = gz * bx - gx * bz, Vz = gx * by - gy * bx;
-            const float Wx = hy * kz - hz * ky, Wy = hz * kx - hx * kz, Wz = hx * ky - hy * kx;
-            const float mx = ey * gz - ez * gy, my = ez * gx - ex * gz, mz = ex * gy - ey * gx;
-            const float depth = px * mx + py * my + pz * mz;
+            const float Ux = LESS(ey, az, ez, ay), Uy = LESS(ez, ax, ex, az);
+            const float Uz = LESS(ex, ay, ey, ax);
+            const float Vx = LESS(gy, bz, gz, by), Vy = LESS(gz, bx, gx, bz);
+            const float Vz = LESS(gx, by, gy, bx);
+            const float Wx = LESS(hy, kz, hz, ky), Wy = LESS(hz, kx, hx, kz);
+            const float Wz = LESS(hx, ky, hy, kx);
+            const float mx = LESS(ey, gz, ez, gy), my = LESS(ez, gx, ex, gz);
+            const float mz = LESS(ex, gy, ey, gx);
+            const float depth = SUM(px, mx, py, my, pz, mz);
             const int face = first_face + faces[k];
             const int c0 = (int)x0[k] >> 3, c1 = (int)x1[k] >> 3;
             const int r1 = (int)y1[k];
@@ -196,15 +206,15 @@ _DRAW = """
                             dz = tilt[3] * z - tilt[2] * y;
                         }
                     }
-                    const f8 U = Ux * dx + Uy * dy + Uz * dz;
-                    const f8 V = Vx * dx + Vy * dy + Vz * dz;
-                    const f8 W = Wx * dx + Wy * dy + Wz * dz;
+                    const f8 U = TWIN_DOT(Ux, dx, Uy, dy, Uz, dz);
+                    const f8 V = TWIN_DOT(Vx, dx, Vy, dy, Vz, dz);
+                    const f8 W = TWIN_DOT(Wx, dx, Wy, dy, Wz, dz);
                     const f8 least = __builtin_elementwise_min(U, __builtin_elementwise_min(V, W));
                     const f8 most = __builtin_elementwise_max(U, __builtin_elementwise_max(V, W));
                     const i8 inside = (least >= 0.0f) | (most <= 0.0f);
                     if (!__builtin_bit_cast(unsigned char, __builtin_convertvector(inside, b8)))
                         continue;
-                    const f8 slope = mx * dx + my * dy + mz * dz;
+                    const f8 slope = TWIN_SUM(mx, dx, my, dy, mz, dz);
                     const f8 t = depth / slope;
                     const size_t at = (size_t)first_pixel + (size_t)line * 8;
                     u8* nearest = (u8*)(seen.t.data + at);

@@ -18,6 +18,7 @@ import warp as wp
 
 from twin.render.build import Features
 from twin.render.trace.cutouts import HOLE
+from twin.render.trace.eight import FUSED8
 from twin.render.trace.geometry import RayScene
 from twin.sensors.lidar.air import LidarAir
 from twin.sensors.lidar.sweep import BeamHit, BeamTable, SweepPose
@@ -28,7 +29,9 @@ PACKET = (8, 2)
 """Columns and channels of a packet."""
 _COLUMNS, _ROWS = (wp.constant(n) for n in PACKET)
 
-_WALK = """
+_WALK = (
+    FUSED8
+    + """
 typedef float F __attribute__((ext_vector_type(16)));
 typedef int I __attribute__((ext_vector_type(16)));
 typedef float f8 __attribute__((ext_vector_type(8)));
@@ -40,6 +43,8 @@ const float slack = 1.00390625f;  // as in twin.render.trace.traverse
 
 F best, turned_x = zero, turned_y = zero, turned_z = zero;
 I face = -1, owner = -1;
+#define SUM16(a, b, c, d, e, f) __builtin_elementwise_fma((F)(a), (F)(b), \\
+    __builtin_elementwise_fma((F)(c), (F)(d), (F)(e) * (F)(f)))
 
 // The nearest face below node `root` along the rays, if it is nearer than `best`.
 auto walk = [&](int root, const Ray& ray, int first_face, int who) {
@@ -142,41 +147,47 @@ auto walk = [&](int root, const Ray& ray, int first_face, int who) {
             const f8 sx = kx + ax, sy = ky + ay, sz = kz + az;
             const f8 tx = ax + bx, ty = ay + by, tz = az + bz;
             const f8 hx = bx + kx, hy = by + ky, hz = bz + kz;
-            const f8 Ux = sy * uz - sz * uy, Uy = sz * ux - sx * uz, Uz = sx * uy - sy * ux;
-            const f8 Vx = ty * vz - tz * vy, Vy = tz * vx - tx * vz, Vz = tx * vy - ty * vx;
-            const f8 Wx = hy * wz - hz * wy, Wy = hz * wx - hx * wz, Wz = hx * wy - hy * wx;
-            const f8 nx8 = uy * vz - uz * vy, ny8 = uz * vx - ux * vz, nz8 = ux * vy - uy * vx;
-            const f8 height = ax * nx8 + ay * ny8 + az * nz8;
+            const f8 Ux = TWIN_LESS(sy, uz, sz, uy), Uy = TWIN_LESS(sz, ux, sx, uz);
+            const f8 Uz = TWIN_LESS(sx, uy, sy, ux);
+            const f8 Vx = TWIN_LESS(ty, vz, tz, vy), Vy = TWIN_LESS(tz, vx, tx, vz);
+            const f8 Vz = TWIN_LESS(tx, vy, ty, vx);
+            const f8 Wx = TWIN_LESS(hy, wz, hz, wy), Wy = TWIN_LESS(hz, wx, hx, wz);
+            const f8 Wz = TWIN_LESS(hx, wy, hy, wx);
+            const f8 nx8 = TWIN_LESS(uy, vz, uz, vy), ny8 = TWIN_LESS(uz, vx, ux, vz);
+            const f8 nz8 = TWIN_LESS(ux, vy, uy, vx);
+            const f8 height = TWIN_SUM(ax, nx8, ay, ny8, az, nz8);
             for (int k = 0; k < 8; ++k) {
                 if (tris[k] < 0) break;
-                F U = ray.dx * Ux[k] + ray.dy * Uy[k] + ray.dz * Uz[k];
-                F V = ray.dx * Vx[k] + ray.dy * Vy[k] + ray.dz * Vz[k];
-                F W = ray.dx * Wx[k] + ray.dy * Wy[k] + ray.dz * Wz[k];
+                F U = Ux[k] * ray.dx + Uy[k] * ray.dy + Uz[k] * ray.dz;
+                F V = Vx[k] * ray.dx + Vy[k] * ray.dy + Vz[k] * ray.dz;
+                F W = Wx[k] * ray.dx + Wy[k] * ray.dy + Wz[k] * ray.dz;
                 if (apart) {
-                    U -= ux[k] * gx + uy[k] * gy + uz[k] * gz;
-                    V -= vx[k] * gx + vy[k] * gy + vz[k] * gz;
-                    W -= wx[k] * gx + wy[k] * gy + wz[k] * gz;
+                    U -= SUM16(ux[k], gx, uy[k], gy, uz[k], gz);
+                    V -= SUM16(vx[k], gx, vy[k], gy, vz[k], gz);
+                    W -= SUM16(wx[k], gx, wy[k], gy, wz[k], gz);
                 }
                 const F least = __builtin_elementwise_min(U, __builtin_elementwise_min(V, W));
                 const F most = __builtin_elementwise_max(U, __builtin_elementwise_max(V, W));
                 I in = (I)(least >= 0.0f) | (I)(most <= 0.0f);
                 if (!__builtin_reduce_or(in)) continue;
                 const float nx = nx8[k], ny = ny8[k], nz = nz8[k];
-                const F slant = ray.dx * nx + ray.dy * ny + ray.dz * nz;
-                const F t = (height[k] - (qx * nx + qy * ny + qz * nz)) / slant;
+                const F slant = SUM16(nx, ray.dx, ny, ray.dy, nz, ray.dz);
+                const F t = (height[k] - SUM16(nx, qx, ny, qy, nz, qz)) / slant;
+                in = in & (I)(t >= 0.0f) & (I)(t <= best);
+                if (!__builtin_reduce_or(in)) continue;
                 const F sum = U + V + W;
                 const int row = first_face + tris[k];
                 // Of equally near faces of one mesh the lowest, else the one that came first.
-                in = in & (I)(sum != 0.0f) & (I)(t >= 0.0f)
-                    & ((I)(t < best) | ((I)(t == best) & (I)(row < face) & (I)(owner == who)));
+                in = in & (I)(sum != 0.0f)
+                    & ((I)(t < best) | ((I)(row < face) & (I)(owner == who)));
                 // HOLES
-                if (!__builtin_reduce_or(in)) continue;
                 best = in ? t : best;
+                face = in ? (I)row : face;
+                owner = in ? (I)who : owner;
+                if (who < 0) continue;
                 turned_x = in ? ray.dx : turned_x;
                 turned_y = in ? ray.dy : turned_y;
                 turned_z = in ? ray.dz : turned_z;
-                face = in ? (I)row : face;
-                owner = in ? (I)who : owner;
             }
             reach = __builtin_reduce_max(best) * slack;
         }
@@ -188,6 +199,7 @@ auto walk = [&](int root, const Ray& ray, int first_face, int who) {
     }
 };
 """
+)
 
 _CAST = """
 Ray ray;
@@ -217,6 +229,7 @@ for (int k = 0; k < 16; ++k) {
     ray.ox[k] = pose->origin[0]; ray.oy[k] = pose->origin[1]; ray.oz[k] = pose->origin[2];
     time[k] = pose->time;
 }
+turned_x = ray.dx; turned_y = ray.dy; turned_z = ray.dz;
 walk(0, ray, 0, -1);
 for (int word = 0; word < mask.shape[2]; ++word) {
     unsigned int bits = *wp::address(mask, slot, tile_x, word);

@@ -23,24 +23,24 @@ _VOLUMES = """
                 const float ex = kx + ax, ey = ky + ay, ez = kz + az;
                 const float fx = ax + bx, fy = ay + by, fz = az + bz;
                 const float hx = bx + kx, hy = by + ky, hz = bz + kz;
-                float U = dx * (ey * uz - ez * uy) + dy * (ez * ux - ex * uz)
-                    + dz * (ex * uy - ey * ux);
-                float V = dx * (fy * vz - fz * vy) + dy * (fz * vx - fx * vz)
-                    + dz * (fx * vy - fy * vx);
-                float W = dx * (hy * wz - hz * wy) + dy * (hz * wx - hx * wz)
-                    + dz * (hx * wy - hy * wx);
+                float U = TWIN_DOT(TWIN_LESS(ey, uz, ez, uy), dx,
+                    TWIN_LESS(ez, ux, ex, uz), dy, TWIN_LESS(ex, uy, ey, ux), dz);
+                float V = TWIN_DOT(TWIN_LESS(fy, vz, fz, vy), dx,
+                    TWIN_LESS(fz, vx, fx, vz), dy, TWIN_LESS(fx, vy, fy, vx), dz);
+                float W = TWIN_DOT(TWIN_LESS(hy, wz, hz, wy), dx,
+                    TWIN_LESS(hz, wx, hx, wz), dy, TWIN_LESS(hx, wy, hy, wx), dz);
                 if (apart) {
-                    U -= ux * gx + uy * gy + uz * gz;
-                    V -= vx * gx + vy * gy + vz * gz;
-                    W -= wx * gx + wy * gy + wz * gz;
+                    U -= TWIN_SUM(ux, gx, uy, gy, uz, gz);
+                    V -= TWIN_SUM(vx, gx, vy, gy, vz, gz);
+                    W -= TWIN_SUM(wx, gx, wy, gy, wz, gz);
                 }
 """
 _DISTANCE = """
-                    const float nx = uy * vz - uz * vy, ny = uz * vx - ux * vz;
-                    const float nz = ux * vy - uy * vx;
-                    const float slant = dx * nx + dy * ny + dz * nz;
-                    const float height = ax * nx + ay * ny + az * nz;
-                    const float t = TWIN_DIV(height - (qx * nx + qy * ny + qz * nz), slant);
+                    const float nx = TWIN_LESS(uy, vz, uz, vy), ny = TWIN_LESS(uz, vx, ux, vz);
+                    const float nz = TWIN_LESS(ux, vy, uy, vx);
+                    const float slant = TWIN_SUM(nx, dx, ny, dy, nz, dz);
+                    const float height = TWIN_SUM(ax, nx, ay, ny, az, nz);
+                    const float t = TWIN_DIV(height - TWIN_SUM(nx, qx, ny, qy, nz, qz), slant);
 """
 _OFFSET = """
     const float qx = origin[0] - head[0], qy = origin[1] - head[1], qz = origin[2] - head[2];

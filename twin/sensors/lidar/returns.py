@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import warp as wp
 
+from twin.base.portable.exact import not_a_number_f32
 from twin.base.portable_math import portable_exp_f32, portable_log_f32
 from twin.render.noise import draw, normal, uniform
 from twin.render.trace.geometry import DECAL_TAG, RayScene
@@ -233,8 +234,8 @@ def _write_point(
         echo = _best_echo(
             beams, detector, surfaces, fog, drops, own, hits, slot, beam, lucky, noise
         )
-    distance = wp.NAN
-    point = wp.vec3(wp.NAN, wp.NAN, wp.NAN)
+    distance = not_a_number_f32()
+    point = wp.vec3(distance, distance, distance)
     intensity = wp.float32(0.0)
     if echo.kind != _NONE:
         # Timing errors grow as the signal nears the noise.
