@@ -25,8 +25,9 @@ meshes:
 _REPEAT, _CLAMP, _MIRRORED = 10497, 33071, 33648
 
 
-def write_yard(folder: Path) -> Path:
-    """Write the files; the path of the scene."""
+def write_yard(folder: Path, wall_parts: int = 1) -> Path:
+    """Write the files; the path of the scene. ``wall_parts``: one above the other, each with faces
+    of its own."""
     ground = GltfFile()
     quad(ground, (-20, 40, 0), (-20, -40, 0), (120, 0, 0))
     ground.write(folder / "ground.glb")
@@ -35,7 +36,7 @@ def write_yard(folder: Path) -> Path:
     fence(yard)
     ball(yard)
     panel(yard)
-    wall(yard)
+    wall(yard, wall_parts)
     sign(yard)
     yard.write(folder / "yard.glb")
     scene = folder / "yard.yaml"
@@ -62,12 +63,12 @@ def material(file, surface, **more):
     return len(file.tree["materials"]) - 1
 
 
-def quad(file, origin, right_end, up, *, uv_max=(1, 1), **more):
+def quad(file, origin, right_end, up, *, uv_max=(1, 1), top_v=0, **more):
     """A quadrilateral from its lower left corner to its lower right one, and by ``up``."""
     a, b, up = (np.array(v, float) for v in (origin, right_end, up))
     row = file.primitive(np.array([a, b, b + up, a + up]), **more)
     u, v = uv_max
-    row["attributes"]["TEXCOORD_0"] = file.accessor([[0, v], [u, v], [u, 0], [0, 0]])
+    row["attributes"]["TEXCOORD_0"] = file.accessor([[0, v], [u, v], [u, top_v], [0, top_v]])
     return row
 
 
@@ -113,7 +114,7 @@ def panel(file):
     row["attributes"]["COLOR_0"] = file.accessor(colors)
 
 
-def wall(file):
+def wall(file, parts=1):
     """Studs in a normal map; the upper half a polished metal, the lower half matt paint."""
     size = 128
     y, x = (np.mgrid[0:size, 0:size] % 32 - 15.5) / 11.0
@@ -133,7 +134,12 @@ def wall(file):
         },
         normalTexture={"index": bump, "extensions": repeat},
     )
-    quad(file, (9, -2.6, 0), (7.5, -5, 0), (0, 0, 2.2), material=look)
+    height = 2.2 / parts
+    for k in range(parts):
+        low, uv_max = k * height, (1, 1 - k / parts)
+        ends = (9, -2.6, low), (7.5, -5, low)
+        top_v = 1 - (k + 1) / parts
+        quad(file, *ends, (0, 0, height), uv_max=uv_max, top_v=top_v, material=look)
 
 
 def sign(file):

@@ -22,7 +22,7 @@ from schemas.sections.lidar import Lidar
 from twin.actors.motion import ObjectKind
 from twin.render.lens import ray_table
 from twin.render.trace import bvh, traverse
-from twin.render.trace.cutouts import Cutouts
+from twin.render.trace.cutouts import Cutouts, mark_holes
 from twin.render.trace.geometry import Geometry
 from twin.world.meshes.details import FaceDetails, FaceLook, Mask
 
@@ -70,7 +70,10 @@ def test_rays_meet_what_numpy_meets(seed):
     words = []
     for shape in (bvh.CPU, bvh.CUDA):
         built = bvh.build_bvh(world.mesh.points_m, world.mesh.faces, shape)
-        words += [wp.array(w, dtype=wp.float32, device=CPU) for w in built.words(0, 0, shape)]
+        nodes, leaves = built.words(0, 0, shape)
+        if not shape.packed:
+            leaves = mark_holes(leaves, scene.cuts.of_face.numpy(), [0, len(world.mesh.faces)])
+        words += [wp.array(w, dtype=wp.float32, device=CPU) for w in (nodes, leaves)]
     rng = np.random.default_rng(seed)
     rays = rng.normal(size=(4000, 3))
     rays = (rays / np.linalg.norm(rays, axis=1, keepdims=True)).astype(np.float32)

@@ -258,8 +258,7 @@ def test_a_normal_map_bends_normals_along_u_and_v():
 @wp.kernel(module="unique", enable_backward=False)
 def shine_kernel(scene: RayScene, uv: wp.array(dtype=wp.vec2), out: wp.array2d(dtype=wp.float32)):
     i = wp.tid()
-    front = wp.vec3(0.0, 0.0, 1.0)
-    found = look_point(scene, 0, 0, -1, front, front, 0.3, 0.3, uv[i], 0.0, -front)
+    found = look_point(scene, 0, 0.3, 0.3, uv[i], 0.0)
     out[i, 3] = found.mirror
     for k in range(3):
         out[i, k] = found.albedo[k]

@@ -58,7 +58,7 @@ class Tuning:
 CPU = Tuning(*(KernelOptions(block=1) for _ in range(4)))
 CUDA = Tuning(
     visibility=KernelOptions(blocks=8),
-    look=KernelOptions(),
+    look=KernelOptions(blocks=8),
     mirror=KernelOptions(blocks=4),
     picture=KernelOptions(blocks=4),
 )

@@ -14,7 +14,8 @@ import warp as wp
 
 from twin.render.build import KernelOptions
 from twin.render.light.light import SlotLight
-from twin.render.look_surface import look_mirrors, smooth_point
+from twin.render.look_pixels import keep_look, keep_ruffle
+from twin.render.look_surface import look_mirrors, look_ruffle, smooth_point
 from twin.render.shading import look_of, place_of
 from twin.render.trace.geometry import RayScene
 from twin.render.trace.rays import Optics, SlotPose
@@ -62,9 +63,15 @@ def look_kernel(build: KernelOptions, second: bool) -> wp.Kernel:
             ray = rays[pixel.row, pixel.column]
             direction = pose.right * ray[0] + pose.down * ray[1] + pose.ahead * ray[2]
             at = place_of(scene, slot, seen, thread, pose.eye, direction)
+            # Light is written before the normal is worked out: fewer registers are held.
+            own = look_of(scene, optics, at, direction)
+            flags = keep_look(seen.look, thread, own)
             smooth = smooth_point(scene, slot, at.face, at.object, at.u, at.v, at.n)
-            own = look_of(scene, slot, optics, at, smooth.n, direction)
-            seen.look[thread] = own
+            ruffle = look_ruffle(
+                scene, slot, at.face, at.object, at.n, smooth.n, at.u, at.v, own.bump, direction
+            )
+            flags = flags | keep_ruffle(seen.look, thread, ruffle)
+            seen.flags[thread] = seen.flags[thread] | flags
             if wp.static(second):
                 cosine = -wp.dot(at.n, direction)
                 material = scene.faces[at.face].material

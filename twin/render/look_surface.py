@@ -42,8 +42,8 @@ class LookPoint:
     """Colour of the mirror part, 1 at most."""
     emission: wp.vec3
     """Own luminance [cd/m^2]."""
-    ruffle: wp.vec3
-    """Added to the face's normal, on the side of the viewer."""
+    bump: wp.vec3
+    """Texel of the normal map; its blue is below 0: there is none."""
 
 
 @wp.func
@@ -172,31 +172,21 @@ def _mapped(
 @wp.func
 def look_point(
     scene: RayScene,
-    slot: wp.int32,
     face: wp.int32,
-    m: wp.int32,
-    flat: wp.vec3,
-    curved: wp.vec3,
     u: wp.float32,
     v: wp.float32,
     uv: wp.vec2,
     footprint: wp.float32,
-    direction: wp.vec3,
 ) -> LookPoint:
     """The point of a face that has a row of details.
 
     Args:
         scene: what is seen.
-        slot: of the case.
         face: row of the table of faces.
-        m: object that it belongs to; -1: static.
-        flat: normal of the face on the side of the viewer.
-        curved: that of the curved surface, of :func:`smooth_point`.
         u: weight of the first corner.
         v: weight of the second one.
         uv: texture coordinates there.
         footprint: width of the pixel in texture coordinates.
-        direction: along which it is seen.
     """
     row = scene.looks.row[face] & _ROW
     look = scene.looks.look[row]
@@ -207,9 +197,8 @@ def look_point(
         base = base + scene.looks.color[3 * row + 2] * (1.0 - u - v)
     metallic = scene.looks.table[look].metallic
     roughness = scene.looks.table[look].roughness
-    emission = scene.looks.table[look].emission
-    bump = wp.vec3(0.5, 0.5, 1.0)
-    bumpy = wp.bool(False)
+    at.emission = scene.looks.table[look].emission
+    at.bump = wp.vec3(0.0, 0.0, -1.0)
     # One loop over all images, so that the code of an image stands there once.
     for k in range(scene.looks.table[look].images):
         texture = scene.faces[face].texture
@@ -228,17 +217,45 @@ def look_point(
             if k == 0:
                 base = wp.cw_mul(base, texel)
             elif k == 1 + _EMISSION:
-                emission = wp.cw_mul(emission, texel)
+                at.emission = wp.cw_mul(at.emission, texel)
             elif k == 1 + _NORMAL:
-                bump = texel
-                bumpy = wp.bool(True)
+                at.bump = texel
             else:
                 roughness = roughness * texel[1]
                 metallic = metallic * texel[2]
-    at.emission = emission
-    at = divided(at, base, metallic, roughness)
+    return divided(at, base, metallic, roughness)
+
+
+@wp.func
+def look_ruffle(
+    scene: RayScene,
+    slot: wp.int32,
+    face: wp.int32,
+    m: wp.int32,
+    flat: wp.vec3,
+    curved: wp.vec3,
+    u: wp.float32,
+    v: wp.float32,
+    bump: wp.vec3,
+    direction: wp.vec3,
+) -> wp.vec3:
+    """What a face's details add to its normal, on the side of the viewer.
+
+    Args:
+        scene: what is seen.
+        slot: of the case.
+        face: row of the table of faces; it has a row of details.
+        m: object that it belongs to; -1: static.
+        flat: normal of the face on the side of the viewer.
+        curved: that of the curved surface, of :func:`smooth_point`.
+        u: weight of the first corner.
+        v: weight of the second one.
+        bump: that of :func:`look_point`.
+        direction: along which it is seen.
+    """
     n = curved
-    if bumpy:
+    if bump[2] >= 0.0:
+        row = scene.looks.row[face] & _ROW
         # In the axes of the mesh.
         own = n
         front = flat
@@ -246,20 +263,21 @@ def look_point(
             own = into_object(n, scene.objects[slot, m])
             front = into_object(flat, scene.objects[slot, m])
         side = wp.where(wp.dot(front, scene.faces[face].normal) < 0.0, -1.0, 1.0)
-        scale = scene.looks.table[look].normal_scale
+        scale = scene.looks.table[scene.looks.look[row]].normal_scale
         own = _mapped(scene, 3 * row, own * side, u, v, bump, scale) * side
         n = object_turned(own, scene, slot, m)
     away = wp.dot(n, direction)
     if away > -_FACING:
         n = wp.normalize(n - direction * (away + _FACING))
-    at.ruffle = n - flat
-    return at
+    return n - flat
 
 
 @wp.func
-def with_look(s: SurfacePoint, at: LookPoint, flat: wp.vec3, light: SlotLight) -> SurfacePoint:
+def with_look(
+    s: SurfacePoint, at: LookPoint, ruffle: wp.vec3, flat: wp.vec3, light: SlotLight
+) -> SurfacePoint:
     """``s``, a surface of ``at``'s albedo, with the rest of what the material says."""
-    s.ruffle = at.ruffle
+    s.ruffle = ruffle
     s.emission = s.emission + at.emission
     if at.mirror > 0.0:
         s.mirror = at.mirror * (1.0 - snow_share(flat, light))

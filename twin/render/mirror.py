@@ -16,7 +16,15 @@ from twin.render.light.air import through_air
 from twin.render.light.lamps import LampBeams, StreetLamps
 from twin.render.light.light import SlotLight
 from twin.render.light.sky import smooth_sky, sun_through_clouds
-from twin.render.look_surface import LookPoint, bent_normal, bounced, smooth_point, with_look
+from twin.render.look_pixels import kept_albedo, with_kept_look
+from twin.render.look_surface import (
+    LookPoint,
+    bent_normal,
+    bounced,
+    look_ruffle,
+    smooth_point,
+    with_look,
+)
 from twin.render.noise import value_noise
 from twin.render.shading import (
     PI_INVERSE,
@@ -24,12 +32,11 @@ from twin.render.shading import (
     fresnel_of,
     look_of,
     place_of,
-    sees_details,
     surface_functions,
 )
 from twin.render.trace.geometry import RayScene, rays_of
 from twin.render.trace.rays import Optics, SlotPose
-from twin.render.trace.visibility import MIRRORED, PixelsSeen, pixel_of
+from twin.render.trace.visibility import DETAILED, MIRRORED, PixelsSeen, pixel_of
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -88,20 +95,35 @@ def _light_functions(features: Features) -> tuple[Any, Any]:
         facing = at.n
         place = at.p
         own = LookPoint()
+        ruffle = wp.vec3(0.0, 0.0, 0.0)
         if wp.static(looks):
             detailed = scene.faces[at.face].uv_per_m < 0.0
             if detailed:
                 smooth = smooth_point(scene, slot, at.face, at.object, at.u, at.v, at.n)
                 facing = smooth.n
                 place = place + smooth.lift
-                own = look_of(scene, slot, optics, at, facing, direction)
         if light.shadows != 0 and wp.dot(facing, light.sun_direction) > 0.0:
             dark = occluded(scene, slot, place + at.n * 0.02, light.sun_direction, RANGE_M)
             at.lit = wp.where(dark, 0.0, sun_through_clouds(at.p, light))
+        if wp.static(looks):  # noqa: SIM102 (resolved before the kernel is compiled)
+            if detailed:  # after the ray to the sun, which would hold all of it in registers
+                own = look_of(scene, optics, at, direction)
+                ruffle = look_ruffle(
+                    scene,
+                    slot,
+                    at.face,
+                    at.object,
+                    at.n,
+                    facing,
+                    at.u,
+                    at.v,
+                    own.bump,
+                    direction,
+                )
         s = far_surface_of(scene, slot, optics, at, direction, light, own.albedo)
         if wp.static(looks):  # noqa: SIM102 (resolved before the kernel is compiled)
             if detailed:
-                s = with_look(s, own, at.n, light)
+                s = with_look(s, own, ruffle, at.n, light)
         color = matt_light(scene, slot, lamps, beams, optics, pose, at, s, light)
         return through_air(color, light.air_rgb, light.extinction, hit.t)
 
@@ -149,15 +171,15 @@ def mirror_kernel(build: KernelOptions, features: Features = NONE) -> wp.Kernel:
             direction = pose.right * ray[0] + pose.down * ray[1] + pose.ahead * ray[2]
             at = place_of(scene, slot, seen, thread, pose.eye, direction)
             color = wp.vec3(0.0, 0.0, 0.0)
-            albedo = wp.vec3(0.0, 0.0, 0.0)
+            own = wp.vec4(0.0, 0.0, 0.0, 0.0)
             if wp.static(looks):
-                detailed = sees_details(seen, thread)
-                if detailed:
-                    albedo = seen.look[thread].albedo
+                flags = seen.flags[thread]
+                if (flags & DETAILED) != 0:
+                    own = kept_albedo(seen.look, thread)
+            albedo = wp.vec3(own[0], own[1], own[2])
             s = surface_of(scene, slot, optics, at, direction, light, albedo)
-            if wp.static(looks):  # noqa: SIM102 (resolved before the kernel is compiled)
-                if detailed:
-                    s = with_look(s, seen.look[thread], at.n, light)
+            if wp.static(looks):
+                s = with_kept_look(s, seen.look, thread, flags, own[3], at.n, light)
             if s.mirror > 0.0:
                 n = at.n
                 if n[2] > 0.9 and light.wetness > 0.0:  # water is never quite level

@@ -15,15 +15,16 @@ from twin.render.light.lamps import WARM_WHITE, LampBeams, StreetLamps, headlamp
 from twin.render.light.light import SlotLight
 from twin.render.light.precipitation import cover
 from twin.render.light.sky import sky, smooth_sky, sun_through_clouds
-from twin.render.look_surface import bent_normal, bounced, with_look
+from twin.render.look_pixels import kept_albedo, with_kept_look
+from twin.render.look_surface import bent_normal, bounced
 from twin.render.outputs import Buffers, Wanted
 from twin.render.sensor_noise import sensor_noise
-from twin.render.shading import ShadedPoint, fresnel_of, place_of, sees_details, surface_functions
+from twin.render.shading import ShadedPoint, fresnel_of, place_of, surface_functions
 from twin.render.surface import SurfacePoint
 from twin.render.tone import tone
 from twin.render.trace.geometry import DECAL_TAG, RayScene
 from twin.render.trace.rays import Optics, SlotPose
-from twin.render.trace.visibility import MIRRORED, OUTSIDE, PixelsSeen, pixel_of
+from twin.render.trace.visibility import DETAILED, MIRRORED, OUTSIDE, PixelsSeen, pixel_of
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -215,15 +216,15 @@ def picture_kernel(
                 s = SurfacePoint()
                 if wp.static(surfaces):
                     # The rest of what a material says waits in memory while the surface is made.
-                    albedo = wp.vec3(0.0, 0.0, 0.0)
+                    own = wp.vec4(0.0, 0.0, 0.0, 0.0)
                     if wp.static(looks):
-                        detailed = sees_details(seen, thread)
-                        if detailed:
-                            albedo = seen.look[thread].albedo
+                        flags = seen.flags[thread]
+                        if (flags & DETAILED) != 0:
+                            own = kept_albedo(seen.look, thread)
+                    albedo = wp.vec3(own[0], own[1], own[2])
                     s = surface_of(scene, slot, optics, at, direction, light, albedo)
-                    if wp.static(looks):  # noqa: SIM102 (resolved before the kernel is compiled)
-                        if detailed:
-                            s = with_look(s, seen.look[thread], at.n, light)
+                    if wp.static(looks):
+                        s = with_kept_look(s, seen.look, thread, flags, own[3], at.n, light)
                     color = matt_light(scene, slot, lamps, beams, optics, pose, at, s, light)
                 followed = wp.bool(False)
                 if wp.static(second):

@@ -24,7 +24,7 @@ from twin.render.texture import texture_at
 from twin.render.trace import traverse
 from twin.render.trace.geometry import Face, RayScene, into_object, out_of_object
 from twin.render.trace.rays import Optics, SlotPose
-from twin.render.trace.visibility import DETAILED, LIT, OBJECT_MASK, PixelsSeen
+from twin.render.trace.visibility import LIT, OBJECT_MASK, PixelsSeen
 from twin.world.meshes import materials
 from twin.world.meshes.mesh import UV_METRES
 
@@ -86,28 +86,12 @@ def place_of(
 
 
 @wp.func
-def sees_details(seen: PixelsSeen, thread: wp.int32) -> wp.bool:
-    """Whether the face that a thread's pixel sees has details."""
-    return (seen.flags[thread] & DETAILED) != 0
-
-
-@wp.func
-def look_of(
-    scene: RayScene,
-    slot: wp.int32,
-    optics: Optics,
-    at: ShadedPoint,
-    curved: wp.vec3,
-    direction: wp.vec3,
-) -> LookPoint:
-    """What the material of a face with details says of a place seen along ``direction``;
-    ``curved``: normal of the curved surface."""
+def look_of(scene: RayScene, optics: Optics, at: ShadedPoint, direction: wp.vec3) -> LookPoint:
+    """What the material of a face with details says of a place seen along ``direction``."""
     slope = wp.max(0.2, wp.abs(wp.dot(at.n, direction)))
     footprint = at.distance * optics.pixel / slope * -scene.faces[at.face].uv_per_m
     uv = uv_at(scene, at.face, at.u, at.v)
-    return look_point(
-        scene, slot, at.face, at.object, at.n, curved, at.u, at.v, uv, footprint, direction
-    )
+    return look_point(scene, at.face, at.u, at.v, uv, footprint)
 
 
 @wp.func

@@ -47,7 +47,8 @@ class Bvh:
     leaves: np.ndarray
     """float32, packed [L, 10, leaf_max]: x, y, z of the first, second and third corners, then the
     faces (-1: none), and leaf i is child -1 - i; otherwise [F, 3, 4]: a corner per row, the face
-    behind the first, and n faces from i on are child -1 - (16 i + n)."""
+    behind the first, room for a mark behind the second (of holes, in worlds that have them), and n
+    faces from i on are child -1 - (16 i + n)."""
 
     def words(
         self, first_node: int, first_leaf: int, shape: BvhWidth

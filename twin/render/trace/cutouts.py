@@ -41,20 +41,11 @@ class Cutouts:
     """The images, one after another, their first rows on top."""
 
 
-def pack_cutouts(
-    meshes: Sequence[Mesh], mask_of_look: Sequence[int], masks: Sequence[Mask], device: wp.Device
-) -> Cutouts:
-    """Put the masks of the faces of ``meshes`` on a device.
+def masks_of_faces(meshes: Sequence[Mesh], mask_of_look: Sequence[int]) -> np.ndarray:
+    """Number of each face's mask, int32 [F] in the order of the table of faces; -1: it has none.
 
-    Args:
-        meshes: in the order of the table of faces.
-        mask_of_look: number of the mask of each look of the world, -1: none.
-        masks: of the world.
-        device: where to.
+    ``mask_of_look``: number of the mask of each look of the world, -1: none.
     """
-    packed = Cutouts()
-    if not masks:
-        return packed
     of_look = np.array([*mask_of_look, -1], np.int32)
     of_face = []
     for mesh in meshes:
@@ -63,6 +54,14 @@ def pack_cutouts(
             there = mesh.details.row >= 0
             looks[there] = mesh.details.look[mesh.details.row[there]]
         of_face.append(of_look[looks])
+    return np.concatenate(of_face)
+
+
+def pack_cutouts(of_face: np.ndarray, masks: Sequence[Mask], device: wp.Device) -> Cutouts:
+    """Put ``masks`` of a world on a device; ``of_face``: those of :func:`masks_of_faces`."""
+    packed = Cutouts()
+    if not masks:
+        return packed
     rows = np.zeros(len(masks), CutImage.numpy_dtype())
     places: dict[int, int] = {}
     parts: list[np.ndarray] = []
@@ -75,10 +74,26 @@ def pack_cutouts(
         row["first"], row["wrap"] = places[id(mask.alpha)], mask.kind
         row["height"], row["width"] = mask.alpha.shape
         row["cutoff"] = mask.cutoff
-    packed.of_face = wp.array(np.concatenate(of_face), dtype=wp.int32, device=device)
+    packed.of_face = wp.array(of_face, dtype=wp.int32, device=device)
     packed.images = wp.array(rows, dtype=CutImage, device=device)
     packed.alpha = wp.array(np.concatenate(parts), dtype=wp.uint8, device=device)
     return packed
+
+
+def mark_holes(leaves: np.ndarray, of_face: np.ndarray, first_face: Sequence[int]) -> np.ndarray:
+    """Leaves of single triangles with a word that is not 0 behind the second corner of faces with
+    holes, so that a ray that meets a whole face reads nothing more of it.
+
+    Args:
+        leaves: words of :attr:`twin.render.trace.bvh.Bvh.leaves` of all meshes, one after another.
+        of_face: those of :func:`masks_of_faces`.
+        first_face: first face of each mesh, and the number of all.
+    """
+    rows = leaves.reshape(-1, 3, 4).copy()
+    words = rows.view(np.int32)
+    face = words[:, 0, 3] + np.repeat(first_face[:-1], np.diff(first_face))
+    words[:, 1, 3] = of_face[face] >= 0
+    return rows.ravel()
 
 
 HOLE = """

@@ -20,7 +20,7 @@ from twin.render.build import Features
 from twin.render.looks import LookTables, has_looks, pack_looks
 from twin.render.texture import Textures, pack_textures
 from twin.render.trace import bvh, traverse
-from twin.render.trace.cutouts import Cutouts, pack_cutouts
+from twin.render.trace.cutouts import Cutouts, mark_holes, masks_of_faces, pack_cutouts
 from twin.world.kept import kept
 from twin.world.meshes.mesh import DECAL, Mesh
 from twin.world.mirror import Mirror
@@ -316,6 +316,9 @@ class Geometry:
         scene = RayScene()
         shape = shape or (bvh.CPU if device.is_cpu else bvh.CUDA)
         nodes, leaves, self._roots = _hierarchies_of(world, shape)
+        of_face = masks_of_faces(meshes, [look.mask for look in world.looks])
+        if world.masks and not shape.packed:
+            leaves = mark_holes(leaves, of_face, self._first_face)
         scene.nodes = wp.array(nodes, dtype=wp.float32, device=device)
         scene.leaves = wp.array(leaves, dtype=wp.float32, device=device)
         self.features = Features(holes=bool(world.masks), looks=has_looks(world))
@@ -327,9 +330,8 @@ class Geometry:
         ambient = np.concatenate([m.ambient[c] for m, c in zip(meshes, corners, strict=True)])
         scene.uv = wp.array(uv, dtype=wp.vec2, device=device)
         scene.ambient = wp.array(ambient, dtype=wp.float32, device=device)
-        masks = [look.mask for look in world.looks]
         scene.textures = pack_textures(world.textures, device, world.texture_kinds)
-        scene.cuts = pack_cutouts(meshes, masks, world.masks, device)
+        scene.cuts = pack_cutouts(of_face, world.masks, device)
         scene.looks = pack_looks(meshes, world, device)
         count = world.motion.count
         self.poses = Mirror((slots, count), ObjectPose, device)

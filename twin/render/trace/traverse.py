@@ -71,7 +71,8 @@ _SKIPS = {
     "// SHARE4": """
                         const float share = TWIN_DIV(1.0f, sum);
                         const float u = W * share, v = U * share;""",
-    "// SKIP4": "if (hole(first_face + TWIN_BITS(P.w), u, v)) continue;",
+    # The second corner's word says whether the face has holes somewhere.
+    "// SKIP4": "if (TWIN_BITS(Q.w) && hole(first_face + TWIN_BITS(P.w), u, v)) continue;",
 }
 
 

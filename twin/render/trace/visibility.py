@@ -14,7 +14,8 @@ import warp as wp
 
 from twin.render.build import NONE, Features, KernelOptions
 from twin.render.light.light import SlotLight
-from twin.render.look_surface import LookPoint, smooth_point
+from twin.render.look_pixels import PARTS
+from twin.render.look_surface import smooth_point
 from twin.render.surface import is_ground, may_mirror
 from twin.render.trace.geometry import RayScene, out_of_object, rays_of
 from twin.render.trace.rays import Optics, SlotPose
@@ -52,7 +53,7 @@ OBJECT_MASK = wp.constant((1 << 16) - 1)
 
 BYTES_PER_PIXEL = 26
 """Size of a pixel of :class:`PixelsSeen` [bytes]."""
-DETAIL_BYTES_PER_PIXEL = 56
+DETAIL_BYTES_PER_PIXEL = 68
 """What is added where materials come from files [bytes]."""
 CHUNK_PIXELS = 1 << 24
 """Pixels that are under way at once: 436 MB of :class:`PixelsSeen`."""
@@ -78,8 +79,8 @@ class PixelsSeen:
     """Threads whose pixels see faces with details, in any order."""
     detailed_count: wp.array(dtype=wp.int32)
     """Number of these pixels [1]."""
-    look: wp.array(dtype=LookPoint)
-    """What the materials of such faces say."""
+    look: wp.array2d(dtype=wp.vec4)
+    """What the materials of such faces say, see :mod:`twin.render.look_pixels`."""
 
 
 @wp.struct
@@ -120,7 +121,7 @@ def allocate_seen(
     detailed = count if features.looks else 1
     seen.detailed = wp.empty(detailed, dtype=wp.int32, device=device)
     seen.detailed_count = wp.zeros(1, dtype=wp.int32, device=device)
-    seen.look = wp.empty(detailed, dtype=LookPoint, device=device)
+    seen.look = wp.empty((PARTS, detailed), dtype=wp.vec4, device=device)
     return seen
 
 
