@@ -20,7 +20,7 @@ from devkit.images import Images, device_pointer
 from twin.world.kernel_cache import prepare_kernels as prepare_kernels  # for others, too:
 from twin.world.kernel_cache import wake as wake  # only here is this import allowed
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 ONE = 256
 """Weight of a whole pixel."""

@@ -39,7 +39,7 @@ def layer_kernel(channels: int) -> wp.Kernel:
             for channel in range(wp.static(channels)):
                 values[n, channel, y, x] = value[channel]
 
-    @wp.kernel(enable_backward=False, module="unique")
+    @wp.kernel(enable_backward=False, module="unique", module_options={"fuse_fp": False})
     def kernel(
         # model
         weights: wp.array2d(dtype=vector),

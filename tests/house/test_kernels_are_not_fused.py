@@ -1,4 +1,4 @@
-"""Kernels whose bytes are to be the same on CPU and GPU never fuse a product and a sum.
+"""Kernels have the same bytes on CPU and GPU: they never fuse a product and a sum.
 
 ``wp.set_module_options`` is for the kernels of its own file. A kernel with ``module="unique"`` has
 a module of its own, which ignores it: its decorator has to say ``module_options``.
@@ -11,22 +11,12 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
-import pytest
+from twin.render.build import KernelOptions
 
 ROOT = Path(__file__).parents[2]
 
-UNFUSED = ("twin/sensors/radar", "twin/scenario")
-"""Folders in which every kernel has the same bytes on every device."""
-
-FUSED = {
-    "twin/bench/lambert.py",
-    "twin/render/post/film.py",
-    "twin/render/trace/raster.py",
-    "twin/sensors/lidar/cast.py",
-    "twin/sensors/lidar/packet.py",
-}
-"""Files whose kernels with modules of their own are fused: pictures and LiDARs have other bytes on
-a GPU. To be emptied; nothing may be added."""
+BUILD = "build.arguments()"
+"""Arguments of a kernel that come from :class:`twin.render.build.KernelOptions`."""
 
 
 def files(folder: str = "twin") -> list[Path]:
@@ -41,7 +31,7 @@ def kernels(tree: ast.AST) -> Iterator[tuple[str, dict[str, ast.expr]]]:
                 call = decorator.func if isinstance(decorator, ast.Call) else decorator
                 if ast.unparse(call) == "wp.kernel":
                     given = decorator.keywords if isinstance(decorator, ast.Call) else []
-                    yield node.name, {k.arg: k.value for k in given if k.arg}
+                    yield node.name, {k.arg or ast.unparse(k.value): k.value for k in given}
 
 
 def unfused(options: ast.expr | None) -> bool:
@@ -78,34 +68,21 @@ def fused_kernels(tree: ast.Module) -> list[str]:
     return [
         name
         for name, keywords in kernels(tree)
-        if not unfused(keywords.get("module_options")) and (own_module(keywords) or not usual)
+        if not unfused(keywords.get("module_options"))
+        and (own_module(keywords) or not usual)
+        and BUILD not in keywords
     ]
 
 
-def test_kernels_with_a_module_of_their_own_say_that_they_are_not_fused():
-    fused = set()
-    for path in files():
-        tree = parsed(path)
-        if any(
-            own_module(keywords) and not unfused(keywords.get("module_options"))
-            for _, keywords in kernels(tree)
-        ):
-            fused.add(path.relative_to(ROOT).as_posix())
-    assert fused == FUSED
-
-
-@pytest.mark.parametrize("folder", UNFUSED)
-def test_no_kernel_of_these_folders_fuses(folder):
-    found = {p.relative_to(ROOT).as_posix(): fused_kernels(parsed(p)) for p in files(folder)}
-    assert any(list(kernels(parsed(p))) for p in files(folder))
+def test_no_kernel_fuses():
+    found = {p.relative_to(ROOT).as_posix(): fused_kernels(parsed(p)) for p in files()}
+    assert len([p for p in files() if list(kernels(parsed(p)))]) > 40
     assert {path: names for path, names in found.items() if names} == {}
 
 
-def test_whoever_has_kernels_and_calls_the_portable_functions_does_not_fuse():
-    callers = [p for p in files() if "twin.base.portable" in p.read_text("utf-8")]
-    assert len(callers) > 10
-    fusing = {p.relative_to(ROOT).as_posix(): fused_kernels(parsed(p)) for p in callers}
-    assert {path: names for path, names in fusing.items() if names} == {}
+def test_no_kernel_of_a_picture_fuses():
+    """Their decorators take all arguments from the options of the build."""
+    assert KernelOptions(blocks=4).arguments()["module_options"] == {"fuse_fp": False}
 
 
 def test_a_planted_kernel_is_found():
@@ -116,6 +93,10 @@ def test_a_planted_kernel_is_found():
         "@wp.kernel(module='unique')\ndef bad(): ...\n"
         "@wp.kernel(module='unique', module_options={'fuse_fp': False})\ndef fine(): ...\n"
         "@wp.kernel(module='unique', module_options={'fuse_fp': True})\ndef worse(): ...\n"
+        "@wp.kernel(**build.arguments())\ndef built(): ...\n"
+        "@wp.kernel(**other.arguments())\ndef other(): ...\n"
     )
     assert fused_kernels(planted) == ["bad", "worse"]
+    unsaid = ast.parse("@wp.kernel(**other.arguments())\ndef plain(): ...\n")
+    assert fused_kernels(unsaid) == ["plain"]
     assert fused_kernels(ast.parse("@wp.kernel\ndef plain(): ...\n")) == ["plain"]

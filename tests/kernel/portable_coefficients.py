@@ -1,4 +1,4 @@
-"""Derives the coefficients of ``twin.base.portable`` and prints them as its constants.
+"""Derives the coefficients of ``twin.base.portable`` and prints them as its coefficients.
 
     PYTHONPATH=tests python tests/kernel/portable_coefficients.py
 
@@ -99,11 +99,13 @@ def constants() -> dict[str, float]:
         "COS": interpolant(cosine, zero, quarter, 7),
         "ATAN": interpolant(arctangent, zero, eighth, 12),
         "EXP": interpolant(exponential, -half_log, half_log, 12),
+        "EXP_SHORT": interpolant(exponential, -half_log, half_log, 6),
         "LOG": interpolant(logarithm, zero, slope, 8),
         "LOG_TAIL": interpolant(logarithm_tail, zero, slope, 8),
         "TANH": interpolant(hyperbolic, zero, (mpmath.mpf(1) / 4 * ROOM) ** 2, 9),
         "HALF_PI_PART": parts(PI / 2, 33, 4),
         "LN2_PART": parts(mpmath.log(2), 40, 2),
+        "LN2_SHORT": parts(mpmath.log(2), 12, 2),
         "HALF_PI": parts(PI / 2, 53, 2),
         "QUARTER_PI": parts(PI / 4, 53, 2),
         "THREE_QUARTERS_PI": parts(3 * PI / 4, 53, 2),
@@ -120,4 +122,4 @@ def constants() -> dict[str, float]:
 
 if __name__ == "__main__":
     for name, value in constants().items():
-        print(f"{name} = wp.constant(wp.float64({value!r}))")
+        print(f"{name} = {value!r}")

@@ -22,7 +22,7 @@ from twin.world.sky.weather import parameters
 from twin.world.street.build import World
 
 prepare_kernels()
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 CPU = wp.get_device("cpu")
 DISTANCES_M = (15.0, 40.0, 90.0, 160.0, 260.0)
 

@@ -25,7 +25,7 @@ from twin.world.sky.weather import WEATHER
 from twin.world.street.build import World
 
 prepare_kernels()
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 CPU = wp.get_device("cpu")
 MOUNT = (0.0, 0.0, 1.5)
 

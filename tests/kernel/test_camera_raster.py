@@ -1,4 +1,4 @@
-"""Faces that are drawn and rays that are traced give the same pictures."""
+"""Faces that are drawn and rays that are traced give the same bytes."""
 
 import numpy as np
 import pytest
@@ -35,15 +35,10 @@ def pair(world, monkeypatch, **spec):
 
 
 def alike(drawn, traced):
-    """The outputs of both agree but for ties at edges."""
+    """The outputs of both agree to the last bit; returns the share of pixels that see something."""
     a, b = drawn.outputs, traced.outputs
-    same = a["instance"] == b["instance"]
-    assert same.mean() > 0.999
-    with np.errstate(invalid="ignore"):
-        off = np.abs(a["depth"] - b["depth"])
-    close = (a["depth"] == b["depth"]) | (off <= np.maximum(1e-3, 1e-4 * b["depth"]))
-    assert close.mean() > 0.999
-    assert (np.abs(a["normal"] - b["normal"]).max(axis=-1) < 1e-3).mean() > 0.998
+    for name in a:
+        np.testing.assert_array_equal(a[name], b[name])
     return np.isfinite(a["depth"]).mean()
 
 
@@ -64,8 +59,7 @@ def test_the_district(name, district, monkeypatch):
         camera.geometry.place(district.motion.at(np.array([0.0, 3.0, 9.0])))
         pictures.append(camera.render(poses).astype(int))
     assert alike(drawn, traced) > 0.5
-    apart = np.abs(pictures[0] - pictures[1]).max(axis=-1)
-    assert (apart <= 1).mean() > 0.998
+    np.testing.assert_array_equal(*pictures)
 
 
 @pytest.mark.parametrize("seed", range(3))

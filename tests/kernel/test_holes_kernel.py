@@ -47,17 +47,17 @@ def holes_kernel(
     i = wp.tid()
     far = wp.float32(60.0)
     ray = rays[i]
-    a = traverse.closest_there(nodes, leaves, corners, cuts, 0, 0, origin, ray, far)
+    a = traverse.closest_there(nodes, leaves, corners, cuts, 0, 0, origin, ray, 0.0, far)
     b = traverse.closest_there_scalar(
-        scalar_nodes, scalar_leaves, corners, cuts, 0, 0, origin, ray, far
+        scalar_nodes, scalar_leaves, corners, cuts, 0, 0, origin, ray, 0.0, far
     )
     t_out[i, 0] = a[0]
     t_out[i, 1] = b[0]
     face_out[i, 0] = wp.cast(a[3], wp.int32)
     face_out[i, 1] = wp.cast(b[3], wp.int32)
-    one = traverse.blocked_there(nodes, leaves, corners, cuts, 0, 0, origin, ray, far)
+    one = traverse.blocked_there(nodes, leaves, corners, cuts, 0, 0, origin, ray, 0.0, far)
     other = traverse.blocked_there_scalar(
-        scalar_nodes, scalar_leaves, corners, cuts, 0, 0, origin, ray, far
+        scalar_nodes, scalar_leaves, corners, cuts, 0, 0, origin, ray, 0.0, far
     )
     blocked_out[i, 0] = wp.where(one, 1, 0)
     blocked_out[i, 1] = wp.where(other, 1, 0)

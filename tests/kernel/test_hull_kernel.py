@@ -10,7 +10,7 @@ from twin.vehicle.hull import hull_at, overlap, separation
 from twin.world.kernel_cache import prepare_kernels
 
 prepare_kernels()
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 
 @wp.kernel

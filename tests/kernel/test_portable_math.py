@@ -14,7 +14,7 @@ import warp as wp
 from portable_coefficients import constants as derived_constants
 
 from twin.base import portable_math
-from twin.base.portable import constants
+from twin.base.portable import coefficients, constants
 from twin.world.kernel_cache import prepare_kernels
 
 prepare_kernels()
@@ -39,7 +39,8 @@ REFERENCES = {
     "hypot": EXACT.hypot,
 }
 ULP_MAX = dict.fromkeys(REFERENCES, 1.0) | {"tan": 2.0, "tanh": 2.0, "hypot": 2.0}
-F32_ULP_MAX = 0.5001
+F32_ULP_MAX = {"exp_f32": 1.0}
+"""Those that compute in float32; others round once."""
 
 SPECIAL = {
     "sin": [
@@ -232,7 +233,7 @@ def test_errors_are_as_small_as_documented(name):
 
 
 @pytest.mark.parametrize("name", [name for name in portable_kernels.NAMES if "_f32" in name])
-def test_float32_functions_round_once(name):
+def test_float32_functions_round_once_or_say_so(name):
     columns = portable_kernels.arguments(name, 8, COUNT)
     values = portable_kernels.evaluate(name, columns, "cpu")
 
@@ -246,7 +247,7 @@ def test_float32_functions_round_once(name):
         errors_ulp(name, tuple(column[finite] for column in columns), values[finite], spacing)
     )
     assert len(errors) > 500
-    assert max(errors)[0] <= F32_ULP_MAX, max(errors)
+    assert max(errors)[0] <= F32_ULP_MAX.get(name, 0.5001), max(errors)
 
 
 @pytest.mark.parametrize("name", SPECIAL)
@@ -351,6 +352,8 @@ def test_the_comparison_of_devices_compares():
 def test_constants_are_the_derived_ones():
     stored = {name: value for name, value in vars(constants).items() if name.isupper()}
     assert {name: value.value for name, value in stored.items()} == derived_constants()
+    plain = {name: value for name, value in vars(coefficients).items() if name.isupper()}
+    assert plain == derived_constants()
 
 
 def test_compiled_code_holds_every_bit_of_a_constant():

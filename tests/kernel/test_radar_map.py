@@ -8,12 +8,6 @@ import warp as wp
 from lidar_rigs import wall, world
 from radar_rigs import HEIGHT_M, RANGE, SNR, measure, radar, small_profile, vehicle_row
 
-from twin.render.trace.exact import (
-    blocked_exact,
-    blocked_there_exact,
-    closest_exact,
-    closest_there_exact,
-)
 from twin.sensors.radar.bodies import LOBE, Reflector
 from twin.sensors.radar.profile import load_radar_profile
 from twin.sensors.radar.rain import coefficients
@@ -208,10 +202,3 @@ def test_products_and_sums_are_not_fused():
     """Fused ones differ between devices."""
     sensor = radar()
     assert [kernel.module.options["fuse_fp"] for kernel in sensor.unique] == [False] * 4
-
-
-def test_rays_divide_exactly_on_a_gpu():
-    """The GPU's quick division is off by two units in the last place."""
-    for rays in (closest_exact, blocked_exact, closest_there_exact, blocked_there_exact):
-        assert "__fdividef" not in rays.native_snippet
-        assert "__fdiv_rn(a, b)" in rays.native_snippet

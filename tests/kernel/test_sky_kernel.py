@@ -16,7 +16,7 @@ from twin.world.sky.sun import daylight
 from twin.world.sky.weather import WEATHER
 
 prepare_kernels()
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 CPU = wp.get_device("cpu")
 SHAPE = (SKY_ROWS, SKY_COLUMNS)
 

@@ -134,7 +134,7 @@ def trace_kernel(
     out: wp.array2d(dtype=wp.float32),
 ):
     i = wp.tid()
-    hit = trace(scene, 0, origin, rays[i], 50.0)
+    hit = trace(scene, 0, origin, rays[i], 0.0, 50.0)
     out[i, 0] = hit.t
     for k in range(3):
         out[i, 1 + k] = hit.normal[k]

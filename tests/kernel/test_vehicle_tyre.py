@@ -14,7 +14,7 @@ from twin.vehicle.vehicle_file import load_vehicle
 from twin.world.kernel_cache import prepare_kernels
 
 prepare_kernels()
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 CAR = load_vehicle("opencav")
 LOAD_N = 5000.0
 

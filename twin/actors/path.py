@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from twin.base.portable.host import angle_of, cosine, sine, tangent
+
 _SHORT_M = 1e-6
 
 
@@ -37,11 +39,11 @@ def build_path(waypoints: np.ndarray, corner_m: float, loop: bool) -> Path:
     """
     points = np.vstack([waypoints, waypoints[:1]]) if loop else waypoints
     legs = np.diff(points[:, :2], axis=0)
-    lengths = np.hypot(legs[:, 0], legs[:, 1])
+    lengths = np.sqrt((legs * legs).sum(axis=1))
     if (lengths < 0.01).any():
         k = int(np.argmax(lengths < 0.01)) + 1
         raise ValueError(f"waypoints {k} and {k % len(waypoints) + 1} are at the same place")
-    heading = np.unwrap(np.arctan2(legs[:, 1], legs[:, 0]))
+    heading = np.unwrap(angle_of(legs[:, 1], legs[:, 0]))
     turns = np.zeros(len(points))  # at every waypoint; of a loop, at the first as at the last
     turns[1:-1] = np.diff(heading)
     if loop:
@@ -50,7 +52,7 @@ def build_path(waypoints: np.ndarray, corner_m: float, loop: bool) -> Path:
     if (np.abs(turns) > np.radians(175)).any():
         k = int(np.argmax(np.abs(turns) > np.radians(175))) + 1
         raise ValueError(f"waypoint {k}: the way turns back on the spot; go round in two corners")
-    cut = corner_m * np.tan(np.abs(turns) / 2)
+    cut = corner_m * tangent(np.abs(turns) / 2)
     cut[:-1] = np.minimum(cut[:-1], 0.49 * lengths)
     cut[1:] = np.minimum(cut[1:], 0.49 * lengths)
     if loop:
@@ -68,21 +70,21 @@ def _assemble(
 ) -> Path:
     rows: list[tuple[float, float, float, float, float]] = []  # station, x, y, heading, curvature
     stations = [0.0]
-    unit = np.stack([np.cos(heading), np.sin(heading)], axis=1)
+    unit = np.stack([cosine(heading), sine(heading)], axis=1)
     s = 0.0
 
     def arc(k: int, first: bool) -> float:
         """Half a turn at waypoint ``k``: towards its middle, or from it (``first`` false)."""
-        radius = cut[k] / np.tan(abs(turns[k]) / 2)
+        radius = cut[k] / float(tangent(abs(turns[k]) / 2))
         if first:
             begin = points[k, :2] - cut[k] * unit[k - 1]
             angle = heading[k - 1]
         else:  # from the middle of the turn, which lies on the bisector
             angle = heading[k] - turns[k] / 2
             end = points[k, :2] + cut[k] * unit[k]
-            chord = 2.0 * radius * np.sin(abs(turns[k]) / 4)
+            chord = 2.0 * radius * float(sine(abs(turns[k]) / 4))
             way = heading[k] - turns[k] / 4
-            begin = end - chord * np.array((np.cos(way), np.sin(way)))
+            begin = end - chord * np.array((float(cosine(way)), float(sine(way))))
         rows.append((s, *begin, angle, np.sign(turns[k]) / radius))
         return radius * abs(turns[k]) / 2
 

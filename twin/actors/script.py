@@ -9,6 +9,7 @@ import numpy as np
 
 from twin.actors.actor import Actor
 from twin.actors.motion import Placement
+from twin.base.portable.host import angle_of, sine_cosine, sine_share
 
 if TYPE_CHECKING:
     from twin.actors.variations import Variations
@@ -70,15 +71,14 @@ class MotionScript:
         standing = self._moves & started & (speed <= _STILL_MPS)
         brake = self._vehicle & ((acceleration < -_BRAKING_MPS2) | standing)
         slope = np.where(self._vehicle, slope, 0.0)  # who walks stands upright
-        pitch = -np.arctan(slope) if self._slopes else None
+        pitch = -angle_of(slope, 1.0) if self._slopes else None
+        up, across = sine_cosine(heading)
         return Placement(
             kind=np.where(here, kind, -1).astype(np.int32),
             position_m=_settled(np.stack([x, y, z], axis=-1)),
             yaw_rad=_settled(heading),
             velocity_mps=_settled(
-                np.stack(
-                    [speed * np.cos(heading), speed * np.sin(heading), speed * slope + 0.0], axis=-1
-                )
+                np.stack([speed * across, speed * up, speed * slope + 0.0], axis=-1)
             ),
             yaw_rate_radps=_settled(speed * curvature),
             brake=brake.astype(np.float32),
@@ -117,9 +117,9 @@ class MotionScript:
         curvature = bend[column, k]
         half = 0.5 * curvature * ahead
         # The chord of an arc: 2 sin(k s / 2) / k long, halfway between the two headings.
-        chord = ahead * np.sinc(half / np.pi)
-        x = x0 + chord * np.cos(yaw0 + half)
-        y = y0 + chord * np.sin(yaw0 + half)
+        chord = ahead * sine_share(half)
+        up, across = sine_cosine(yaw0 + half)
+        x, y = x0 + chord * across, y0 + chord * up
         q = np.maximum((station[..., None] >= height[..., 0]).sum(axis=-1) - 1, 0)
         q = np.minimum(q, self._last_height)
         s0, s1 = height[column, q, 0], height[column, q + 1, 0]
@@ -130,8 +130,7 @@ class MotionScript:
 
 
 def _settled(values: np.ndarray) -> np.ndarray:
-    """Values on a grid of a millionth: sines that differ in the last bit between processors, as
-    those of NumPy may, give the same values."""
+    """Values on a grid of a millionth."""
     return np.rint(values * _GRID) / _GRID
 
 

@@ -37,7 +37,6 @@ WAYS: dict[str, Way] = {
     "own leaf 8": Way(shape=BvhWidth(4, 8, packed=False)),
     "own block 64": Way(block=64, registers=16),
     "own block 256": Way(block=256, registers=4),
-    "own fast math": Way(fast_math=True),
     "own 6 blocks of 128": Way(block=128, registers=6),
     "own free registers": Way(registers=0),
     "own 10 blocks of 128": Way(block=128, registers=10),
@@ -48,20 +47,13 @@ WAYS: dict[str, Way] = {
 """What is tried on a GPU; on a CPU the hierarchies' shape is fixed by the vector code."""
 TUNINGS: dict[str, Tuning] = {
     "usual": CUDA,
-    "exact": Tuning(
-        KernelOptions(blocks=8), KernelOptions(), KernelOptions(), KernelOptions(blocks=4)
-    ),
     **{
-        f"picture {blocks} blocks": replace(
-            CUDA, picture=KernelOptions(fast_math=True, blocks=blocks)
-        )
+        f"picture {blocks} blocks": replace(CUDA, picture=KernelOptions(blocks=blocks))
         for blocks in (0, 5, 6, 8)
     },
-    "picture block 256": replace(CUDA, picture=KernelOptions(fast_math=True, block=256, blocks=2)),
+    "picture block 256": replace(CUDA, picture=KernelOptions(block=256, blocks=2)),
     **{
-        f"mirror {blocks} blocks": replace(
-            CUDA, mirror=KernelOptions(fast_math=True, blocks=blocks)
-        )
+        f"mirror {blocks} blocks": replace(CUDA, mirror=KernelOptions(blocks=blocks))
         for blocks in (0, 3, 5)
     },
     **{

@@ -12,11 +12,12 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from twin.base.portable_math import portable_cos_f32, portable_sin_f32
 from twin.render.trace import bvh, traverse
 from twin.render.trace.geometry import Geometry, RayScene, occluded, ray_functions, trace
 from twin.world.street.build import World
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 AMBIENT = wp.constant(0.2)
 
@@ -35,7 +36,6 @@ class Way:
     """Threads of a block."""
     leaf: int = 2
     """Faces of a leaf, for ``warp``."""
-    fast_math: bool = False
     registers: int = 8
     """Blocks that shall fit a multiprocessor at least; 0: as the compiler likes."""
 
@@ -104,10 +104,9 @@ def _kernel(way: Way) -> wp.Kernel:
     trace_ray, shadowed = trace, occluded
     if way.traversal == "scalar":
         trace_ray, shadowed = ray_functions(traverse.closest_scalar, traverse.blocked_scalar)
-    options = {"fast_math": way.fast_math, "enable_backward": False}
     bounds = {"launch_bounds": (way.block, way.registers)} if way.registers else {}
 
-    @wp.kernel(module="unique", module_options=options, **bounds)
+    @wp.kernel(module="unique", enable_backward=False, module_options={"fuse_fp": False}, **bounds)
     def lambert_kernel(
         scene: RayScene,
         mesh: wp.uint64,
@@ -131,8 +130,8 @@ def _kernel(way: Way) -> wp.Kernel:
         if row >= height or column >= width:
             return
         view = views[slot]
-        c = wp.cos(view[3])
-        s = wp.sin(view[3])
+        c = portable_cos_f32(view[3])
+        s = portable_sin_f32(view[3])
         scale = 2.0 * tangent / wp.float32(width)
         right = (wp.float32(column) + 0.5 - 0.5 * wp.float32(width)) * scale
         down = (wp.float32(row) + 0.5 - 0.5 * wp.float32(height)) * scale
@@ -150,7 +149,7 @@ def _kernel(way: Way) -> wp.Kernel:
                 if wp.dot(normal, direction) > 0.0:
                     normal = -normal
         else:
-            hit = trace_ray(scene, slot, eye, direction, 1200.0)
+            hit = trace_ray(scene, slot, eye, direction, 0.0, 1200.0)
             if hit.found:
                 t = hit.t
                 normal = hit.normal

@@ -12,19 +12,17 @@ import warp as wp
 class KernelOptions:
     """Compile options of one kernel."""
 
-    fast_math: bool = False
-    """Quick division, roots and exponentials."""
     block: int = 128
     """Threads of a block; 1 on a CPU."""
     blocks: int = 0
     """Blocks that fit a multiprocessor at least, which bounds the registers; 0: no bound."""
 
     def arguments(self) -> dict[str, Any]:
-        """Arguments for ``wp.kernel``: a module of its own."""
+        """Arguments for ``wp.kernel``: a module of its own, with the same bits on every device."""
         arguments: dict[str, Any] = {
             "module": "unique",
             "enable_backward": False,
-            "module_options": {"fast_math": self.fast_math},
+            "module_options": {"fuse_fp": False},
         }
         if self.blocks:
             arguments["launch_bounds"] = (self.block, self.blocks)
@@ -58,14 +56,12 @@ class Tuning:
 
 
 CPU = Tuning(*(KernelOptions(block=1) for _ in range(4)))
-"""Exact functions: a vector unit has no quick ones."""
 CUDA = Tuning(
     visibility=KernelOptions(blocks=8),
-    look=KernelOptions(fast_math=True, blocks=8),
-    mirror=KernelOptions(fast_math=True, blocks=4),
-    picture=KernelOptions(fast_math=True, blocks=4),
+    look=KernelOptions(blocks=8),
+    mirror=KernelOptions(blocks=4),
+    picture=KernelOptions(blocks=4),
 )
-"""A GPU's exact functions are slow and large; the quick ones stay far below one level."""
 
 
 def tuning_for(device: wp.Device) -> Tuning:

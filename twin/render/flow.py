@@ -13,12 +13,13 @@ from numpy.typing import NDArray
 
 from schemas.sections.lens import Lens
 from schemas.sections.lens_curve import intrinsics, reach
+from twin.base.portable_math import portable_atan2_f32, portable_cos_f32, portable_sin_f32
 from twin.render.shading import ShadedPoint
 from twin.render.trace.geometry import ObjectPose, RayScene, into_object, out_of_object
 from twin.render.trace.rays import SlotPose
 from twin.world.mirror import put_row, row_of
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 _FISHEYE = wp.constant(2)
 _MODELS = {"pinhole": 0, "frustum": 0, "brown_conrady": 1, "fisheye": int(_FISHEYE)}
@@ -70,7 +71,7 @@ def drawn_at(lens: Projection, v: wp.vec3) -> wp.vec2:
     if lens.model == _FISHEYE:
         scale = wp.float32(0.0)
         if across > 0.0:
-            angle = wp.min(wp.atan2(across, v[2]), lens.end)
+            angle = wp.min(portable_atan2_f32(across, v[2]), lens.end)
             q = angle * angle
             scale = angle * (1.0 + q * (k[0] + q * (k[1] + q * (k[2] + q * k[3])))) / across
         return wp.vec2(lens.fx * scale * v[0] + lens.cx, lens.fy * scale * v[1] + lens.cy)
@@ -135,8 +136,8 @@ def flow_at(
                 then = now
                 then.position = now.position - now.velocity * poses_before.period_s
                 angle = -now.yaw_rate * poses_before.period_s
-                c = wp.cos(angle)
-                s = wp.sin(angle)
+                c = portable_cos_f32(angle)
+                s = portable_sin_f32(angle)
                 then.cosine = now.cosine * c - now.sine * s
                 then.sine = now.sine * c + now.cosine * s
             local = direction * at.distance + (pose.eye - now.position)

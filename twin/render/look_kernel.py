@@ -28,7 +28,7 @@ from twin.render.trace.visibility import (
 )
 from twin.world.meshes.details import MIRROR_MIN
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 _MIRROR_MIN = wp.constant(MIRROR_MIN)
 

@@ -38,7 +38,7 @@ from twin.render.trace.geometry import RayScene, rays_of
 from twin.render.trace.rays import Optics, SlotPose
 from twin.render.trace.visibility import DETAILED, MIRRORED, PixelsSeen, pixel_of
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 RANGE_M = wp.constant(100.0)
 """Length of second rays [m]."""
@@ -79,7 +79,7 @@ def _light_functions(features: Features) -> tuple[Any, Any]:
 
         ``before``: length of the way to its start [m].
         """
-        hit = trace(scene, slot, start, direction, RANGE_M)
+        hit = trace(scene, slot, start, direction, 0.0, RANGE_M)
         if not hit.found:
             return smooth_sky(direction, slot, light, table)
         if glass and hit.t < _SHELL_M:

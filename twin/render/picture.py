@@ -26,7 +26,7 @@ from twin.render.trace.geometry import DECAL_TAG, RayScene
 from twin.render.trace.rays import Optics, SlotPose
 from twin.render.trace.visibility import DETAILED, MIRRORED, OUTSIDE, PixelsSeen, pixel_of
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 PARTS = ("surface", "sky", "air", "tone")
 """Parts of the kernel that can be left out."""

@@ -8,6 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from twin.base.portable import host
+
 _GRID = 2.0**30
 """Per metre, or per radian. Sines and arc tangents differ in their last bits between processors,
 positions and stations on this grid do not."""
@@ -78,7 +80,7 @@ class LanePath:
         x, y, heading = np.moveaxis(self.start[k], -1, 0)
         curvature = self.curvature[k]
         half = 0.5 * curvature * ahead
-        chord = ahead * np.sinc(half / np.pi)
+        chord = ahead * host.sine_share(half)
         yaw = heading + 2.0 * half
         x = x + chord * _cosine(heading + half) - lateral * _sine(yaw)
         y = y + chord * _sine(heading + half) + lateral * _cosine(yaw)
@@ -110,7 +112,7 @@ class LanePath:
         ahead = _ahead(along, across, self.curvature, low, high)
         # What is left between the point and its foot on each piece, in the axes of the foot.
         half = 0.5 * self.curvature * ahead
-        chord = ahead * np.sinc(half / np.pi)
+        chord = ahead * host.sine_share(half)
         rest = along - chord * _cosine(half), across - chord * _sine(half)
         square = np.rint((rest[0] * rest[0] + rest[1] * rest[1]) * _FINE_GRID)
         k = np.argmin(square, axis=-1)[..., None]
@@ -177,7 +179,7 @@ def end_of(start: tuple[float, float, float], pieces: Sequence[Piece]) -> tuple[
 def _advanced(pose: tuple[float, float, float], piece: Piece) -> tuple[float, float, float]:
     x, y, heading = pose
     half = 0.5 * piece.curvature_per_m * piece.length_m
-    chord = piece.length_m * np.sinc(half / np.pi)
+    chord = piece.length_m * host.sine_share(half)
     ahead = np.array((x + chord * _cosine(heading + half), y + chord * _sine(heading + half)))
     return (*_settled(ahead).tolist(), heading + 2.0 * half)
 
@@ -191,7 +193,7 @@ def _ahead(
     radius = 1.0 / np.where(bent, np.abs(curvature), 1.0)
     side = np.sign(curvature)
     # About the centre of the arc; 0 at its beginning, growing in the direction of travel.
-    angle = np.mod(np.arctan2(along, radius - side * across), 2.0 * np.pi)
+    angle = np.mod(host.angle_of(along, radius - side * across), 2.0 * np.pi)
     # What lies behind the end, up to halfway round to the beginning, is nearer to the end.
     after = 0.5 * (high / radius + 2.0 * np.pi)
     on_arc = np.where(angle > after, 0.0, np.minimum(angle * radius, high))
@@ -212,11 +214,11 @@ def _settled(values: np.ndarray) -> np.ndarray:
 
 
 def _cosine(angle: float | np.ndarray) -> np.ndarray:
-    return np.rint(np.cos(angle) * _FINE_GRID) / _FINE_GRID
+    return np.rint(host.cosine(angle) * _FINE_GRID) / _FINE_GRID
 
 
 def _sine(angle: float | np.ndarray) -> np.ndarray:
-    return np.rint(np.sin(angle) * _FINE_GRID) / _FINE_GRID
+    return np.rint(host.sine(angle) * _FINE_GRID) / _FINE_GRID
 
 
 def _turned(angle: np.ndarray) -> np.ndarray:

@@ -10,9 +10,10 @@ import math
 
 import warp as wp
 
+from twin.base.portable_math import portable_cos, portable_log
 from twin.render.noise import draw
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 _S32 = wp.constant(wp.uint64(32))
 _LOW = wp.constant(wp.uint64(0xFFFFFFFF))
@@ -33,7 +34,7 @@ def gaussian(key: wp.uint64, tick: wp.int32, element: wp.int32) -> wp.float64:
     bits = draw(key, tick, element)
     u = (wp.float64(bits >> _S32) + _HALF) * _UNIT
     v = wp.float64(bits & _LOW) * _UNIT
-    return wp.sqrt(wp.float64(-2.0) * wp.log(u)) * wp.cos(_TWO_PI * v)
+    return wp.sqrt(wp.float64(-2.0) * portable_log(u)) * portable_cos(_TWO_PI * v)
 
 
 @wp.func

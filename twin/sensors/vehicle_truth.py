@@ -7,7 +7,7 @@ import warp as wp
 from twin.sensors.truth import FORCE, POSITION, RATE, ROTATION, TRUTH, WHEELS
 from twin.vehicle.state import VehicleState
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 
 @wp.kernel

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import warp as wp
 
+from twin.base.portable_math import portable_atan2
 from twin.vehicle.chassis import observe
 from twin.vehicle.kernel import VehicleScene, measure, mover_contacts, vehicle_contacts
 from twin.vehicle.model import GRAVITY_MPS2, PHYSICS_STEP_NS, VehicleModel
 from twin.vehicle.state import VehicleState
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 STAYS, GOES, JUMPS = 0, 1, 2
 """What becomes of a slot's vehicle: nothing; it moves evenly; it is put there, at rest."""
@@ -47,7 +48,7 @@ def _rate(a: wp.quatd, b: wp.quatd, time_s: wp.float64) -> wp.vec3d:
     sine = wp.length(v)
     if sine < _TINY:
         return wp.vec3d(_ZERO, _ZERO, _ZERO)
-    return v * (_TWO * wp.atan2(sine, d[3]) / (sine * time_s))
+    return v * (_TWO * portable_atan2(sine, d[3]) / (sine * time_s))
 
 
 @wp.kernel

@@ -13,10 +13,11 @@ from __future__ import annotations
 
 import warp as wp
 
+from twin.base.portable_math import portable_atan, portable_atan2
 from twin.vehicle import model as _model
 from twin.vehicle.ground import Ground, surface_below
 from twin.vehicle.model import VehicleModel
-from twin.vehicle.powertrain import drive, steer, wheel_angles, wheel_torque
+from twin.vehicle.powertrain import drive, steer, wheel_slopes, wheel_torque
 from twin.vehicle.state import VehicleState
 from twin.vehicle.tyre import stiffnesses
 
@@ -226,7 +227,8 @@ def advance(
     s.brake = before.brake + (c.brake - before.brake) * m.brake_gain
     s.handbrake = before.handbrake + (c.handbrake - before.handbrake) * m.handbrake_gain
     s.steering = steer(m, before.steering, c.steering, before.speed)
-    s.steer = wheel_angles(m, s.steering)
+    slopes = wheel_slopes(m, s.steering)
+    s.steer = wp.vec2d(portable_atan(slopes[0]), portable_atan(slopes[1]))
     d = drive(m, before, s.throttle, c.selector, friction)
     s.gear = d.gear
     s.shift_left = d.shift_left
@@ -253,10 +255,9 @@ def advance(
     for i in range(m.wheels):
         hub = wp.vec3d(m.wheel_x[i], m.wheel_y[i], m.mount_z[i] + before.suspension[i])
         hub_v = v + wp.cross(w, hub) + wp.vec3d(_ZERO, _ZERO, before.suspension_rate[i])
-        angle = _ZERO
+        heading = wp.vec3d(_ONE, _ZERO, _ZERO)
         if i < 2:
-            angle = s.steer[i]
-        heading = wp.vec3d(wp.cos(angle), wp.sin(angle), _ZERO)
+            heading = wp.normalize(wp.vec3d(_ONE, slopes[i], _ZERO))
         f = footing(m, ground, before, i, hub, hub_v, heading)
         n = f.normal
         up += f.up
@@ -361,11 +362,16 @@ def observe(m: VehicleModel, state: VehicleState) -> VehicleState:
     x = wp.quat_rotate(s.orientation, wp.vec3d(_ONE, _ZERO, _ZERO))
     y = wp.quat_rotate(s.orientation, wp.vec3d(_ZERO, _ONE, _ZERO))
     z = wp.quat_rotate(s.orientation, wp.vec3d(_ZERO, _ZERO, _ONE))
-    s.yaw = wp.atan2(x[1], x[0])
-    s.pitch = wp.asin(wp.clamp(-x[2], -_ONE, _ONE))
-    s.roll = wp.atan2(y[2], z[2])
-    cosine = wp.cos(s.yaw)
-    sine = wp.sin(s.yaw)
+    s.yaw = portable_atan2(x[1], x[0])
+    s.roll = portable_atan2(y[2], z[2])
+    # Cosine and sine of the yaw; upright there is no yaw.
+    flat = wp.sqrt(x[0] * x[0] + x[1] * x[1])
+    s.pitch = portable_atan2(-x[2], flat)
+    cosine = _ONE
+    sine = _ZERO
+    if flat > _ZERO:
+        cosine = x[0] / flat
+        sine = x[1] / flat
     # The reference keeps its distance in the plane: pitching does not move it along the road.
     s.x = s.com[0] + cosine * m.reference_x - sine * m.reference_y
     s.y = s.com[1] + sine * m.reference_x + cosine * m.reference_y

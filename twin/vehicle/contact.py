@@ -61,9 +61,10 @@ class Meeting:
 @wp.func
 def hull_of(a: RigidBox) -> Hull:
     """The hull of a body."""
-    c = wp.cos(a.yaw)
-    s = wp.sin(a.yaw)
-    return hull_at(a.x + a.offset * c, a.y + a.offset * s, a.yaw, a.half_length, a.half_width)
+    hull = hull_at(a.x, a.y, a.yaw, a.half_length, a.half_width)
+    hull.x = a.x + a.offset * hull.c
+    hull.y = a.y + a.offset * hull.s
+    return hull
 
 
 @wp.func

@@ -6,6 +6,14 @@ import numpy as np
 import warp as wp
 
 from schemas.messages import SEMANTIC_CLASSES
+from twin.vehicle.face_grid import (
+    FaceGrid,
+    corner_of,
+    face_grid,
+    face_normal,
+    faces_near,
+    is_below,
+)
 from twin.world.content import DRIVABLE
 from twin.world.meshes import materials
 from twin.world.meshes.mesh import DECAL
@@ -19,8 +27,10 @@ STOREY_M = 2.5
 _EDGE = 1e-9
 
 _ABOVE = wp.constant(wp.float64(0.25))
-_BELOW = wp.constant(wp.float32(4.0))
+_BELOW = wp.constant(wp.float64(4.0))
 _NOWHERE = wp.constant(wp.float64(-1.0e4))
+_STEEPEST = wp.constant(wp.float64(1.0e-3))
+"""Upward part of the normal of the steepest face that carries a wheel [-]."""
 _ZERO = wp.constant(wp.float64(0.0))
 _ONE = wp.constant(wp.float64(1.0))
 
@@ -30,8 +40,8 @@ class Ground:
     """A ground for kernels."""
 
     flat: wp.int32
-    """1: the plane z = 0, and the mesh is not asked."""
-    mesh: wp.uint64
+    """1: the plane z = 0, and the faces are not asked."""
+    grid: FaceGrid
     grip: wp.array(dtype=wp.float64)
     """Friction over that of asphalt, per face [-]."""
 
@@ -46,17 +56,12 @@ class GroundPoint:
 
 
 @wp.func
-def _corner(mesh: wp.uint64, index: wp.int32) -> wp.vec3d:
-    p = wp.mesh_get_point(mesh, index)
-    return wp.vec3d(wp.float64(p[0]), wp.float64(p[1]), wp.float64(p[2]))
-
-
-@wp.func
 def surface_below(ground: Ground, p: wp.vec3d) -> GroundPoint:
     """The ground straight below ``p``; far below where there is none.
 
-    The ray only finds the face: height and normal follow from its corners in double precision, so
-    a level mesh at z = 0 gives exactly the plane's values.
+    Of all faces below a place that is a little above ``p``, the highest one; of equally high ones
+    the first. Faces come in ascending order and in double precision, so a level mesh at z = 0 gives
+    exactly the plane's values, and every device finds the same face.
     """
     s = GroundPoint()
     s.normal = wp.vec3d(_ZERO, _ZERO, _ONE)
@@ -64,20 +69,20 @@ def surface_below(ground: Ground, p: wp.vec3d) -> GroundPoint:
     if ground.flat != 0:
         return s
     s.height = _NOWHERE
-    start = wp.vec3(wp.float32(p[0]), wp.float32(p[1]), wp.float32(p[2] + _ABOVE))
-    hit = wp.mesh_query_ray(ground.mesh, start, wp.vec3(0.0, 0.0, -1.0), _BELOW)
-    if hit.result:
-        a = _corner(ground.mesh, 3 * hit.face)
-        b = _corner(ground.mesh, 3 * hit.face + 1)
-        c = _corner(ground.mesh, 3 * hit.face + 2)
-        n = wp.normalize(wp.cross(b - a, c - a))
-        if n[2] < _ZERO:
-            n = -n
-        if n[2] > wp.float64(1.0e-3):
-            # The sum turns -0.0 into 0.0, as the plane has it.
-            s.normal = n + wp.vec3d(_ZERO, _ZERO, _ZERO)
-            s.height = a[2] - (n[0] * (p[0] - a[0]) + n[1] * (p[1] - a[1])) / n[2]
-            s.grip = ground.grip[hit.face]
+    top = p[2] + _ABOVE
+    bounds = faces_near(ground.grid, p[0], p[1])
+    for i in range(bounds[0], bounds[1]):
+        face = ground.grid.faces[i]
+        if is_below(ground.grid, face, p):
+            a = corner_of(ground.grid, face, 0)
+            n = face_normal(ground.grid, face)
+            if n[2] > _STEEPEST:
+                height = a[2] - (n[0] * (p[0] - a[0]) + n[1] * (p[1] - a[1])) / n[2]
+                if height <= top and height >= top - _BELOW and height > s.height:
+                    # The sum turns -0.0 into 0.0, as the plane has it.
+                    s.normal = n + wp.vec3d(_ZERO, _ZERO, _ZERO)
+                    s.height = height
+                    s.grip = ground.grip[face]
     return s
 
 
@@ -88,12 +93,8 @@ class GroundMesh:
         self, device: wp.Device, points_m: np.ndarray, faces: np.ndarray, grip: np.ndarray
     ):
         """``points_m`` [V, 3], ``faces`` [F, 3], ``grip`` [F]."""
-        self._mesh = wp.Mesh(
-            wp.array(points_m.astype(np.float32), dtype=wp.vec3, device=device),
-            wp.array(faces.astype(np.int32).ravel(), dtype=wp.int32, device=device),
-        )
         self.kernel = Ground()
-        self.kernel.mesh = self._mesh.id
+        self.kernel.grid = face_grid(points_m[faces].astype(np.float32), device)
         self.kernel.grip = wp.array(grip, dtype=wp.float64, device=device)
 
 

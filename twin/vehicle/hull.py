@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import warp as wp
 
+from twin.base.portable_math import portable_turn
+
 
 @wp.struct
 class Hull:
@@ -25,8 +27,9 @@ def hull_at(
     hull = Hull()
     hull.x = x
     hull.y = y
-    hull.c = wp.cos(yaw)
-    hull.s = wp.sin(yaw)
+    ahead = portable_turn(yaw)
+    hull.c = ahead[0]
+    hull.s = ahead[1]
     hull.half_length = half_length
     hull.half_width = half_width
     return hull

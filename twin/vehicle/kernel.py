@@ -18,7 +18,7 @@ from twin.vehicle.model import PHYSICS_STEP_NS, VehicleModel
 from twin.vehicle.state import VehicleState
 from twin.vehicle.wall_grid import WallGrid, walls_near
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 EVENTS_MAX = 16
 """Collisions kept per slot; further ones are counted only."""

@@ -15,7 +15,7 @@ from twin.vehicle.hull import Hull, hull_at, separation
 from twin.vehicle.model import VehicleModel
 from twin.vehicle.state import VehicleState
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 NEAREST = ("distance_m", "distance_index", "ttc_s", "ttc_index")
 """Columns of what was measured, float64 [S, 4]; index -1: there is none."""
@@ -71,7 +71,8 @@ def contact_time(a: Hull, b: Hull, vx: wp.float64, vy: wp.float64) -> wp.float64
             leave = wp.min(leave, wp.max(one, other))
     if enter > leave or leave < _ZERO:
         return _NEVER
-    return wp.max(enter, _ZERO)
+    # Of -0.0 and 0.0 a CPU and a GPU take different ones; the sum is 0.0 of both.
+    return wp.max(enter, _ZERO) + _ZERO
 
 
 @wp.func
@@ -125,9 +126,9 @@ def nearest_kernel(
     if active[slot] != 0:
         m = models[model_of[slot, 0]]
         s = states[slot, 0]
-        ahead_x = m.hull_x * wp.cos(s.yaw)
-        ahead_y = m.hull_x * wp.sin(s.yaw)
-        a = hull_at(s.com[0] + ahead_x, s.com[1] + ahead_y, s.yaw, m.half_length, m.half_width)
+        a = hull_at(s.com[0], s.com[1], s.yaw, m.half_length, m.half_width)
+        a.x = s.com[0] + m.hull_x * a.c
+        a.y = s.com[1] + m.hull_x * a.s
         vx = s.velocity[0]
         vy = s.velocity[1]
         count = walls.shape[0]

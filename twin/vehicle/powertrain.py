@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import warp as wp
 
+from twin.base.portable_math import portable_tan
 from twin.vehicle.model import VehicleModel
 from twin.vehicle.state import VehicleState
 
@@ -148,11 +149,9 @@ def steer(m: VehicleModel, position: wp.float64, target: wp.float64, speed: wp.f
 
 
 @wp.func
-def wheel_angles(m: VehicleModel, steering: wp.float64) -> wp.vec2d:
-    """Angles of the left and right front wheel: atan(2 l tan d / (2 l -+ w tan d)) [rad]."""
-    t = wp.tan(steering)
+def wheel_slopes(m: VehicleModel, steering: wp.float64) -> wp.vec2d:
+    """Tangents of the angles of the left and right front wheel: 2 l tan d / (2 l -+ w tan d)."""
+    t = portable_tan(steering)
     length = _TWO * m.wheelbase
     width = m.track * m.ackermann
-    return wp.vec2d(
-        wp.atan(length * t / (length - width * t)), wp.atan(length * t / (length + width * t))
-    )
+    return wp.vec2d(length * t / (length - width * t), length * t / (length + width * t))

@@ -48,12 +48,11 @@ def _arc(base: wp.float64, base_rest: wp.float64, u: wp.float64, u_rest: wp.floa
 
 @wp.func
 def _quotient(a: wp.float64, a_rest: wp.float64, b: wp.float64, b_rest: wp.float64):
-    """``(a + a_rest) / (b + b_rest)`` in two parts; of a small quotient only the first."""
-    u = a / b
-    if wp.abs(u) < _SHORT:
-        return u, _ZERO
+    """``(a + a_rest) / (b + b_rest)`` in two parts; one division is enough for both."""
+    inverse = _ONE / b
+    u = a * inverse
     product, product_rest = exact_product(u, b)
-    return u, (((a - product) - product_rest) + (a_rest - u * b_rest)) / b
+    return u, (((a - product) - product_rest) + (a_rest - u * b_rest)) * inverse
 
 
 @wp.func
@@ -113,7 +112,7 @@ def portable_atan2(y: wp.float64, x: wp.float64) -> wp.float64:
         if back:
             return _with_sign_of(c.THREE_QUARTERS_PI_0, y)
         return _with_sign_of(c.QUARTER_PI_0, y)
-    if not back and height / width < _SHORT:  # before scaling could make it zero
+    if not back and height < _SHORT * width:  # before scaling could make it zero
         return _with_sign_of(height / width, y)
     larger = wp.max(height, width)
     if larger > _LARGE:  # an infinite one stays so

@@ -103,6 +103,28 @@ def portable_cos(x: wp.float64) -> wp.float64:
 
 
 @wp.func
+def portable_turn(x: wp.float64) -> wp.vec2d:
+    """Cosine and sine of ``x`` [rad]: those of :func:`portable_cos` and :func:`portable_sin`, in
+    little more time than one of them."""
+    if not (wp.abs(x) <= ANGLE_LIMIT_RAD):
+        return wp.vec2d(not_a_number(), not_a_number())
+    turns = _quarter_turns(x)
+    r, rest = _remainder(x, turns)
+    sine = _short_sine(r, rest)
+    cosine = _short_cosine(r, rest)
+    if wp.abs(x) < _TINY:
+        sine = x
+    fourth = _fourth(turns)
+    if fourth == wp.int64(1):
+        return wp.vec2d(-sine, cosine)
+    if fourth == wp.int64(2):
+        return wp.vec2d(-cosine, -sine)
+    if fourth == wp.int64(3):
+        return wp.vec2d(sine, -cosine)
+    return wp.vec2d(cosine, sine)
+
+
+@wp.func
 def portable_tan(x: wp.float64) -> wp.float64:
     """Tangent of ``x`` [rad], as the quotient of sine and cosine.
 

@@ -17,6 +17,8 @@ _MANTISSA_MASK = wp.constant(wp.int64(0xFFFFFFFFFFFFF))
 _ONE_BITS = wp.constant(wp.int64(0x3FF0000000000000))
 _ALL_BUT_SIGN = wp.constant(wp.int64(0x7FFFFFFFFFFFFFFF))
 _NAN_BITS = wp.constant(wp.int64(0x7FF8000000000000))
+_NAN_BITS_F32 = wp.constant(wp.int32(0x7FC00000))
+_INFINITY_BITS_F32 = wp.constant(wp.int32(0x7F800000))
 _INFINITY_BITS = wp.constant(wp.int64(0x7FF0000000000000))
 
 
@@ -30,6 +32,18 @@ def not_a_number() -> wp.float64:
 def infinity() -> wp.float64:
     """Positive infinity."""
     return wp.cast(_INFINITY_BITS, wp.float64)
+
+
+@wp.func
+def not_a_number_f32() -> wp.float32:
+    """The one NaN in float32; ``wp.NAN`` has other bits on a GPU."""
+    return wp.cast(_NAN_BITS_F32, wp.float32)
+
+
+@wp.func
+def infinity_f32() -> wp.float32:
+    """Positive infinity in float32."""
+    return wp.cast(_INFINITY_BITS_F32, wp.float32)
 
 
 @wp.func

@@ -20,7 +20,7 @@ from twin.world.meshes.materials import SIGN
 from twin.world.meshes.mesh import DECAL, Mesh
 from twin.world.street.build import World
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 _FIELDS = 6
 _FAR = np.iinfo(np.int32).max
@@ -75,7 +75,7 @@ def silhouette_kernel(
         if wp.dot(ray, ray) > 0.0:
             direction = ray[0] * item.right + ray[1] * item.down + ray[2] * item.ahead
             local = turned(direction, item.cosine, -item.sine)
-            hit = traverse.closest(nodes, leaves, item.root, origin + local * near, local, far)
+            hit = traverse.closest(nodes, leaves, item.root, origin + local * near, local, 0.0, far)
             if wp.cast(hit[3], wp.int32) >= 0:
                 count += 1
                 nearest = wp.min(nearest, near + hit[0])

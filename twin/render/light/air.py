@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import warp as wp
 
+from twin.base.portable_math import portable_exp_f32
+
 # Depth of the layer that fog, rain and snow fill [m], and the extinction that is no weather [1/m]:
 # the haze of clear air is part of the sky's own colour.
 _LAYER_M = wp.constant(180.0)
@@ -13,7 +15,7 @@ _CLEAR_PER_M = wp.constant(2.0e-4)
 @wp.func
 def transmission(extinction: wp.float32, distance: wp.float32) -> wp.float32:
     """Share of light that passes ``distance`` [m] of air: e^(-b d)."""
-    return wp.exp(-extinction * distance)
+    return portable_exp_f32(-extinction * distance)
 
 
 @wp.func

@@ -5,11 +5,12 @@ from __future__ import annotations
 import warp as wp
 
 from twin.actors.lamps import VehicleLamp
+from twin.base.portable_math import portable_exp_f32
 from twin.render.light.light import SlotLight
 from twin.render.trace.geometry import RayScene, out_of_object
 from twin.render.trace.rays import SlotPose
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 # Both headlamps together, seen as one source in the middle of the front.
 # Order of magnitude of UN R149 lamps: low beam about 20 kcd below its cut-off, high beam 50 kcd.
@@ -109,7 +110,7 @@ def headlamp_lux(local: wp.vec3, facing: wp.float32, light: SlotLight) -> wp.flo
     if facing <= 0.0:
         return 0.0
     square = wp.dot(local, local)
-    fade = wp.exp(-light.extinction * wp.sqrt(square))
+    fade = portable_exp_f32(-light.extinction * wp.sqrt(square))
     return headlamp_cd(local, light) * facing * fade / wp.max(square, 0.25)
 
 
@@ -133,7 +134,7 @@ def headlamp_glow(
         if far > near:
             middle = 0.5 * (near + far)
             intensity = headlamp_cd(eye + direction * middle, light)
-            total += intensity * (1.0 / near - 1.0 / far) * wp.exp(-2.0 * b * middle)
+            total += intensity * (1.0 / near - 1.0 / far) * portable_exp_f32(-2.0 * b * middle)
         near = near * 2.4
     return total * b * _BACKSCATTER / (4.0 * wp.pi)
 
@@ -343,7 +344,7 @@ def _halo(
     along = wp.dot(to, direction)
     off = wp.sqrt(wp.max(wp.dot(to, to) - along * along, 0.01))
     arc = _angle(off * distance, off * off - along * (distance - along))
-    fade = wp.exp(-extinction * (wp.clamp(along, 0.0, distance) + off))
+    fade = portable_exp_f32(-extinction * (wp.clamp(along, 0.0, distance) + off))
     return extinction * fade * arc / (off * 4.0 * wp.pi)
 
 

@@ -14,7 +14,7 @@ import warp as wp
 from twin.render.light.light import SlotLight
 from twin.render.post.pixels import between, corners, load, store
 
-wp.set_module_options({"enable_backward": False, "fast_math": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 _WIDER = wp.constant(0.65)
 """Share of a level that comes from the coarser one (chosen: a halo that fades over 30 px)."""

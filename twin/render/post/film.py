@@ -64,7 +64,7 @@ def falloff(lens: Lens, height: int, width: int, hfov_deg: float) -> np.ndarray:
 def film_kernel(fringes: bool, bloom: bool, vignette: bool, grain: bool) -> wp.Kernel:
     """The last step with the given effects; compiled once per set."""
 
-    @wp.kernel(enable_backward=False, module="unique")
+    @wp.kernel(enable_backward=False, module="unique", module_options={"fuse_fp": False})
     def film_kernel(
         # model
         film: FilmConstants,

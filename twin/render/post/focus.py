@@ -19,7 +19,7 @@ from schemas.sections.lens_curve import intrinsics
 from twin.render.light.light import SlotLight
 from twin.render.post.pixels import load, store
 
-wp.set_module_options({"enable_backward": False, "fast_math": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 TAPS = 24
 """Samples of a disc."""

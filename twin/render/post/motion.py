@@ -14,7 +14,7 @@ import warp as wp
 from twin.render.light.light import SlotLight
 from twin.render.post.pixels import load, store
 
-wp.set_module_options({"enable_backward": False, "fast_math": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 _TAPS = wp.constant(8)
 _SHORTEST_PX = wp.constant(0.5)

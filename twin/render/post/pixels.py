@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warp as wp
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 SIGNAL_MAX = wp.constant(60000.0)
 """Brightest signal that is kept: just below what 16-bit floats hold [-]."""

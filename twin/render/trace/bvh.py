@@ -31,7 +31,7 @@ CUDA = BvhWidth(4, 2, packed=False)
 NOBODY = np.int32(-(2**31))
 """No child."""
 _BINS = 16
-_PAD_M, _PAD = 2e-5, 1e-6
+_PAD_M, _PAD = 1e-4, 2e-6
 """Child boxes are larger by this, absolute and relative to the farthest coordinate."""
 _SAH_LEVELS = 24
 """Deeper nodes are halved, so that no tree is deeper than the traversals' stacks."""

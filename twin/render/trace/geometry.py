@@ -15,6 +15,7 @@ import numpy as np
 import warp as wp
 
 from twin.actors.motion import Placement
+from twin.base.portable.host import sine_cosine
 from twin.render.build import Features
 from twin.render.looks import LookTables, has_looks, pack_looks
 from twin.render.texture import Textures, pack_textures
@@ -25,7 +26,7 @@ from twin.world.meshes.mesh import DECAL, Mesh
 from twin.world.mirror import Mirror
 from twin.world.street.build import World
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 _BLOCK = 8  # spheres that are met together
 _NOWHERE_M = 1e9
@@ -175,18 +176,24 @@ def ray_functions(closest: Any, blocked: Any, *, holes: bool = False) -> tuple[A
 
     @wp.func
     def trace(
-        scene: RayScene, slot: wp.int32, origin: wp.vec3, direction: wp.vec3, far: wp.float32
+        scene: RayScene,
+        slot: wp.int32,
+        origin: wp.vec3,
+        direction: wp.vec3,
+        near: wp.float32,
+        far: wp.float32,
     ) -> RayHit:
-        """What the ray from ``origin`` along unit ``direction`` meets first within ``far`` [m]."""
+        """What the ray from ``origin`` along unit ``direction`` meets first, from ``near`` to below
+        ``far`` [m]."""
         hit = RayHit()
         hit.object = wp.int32(-1)
         hit.instance = wp.int32(-1)
         if wp.static(holes):
             found = closest(
-                scene.nodes, scene.leaves, scene.uv, scene.cuts, 0, 0, origin, direction, far
+                scene.nodes, scene.leaves, scene.uv, scene.cuts, 0, 0, origin, direction, near, far
             )
         else:
-            found = closest(scene.nodes, scene.leaves, 0, origin, direction, far)
+            found = closest(scene.nodes, scene.leaves, 0, origin, direction, near, far)
         hit.face = wp.cast(found[3], wp.int32)
         for block in range(scene.spheres.shape[1]):
             mask = traverse.spheres_entered(scene.spheres, slot, block, origin, direction, found[0])
@@ -207,10 +214,13 @@ def ray_functions(closest: Any, blocked: Any, *, holes: bool = False) -> tuple[A
                         pose.first_face,
                         local,
                         ahead,
+                        near,
                         found[0],
                     )
                 else:
-                    own = closest(scene.nodes, scene.leaves, pose.root, local, ahead, found[0])
+                    own = closest(
+                        scene.nodes, scene.leaves, pose.root, local, ahead, near, found[0]
+                    )
                 face = wp.cast(own[3], wp.int32)
                 if face >= 0:
                     found = own
@@ -238,11 +248,11 @@ def ray_functions(closest: Any, blocked: Any, *, holes: bool = False) -> tuple[A
         """Whether anything lies on the ray within ``far`` [m]."""
         if wp.static(holes):
             if blocked(
-                scene.nodes, scene.leaves, scene.uv, scene.cuts, 0, 0, origin, direction, far
+                scene.nodes, scene.leaves, scene.uv, scene.cuts, 0, 0, origin, direction, 0.0, far
             ):
                 return True
         else:
-            if blocked(scene.nodes, scene.leaves, 0, origin, direction, far):
+            if blocked(scene.nodes, scene.leaves, 0, origin, direction, 0.0, far):
                 return True
         for block in range(scene.spheres.shape[1]):
             mask = traverse.spheres_entered(scene.spheres, slot, block, origin, direction, far)
@@ -262,11 +272,12 @@ def ray_functions(closest: Any, blocked: Any, *, holes: bool = False) -> tuple[A
                         pose.first_face,
                         local,
                         ahead,
+                        0.0,
                         far,
                     ):
                         return True
                 else:
-                    if blocked(scene.nodes, scene.leaves, pose.root, local, ahead, far):
+                    if blocked(scene.nodes, scene.leaves, pose.root, local, ahead, 0.0, far):
                         return True
         return False
 
@@ -345,7 +356,7 @@ class Geometry:
             return
         rows = self.poses.host
         kind = placement.kind + 1  # 0: not there
-        cosine, sine = np.cos(placement.yaw_rad), np.sin(placement.yaw_rad)
+        sine, cosine = sine_cosine(placement.yaw_rad)
         sphere = self._spheres[kind]
         rows["root"] = np.where(kind > 0, self._roots[kind], 0)
         rows["first_face"] = self._first_face[kind]
@@ -357,8 +368,8 @@ class Geometry:
         x, y, z = sphere[..., 0], sphere[..., 1], sphere[..., 2]
         rows["tilt"] = (0.0, 1.0, 0.0, 1.0)
         if placement.pitch_rad is not None and placement.roll_rad is not None:
-            up_sine, up_cosine = np.sin(placement.pitch_rad), np.cos(placement.pitch_rad)
-            side_sine, side_cosine = np.sin(placement.roll_rad), np.cos(placement.roll_rad)
+            up_sine, up_cosine = sine_cosine(placement.pitch_rad)
+            side_sine, side_cosine = sine_cosine(placement.roll_rad)
             rows["tilt"] = np.stack([up_sine, up_cosine, side_sine, side_cosine], axis=-1)
             y, z = side_cosine * y - side_sine * z, side_sine * y + side_cosine * z
             x, z = up_cosine * x + up_sine * z, up_cosine * z - up_sine * x
@@ -442,4 +453,5 @@ def _sphere(mesh: Mesh) -> tuple[float, float, float, float]:
     low, high = mesh.points_m.min(axis=0), mesh.points_m.max(axis=0)
     centre = (low + high).astype(float) / 2
     radius = np.linalg.norm(mesh.points_m - centre, axis=1).max()
-    return (*centre.tolist(), float(radius) * 1.0001)
+    # Wider than the mesh by more than a ray's place is rounded far away.
+    return (*centre.tolist(), float(radius) * 1.005 + 0.005)

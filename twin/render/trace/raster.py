@@ -1,9 +1,11 @@
 """What the pixels of an undistorted camera see, face by face instead of ray by ray; CPU only.
 
 All rays of a picture begin at one point, so a face's Pluecker coordinates are computed once, and
-eight neighbouring pixels meet it with one vector instruction: the same test as that of
-:mod:`twin.render.trace.traverse`, and the same distances. Nodes of the hierarchy that are outside
-the picture are skipped. The nearest face wins, the first one of equals.
+eight neighbouring pixels meet it with one vector instruction. The test is that of
+:mod:`twin.render.trace.traverse`, operation by operation, in the same axes: the world's, or those
+of a movable object. So both find the same faces, distances and weights to the last bit. Nodes of
+the hierarchy that are outside the picture are skipped, by bounds that are a pixel wider. The
+nearest face wins; of equally near ones the lowest of one mesh, and the mesh that came first.
 """
 
 from __future__ import annotations
@@ -19,18 +21,21 @@ from twin.render.build import NONE, Features
 from twin.render.light.light import SlotLight
 from twin.render.looks import SMOOTH
 from twin.render.trace.cutouts import HOLE
+from twin.render.trace.eight import FUSED8
 from twin.render.trace.geometry import RayScene, into_object
 from twin.render.trace.rays import Optics, SlotPose
 from twin.render.trace.visibility import (
     CURVED,
     DETAILED,
     NOTHING,
+    OBJECT_MASK,
     TILE_COLUMNS,
     TILE_ROWS,
     PixelsSeen,
+    reach_of,
 )
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 
 @wp.struct
@@ -47,6 +52,9 @@ class Raster:
     tiles_y: wp.int32
     rays: wp.array(dtype=wp.float32)
     """Right [8], down [8], ahead [8] of every row of every tile."""
+    directions: wp.array(dtype=wp.float32)
+    """Of the picture that is being drawn: the same rays in the world's axes, x [8], y [8], z [8],
+    and the nearest distance [8] that is shown along them [m]."""
 
 
 def raster_of(lens: Lens, table: np.ndarray, hfov_deg: float, device: wp.Device) -> Raster | None:
@@ -64,10 +72,16 @@ def raster_of(lens: Lens, table: np.ndarray, hfov_deg: float, device: wp.Device)
     tiles = padded.reshape(raster.tiles_y, TILE_ROWS, raster.tiles_x, TILE_COLUMNS, 3)
     rows = tiles.transpose(0, 2, 1, 4, 3)  # tile row, tile column, row, axis, column
     raster.rays = wp.array(rows.ravel(), dtype=wp.float32, device=device)
+    raster.directions = wp.empty(rows.size // 24 * 32, dtype=wp.float32, device=device)
     return raster
 
 
-_DRAW = """
+_DRAW = f"""
+    {FUSED8}
+    #define LESS(a, b, c, d) __builtin_fmaf(a, b, -((c) * (d)))
+    #define SUM(a, b, c, d, e, f) __builtin_fmaf(a, b, __builtin_fmaf(c, d, (e) * (f)))
+"""
+_DRAW += """
     typedef float f8 __attribute__((ext_vector_type(8)));
     typedef int i8 __attribute__((ext_vector_type(8)));
     typedef bool b8 __attribute__((ext_vector_type(8)));
@@ -75,7 +89,11 @@ _DRAW = """
     typedef int j8 __attribute__((ext_vector_type(8), aligned(4)));
     // PUNCH
     const float width = optics.width, height = optics.height;
-    const float near = optics.near, far = optics.far;
+    // Rays are turned into a movable object's axes; the world's are as they are.
+    const auto* pose = thing < 0 ? nullptr : wp::address(scene.objects, slot, thing);
+    const float cosine = pose ? pose->cosine : 1.0f, sine = pose ? pose->sine : 0.0f;
+    const wp::vec4 tilt = pose ? pose->tilt : wp::vec4(0.0f, 1.0f, 0.0f, 1.0f);
+    const bool tilted = tilt[0] != 0.0f || tilt[2] != 0.0f;
     // Borders of the picture as planes through the eye, their normals inwards.
     float plane[4][3];
     const float border[4][3] = {
@@ -109,9 +127,12 @@ _DRAW = """
         }
         const u8* c = (const u8*)(scene.leaves.data + (size_t)(-1 - node) * 80);
         const int* faces = (const int*)(c + 9);
-        f8 corner[3][3];
+        f8 corner[3][3], place[3][3];
         for (int v = 0; v < 3; ++v) {
             const f8 x = c[3 * v] - eye[0], y = c[3 * v + 1] - eye[1], z = c[3 * v + 2] - eye[2];
+            place[v][0] = x;
+            place[v][1] = y;
+            place[v][2] = z;
             corner[v][0] = x * right[0] + y * right[1] + z * right[2];
             corner[v][1] = x * down[0] + y * down[1] + z * down[2];
             corner[v][2] = x * ahead[0] + y * ahead[1] + z * ahead[2];
@@ -148,42 +169,63 @@ _DRAW = """
             const int k = __builtin_ctz(mask);
             mask &= mask - 1;
             if (faces[k] < 0) continue;
-            const float px = corner[0][0][k], py = corner[0][1][k], pz = corner[0][2][k];
-            const float qx = corner[1][0][k], qy = corner[1][1][k], qz = corner[1][2][k];
-            const float sx = corner[2][0][k], sy = corner[2][1][k], sz = corner[2][2][k];
+            const float px = place[0][0][k], py = place[0][1][k], pz = place[0][2][k];
+            const float qx = place[1][0][k], qy = place[1][1][k], qz = place[1][2][k];
+            const float sx = place[2][0][k], sy = place[2][1][k], sz = place[2][2][k];
             const float ex = sx - px, ey = sy - py, ez = sz - pz;
             const float gx = px - qx, gy = py - qy, gz = pz - qz;
             const float hx = qx - sx, hy = qy - sy, hz = qz - sz;
             const float ax = sx + px, ay = sy + py, az = sz + pz;
             const float bx = px + qx, by = py + qy, bz = pz + qz;
             const float kx = qx + sx, ky = qy + sy, kz = qz + sz;
-            const float Ux = ey * az - ez * ay, Uy = ez * ax - ex * az, Uz = ex * ay - ey * ax;
-            const float Vx = gy * bz - gz * by, Vy = gz * bx - gx * bz, Vz = gx * by - gy * bx;
-            const float Wx = hy * kz - hz * ky, Wy = hz * kx - hx * kz, Wz = hx * ky - hy * kx;
-            const float mx = ey * gz - ez * gy, my = ez * gx - ex * gz, mz = ex * gy - ey * gx;
-            const float depth = px * mx + py * my + pz * mz;
+            const float Ux = LESS(ey, az, ez, ay), Uy = LESS(ez, ax, ex, az);
+            const float Uz = LESS(ex, ay, ey, ax);
+            const float Vx = LESS(gy, bz, gz, by), Vy = LESS(gz, bx, gx, bz);
+            const float Vz = LESS(gx, by, gy, bx);
+            const float Wx = LESS(hy, kz, hz, ky), Wy = LESS(hz, kx, hx, kz);
+            const float Wz = LESS(hx, ky, hy, kx);
+            const float mx = LESS(ey, gz, ez, gy), my = LESS(ez, gx, ex, gz);
+            const float mz = LESS(ex, gy, ey, gx);
+            const float depth = SUM(px, mx, py, my, pz, mz);
             const int face = first_face + faces[k];
             const int c0 = (int)x0[k] >> 3, c1 = (int)x1[k] >> 3;
             const int r1 = (int)y1[k];
             for (int row = (int)y0[k]; row <= r1; ++row) {
                 for (int block = c0; block <= c1; ++block) {
                     const int line = ((row >> 2) * raster.tiles_x + block) * 4 + (row & 3);
-                    const u8* ray = (const u8*)(raster.rays.data + (size_t)line * 24);
-                    const f8 dx = ray[0], dy = ray[1], dz = ray[2];
-                    const f8 U = Ux * dx + Uy * dy + Uz * dz;
-                    const f8 V = Vx * dx + Vy * dy + Vz * dz;
-                    const f8 W = Wx * dx + Wy * dy + Wz * dz;
+                    const u8* ray = (const u8*)(raster.directions.data + (size_t)line * 32);
+                    f8 dx = ray[0], dy = ray[1], dz = ray[2];
+                    if (pose) {  // the steps of twin.render.trace.geometry.into_object
+                        const f8 x = cosine * dx + sine * dy;
+                        dy = cosine * dy - sine * dx;
+                        dx = x;
+                        if (tilted) {
+                            dx = tilt[1] * x - tilt[0] * dz;
+                            const f8 z = tilt[0] * x + tilt[1] * dz, y = dy;
+                            dy = tilt[3] * y + tilt[2] * z;
+                            dz = tilt[3] * z - tilt[2] * y;
+                        }
+                    }
+                    const f8 U = TWIN_DOT(Ux, dx, Uy, dy, Uz, dz);
+                    const f8 V = TWIN_DOT(Vx, dx, Vy, dy, Vz, dz);
+                    const f8 W = TWIN_DOT(Wx, dx, Wy, dy, Wz, dz);
                     const f8 least = __builtin_elementwise_min(U, __builtin_elementwise_min(V, W));
                     const f8 most = __builtin_elementwise_max(U, __builtin_elementwise_max(V, W));
                     const i8 inside = (least >= 0.0f) | (most <= 0.0f);
                     if (!__builtin_bit_cast(unsigned char, __builtin_convertvector(inside, b8)))
                         continue;
-                    const f8 slope = mx * dx + my * dy + mz * dz;
+                    const f8 slope = TWIN_SUM(mx, dx, my, dy, mz, dz);
                     const f8 t = depth / slope;
                     const size_t at = (size_t)first_pixel + (size_t)line * 8;
                     u8* nearest = (u8*)(seen.t.data + at);
-                    i8 wins = inside & (slope != 0.0f) & (t * dz >= near) & (t * dz <= far)
-                        & (t < *nearest);
+                    const f8 sum = U + V + W;
+                    i8 wins = inside & (sum != 0.0f) & (t >= ray[3]) & (t <= *nearest);
+                    const i8 equal = wins & (t == *nearest);
+                    if (__builtin_bit_cast(unsigned char, __builtin_convertvector(equal, b8))) {
+                        const i8 lower = (face < *(const j8*)(seen.face.data + at))
+                            & ((*(const j8*)(seen.flags.data + at) & OBJECTS) == thing + 1);
+                        wins &= ~equal | lower;
+                    }
                     // HOLES
                     const b8 some = __builtin_convertvector(wins, b8);
                     if (!__builtin_bit_cast(unsigned char, some)) continue;
@@ -192,9 +234,11 @@ _DRAW = """
                     *kept = wins ? (i8)face : (i8)*kept;
                     kept = (j8*)(seen.flags.data + at);
                     *kept = wins ? (i8)(thing + 1 /* MARK */) : (i8)*kept;
-                    const f8 scale = 65535.0f / (U + V + W);
-                    const i8 u = __builtin_convertvector(W * scale + 0.5f, i8);
-                    const i8 v = __builtin_convertvector(U * scale + 0.5f, i8);
+                    const f8 share = 1.0f / sum, one = 1.0f;
+                    const f8 su = __builtin_elementwise_min(W * share, one);
+                    const f8 sv = __builtin_elementwise_min(U * share, one);
+                    const i8 u = __builtin_convertvector(su * 65535.0f + 0.5f, i8);
+                    const i8 v = __builtin_convertvector(sv * 65535.0f + 0.5f, i8);
                     kept = (j8*)(seen.bary.data + at);
                     *kept = wins ? ((u << 16) | v) : (i8)*kept;
                 }
@@ -207,9 +251,9 @@ _DRAW = """
 # Pixels that look through a hole of the face do not see it. Apart from the loop, which would be
 # slower for all faces otherwise.
 _PUNCH = """
-    auto punch = [&](int face, f8 U, f8 V, f8 W, i8 wins) __attribute__((noinline)) -> i8 {
-        const f8 whole = U + V + W;
-        const f8 su = W / whole, sv = U / whole;
+    auto punch = [&](int face, f8 U, f8 sum, f8 W, i8 wins) __attribute__((noinline)) -> i8 {
+        const f8 share = 1.0f / sum;
+        const f8 su = W * share, sv = U * share;
         for (int i = 0; i < 8; ++i)
             if (wins[i] && hole(face, su[i], sv[i])) wins[i] = 0;
         return wins;
@@ -219,13 +263,14 @@ _HOLES = """
                     const b8 nearer = __builtin_convertvector(wins, b8);
                     if (!__builtin_bit_cast(unsigned char, nearer)) continue;
                     if (cuts.of_face.data && __builtin_expect(cuts.of_face.data[face] >= 0, 0))
-                        wins = punch(face, U, V, W, wins);"""
+                        wins = punch(face, U, sum, W, wins);"""
 # Pixels that see a face with details are marked as it is drawn.
 _MARK = f"""+ (!rows || rows[face] < 0 ? 0
                         : {int(DETAILED)} + (rows[face] < {SMOOTH} ? 0 : {int(CURVED)}))"""
 
 
 def _for_cpu(text: str) -> str:
+    text = text.replace("OBJECTS", str(int(OBJECT_MASK)))
     return f"#if !defined(__CUDA_ARCH__)\n{text}\n#endif\n"
 
 
@@ -244,6 +289,7 @@ def draw_faces(
     optics: Optics,
     root: wp.int32,
     first_face: wp.int32,
+    slot: wp.int32,
     thing: wp.int32,
     eye: wp.vec3,
     right: wp.vec3,
@@ -252,8 +298,8 @@ def draw_faces(
     first_pixel: wp.int32,
     seen: PixelsSeen,
 ):
-    """Draw the faces below ``root`` into the pixels from ``first_pixel`` on; the camera is given in
-    the axes of the hierarchy."""
+    """Draw the faces below ``root``, of the object ``thing`` of ``slot`` (-1: static), into the
+    pixels from ``first_pixel`` on; the camera is given in the axes of the hierarchy."""
 
 
 @wp.func_native(_for_cpu(_drawn_with_details()))
@@ -263,6 +309,7 @@ def draw_detailed_faces(
     optics: Optics,
     root: wp.int32,
     first_face: wp.int32,
+    slot: wp.int32,
     thing: wp.int32,
     eye: wp.vec3,
     right: wp.vec3,
@@ -314,7 +361,7 @@ def raster_kernel(features: Features = NONE) -> wp.Kernel:
     looks = features.looks
     draw = draw_detailed_faces if looks or features.holes else draw_faces
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @wp.kernel(module="unique", enable_backward=False, module_options={"fuse_fp": False})
     def draw_kernel(
         # model
         scene: RayScene,
@@ -335,16 +382,26 @@ def raster_kernel(features: Features = NONE) -> wp.Kernel:
             return
         count = raster.tiles_x * raster.tiles_y * wp.static(TILE_COLUMNS * TILE_ROWS)
         first = place * count
-        for i in range(count):
-            seen.t[first + i] = 1.0e30
-            seen.face[first + i] = NOTHING
         pose = poses[slot]
+        for i in range(count):
+            line = i / 8
+            column = i - 8 * line
+            own = 24 * line + column
+            ray = wp.vec3(raster.rays[own], raster.rays[own + 8], raster.rays[own + 16])
+            direction = pose.right * ray[0] + pose.down * ray[1] + pose.ahead * ray[2]
+            reach = reach_of(optics, ray)
+            for k in range(3):
+                raster.directions[32 * line + 8 * k + column] = direction[k]
+            raster.directions[32 * line + 24 + column] = reach[0]
+            seen.t[first + i] = reach[1]
+            seen.face[first + i] = NOTHING
         draw(
             scene,
             raster,
             optics,
             0,
             0,
+            slot,
             -1,
             pose.eye,
             pose.right,
@@ -362,6 +419,7 @@ def raster_kernel(features: Features = NONE) -> wp.Kernel:
                     optics,
                     thing.root,
                     thing.first_face,
+                    slot,
                     m,
                     into_object(pose.eye - thing.position, thing),
                     into_object(pose.right, thing),

@@ -7,9 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 import warp as wp
 
+from twin.base.portable_math import portable_cos, portable_sin
 from twin.vehicle.state import COLUMN
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 _X, _Y, _Z, _Q = (wp.constant(COLUMN[name]) for name in ("x_m", "y_m", "z_m", "orientation_x"))
 
@@ -89,8 +90,8 @@ def flat_pose_kernel(
 ):
     """Poses [S, 3] of level vehicles on the plane z = 0: x, y [m], yaw [rad]."""
     slot = wp.tid()
-    c = wp.float32(wp.cos(pose_m[slot, 2]))
-    s = wp.float32(wp.sin(pose_m[slot, 2]))
+    c = wp.float32(portable_cos(pose_m[slot, 2]))
+    s = wp.float32(portable_sin(pose_m[slot, 2]))
     position = wp.vec3(wp.float32(pose_m[slot, 0]), wp.float32(pose_m[slot, 1]), 0.0)
     pose_out[slot] = _slot_pose(
         position, wp.vec3(c, s, 0.0), wp.vec3(-s, c, 0.0), wp.vec3(0.0, 0.0, 1.0), optics

@@ -20,7 +20,7 @@ from twin.render.surface import is_ground, may_mirror
 from twin.render.trace.geometry import RayScene, out_of_object, rays_of
 from twin.render.trace.rays import Optics, SlotPose
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 TILE_COLUMNS, TILE_ROWS = 8, 4
 _TILE_COLUMNS = wp.constant(TILE_COLUMNS)
@@ -160,6 +160,22 @@ def put_on_list(
 
 
 @wp.func
+def reach_of(optics: Optics, ray: wp.vec3) -> wp.vec2:
+    """Nearest and farthest distance along a ray, in the camera's axes, that a picture shows [m]."""
+    if optics.spherical != 0:
+        return wp.vec2(optics.near, optics.far)
+    if ray[2] > 1.0e-3:
+        return wp.vec2(optics.near / ray[2], wp.min(optics.far / ray[2], 4.0 * optics.far))
+    return wp.vec2(0.0, optics.far)
+
+
+@wp.func
+def share_of(weight: wp.int32) -> wp.float32:
+    """A barycentric weight as :class:`PixelsSeen` has it."""
+    return wp.float32(weight) * 1.5259022e-5
+
+
+@wp.func
 def needs_second_rays(
     material: wp.int32, wetness: wp.float32, cosine: wp.float32, distance: wp.float32
 ) -> wp.bool:
@@ -224,18 +240,16 @@ def visibility_kernel(build: KernelOptions, second: bool, features: Features = N
         direction = (
             poses[slot].right * ray[0] + poses[slot].down * ray[1] + poses[slot].ahead * ray[2]
         )
-        near = wp.float32(0.0)
-        far = optics.far
-        if optics.spherical != 0:
-            near = optics.near
-        elif ray[2] > 1.0e-3:
-            near = optics.near / ray[2]
-            far = wp.min(far / ray[2], 4.0 * far)
-        eye = poses[slot].eye + direction * near
-        hit = trace(scene, slot, eye, direction, far - near)
+        reach = reach_of(optics, ray)
+        near = reach[0]
+        far = reach[1]
+        eye = poses[slot].eye
+        hit = trace(scene, slot, eye, direction, near, far)
         if not hit.found:
             seen.face[thread] = NOTHING
             return
+        u = wp.int32(wp.clamp(hit.u, 0.0, 1.0) * 65535.0 + 0.5)
+        v = wp.int32(wp.clamp(hit.v, 0.0, 1.0) * 65535.0 + 0.5)
         flags = hit.object + 1
         if wp.static(looks):
             detailed = scene.faces[hit.face].uv_per_m < 0.0
@@ -248,8 +262,9 @@ def visibility_kernel(build: KernelOptions, second: bool, features: Features = N
             start = eye + direction * hit.t + hit.normal * 0.02
             if wp.static(looks):  # noqa: SIM102 (resolved before the kernel is compiled)
                 if detailed:
+                    # As coarse as it is stored, so that a picture that is drawn has the same.
                     smooth = smooth_point(
-                        scene, slot, hit.face, hit.object, hit.u, hit.v, hit.normal
+                        scene, slot, hit.face, hit.object, share_of(u), share_of(v), hit.normal
                     )
                     facing = smooth.n
                     start = start + smooth.lift
@@ -257,7 +272,7 @@ def visibility_kernel(build: KernelOptions, second: bool, features: Features = N
                 flags = flags | ASKED
                 if not occluded(scene, slot, start, sun, SUN_RANGE_M):
                     flags = flags | LIT
-        seen.t[thread] = hit.t + near
+        seen.t[thread] = hit.t
         seen.face[thread] = hit.face
         seen.flags[thread] = flags
         if wp.static(second):
@@ -268,8 +283,6 @@ def visibility_kernel(build: KernelOptions, second: bool, features: Features = N
                 needs = needs and not detailed
             if needs:
                 put_on_list(seen.listed, seen.listed_count, thread)
-        u = wp.int32(wp.clamp(hit.u, 0.0, 1.0) * 65535.0 + 0.5)
-        v = wp.int32(wp.clamp(hit.v, 0.0, 1.0) * 65535.0 + 0.5)
         seen.bary[thread] = (u << 16) | v
 
     return first_kernel
@@ -337,8 +350,8 @@ def sun_kernel(build: KernelOptions, second: bool, features: Features = NONE) ->
         if wp.static(looks):  # noqa: SIM102 (resolved before the kernel is compiled)
             if (flags & CURVED) != 0:
                 bary = seen.bary[thread]
-                u = wp.float32((bary >> 16) & 65535) * 1.5259022e-5
-                v = wp.float32(bary & 65535) * 1.5259022e-5
+                u = share_of((bary >> 16) & 65535)
+                v = share_of(bary & 65535)
                 smooth = smooth_point(scene, slot, face, m, u, v, normal)
                 facing = smooth.n
                 start = start + smooth.lift

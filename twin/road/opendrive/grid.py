@@ -1,12 +1,15 @@
 """Numbers that come out the same on every processor.
 
-Sines and arc tangents differ in their last bits between processors. Here they are rounded to a
-grid far above those bits and far below what matters, and results are rounded once more.
+NumPy's sines and arc tangents differ in their last bits between processors. These are the portable
+ones, rounded to a grid far above their last bits and far below what matters; results are rounded
+once more, for what else may differ.
 """
 
 from __future__ import annotations
 
 import numpy as np
+
+from twin.base.portable import host
 
 _GRID = 2.0**30
 """Per metre or radian, of results."""
@@ -21,22 +24,22 @@ def settled(values: np.ndarray) -> np.ndarray:
 
 def cosine(angle: float | np.ndarray) -> np.ndarray:
     """Within 3e-14."""
-    return np.rint(np.cos(angle) * _FINE_GRID) / _FINE_GRID
+    return np.rint(host.cosine(angle) * _FINE_GRID) / _FINE_GRID
 
 
 def sine(angle: float | np.ndarray) -> np.ndarray:
     """Within 3e-14."""
-    return np.rint(np.sin(angle) * _FINE_GRID) / _FINE_GRID
+    return np.rint(host.sine(angle) * _FINE_GRID) / _FINE_GRID
 
 
 def chord_share(half: np.ndarray) -> np.ndarray:
     """sin(half) / half, 1 at 0; within 3e-14."""
-    return np.rint(np.sinc(half / np.pi) * _FINE_GRID) / _FINE_GRID
+    return np.rint(host.sine_share(half) * _FINE_GRID) / _FINE_GRID
 
 
 def angle_of(y: np.ndarray, x: np.ndarray) -> np.ndarray:
     """Arc tangent of y / x, on the grid of results [rad]."""
-    return settled(np.arctan2(y, x))
+    return settled(host.angle_of(y, x))
 
 
 def turned(angle: np.ndarray) -> np.ndarray:

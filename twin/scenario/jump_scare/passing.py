@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from twin.base.portable.host import sine_cosine
 from twin.scenario.protocol import Rows
 from twin.scenario.surroundings import Surroundings
 
@@ -19,7 +20,7 @@ def past_from(ground: Surroundings, rows: Rows) -> int | None:
         return None
     lane = ground.lane
     x, y, yaw = (rows.column(name) for name in ("x_m", "y_m", "yaw_rad"))
-    cosine, sine = np.cos(yaw), np.sin(yaw)
+    sine, cosine = sine_cosine(yaw)
     centre_x = x + ground.centre_offset_m * cosine
     centre_y = y + ground.centre_offset_m * sine
     station = np.asarray(lane.locate(x, y).s_m)
@@ -46,5 +47,5 @@ def _corners(
     along, across = (_CORNERS * (half_length_m, half_width_m)).T
     shape = (4,) + (1,) * x_m.ndim
     along, across = along.reshape(shape), across.reshape(shape)
-    cosine, sine = np.cos(yaw_rad), np.sin(yaw_rad)
+    sine, cosine = sine_cosine(yaw_rad)
     return x_m + along * cosine - across * sine, y_m + along * sine + across * cosine

@@ -8,7 +8,7 @@ import warp as wp
 from schemas.messages import BOX_COLUMNS, BOXES_MAX
 from twin.world.mirror import Mirror
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 _BOXES_MAX = wp.constant(BOXES_MAX)
 _BLOCK = 8

@@ -14,7 +14,7 @@ from twin.sensors.mount import SensorMount
 from twin.sensors.truth import WHEELS
 from twin.world.mirror import Mirror
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 _TWO_PI = wp.constant(wp.float64(2.0 * math.pi))
 

@@ -12,9 +12,10 @@ import math
 
 import warp as wp
 
+from twin.base.portable_math import portable_atan2, portable_cos, portable_sin
 from twin.world.scene import Origin
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 SEMI_MAJOR_M = 6378137.0
 FLATTENING = 1.0 / 298.257223563
@@ -66,13 +67,13 @@ def geodetic(datum: Datum, world: wp.vec3d) -> wp.vec3d:
     fixed = datum.origin + datum.axes * world
     p = wp.sqrt(fixed[0] * fixed[0] + fixed[1] * fixed[1])
     z = fixed[2]
-    reduced = wp.atan2(z * _A, p * _B)
+    reduced = portable_atan2(z * _A, p * _B)
     latitude = reduced
     for _ in range(3):
-        s = wp.sin(reduced)
-        c = wp.cos(reduced)
-        latitude = wp.atan2(z + _E2_SECOND * _B * s * s * s, p - _E2 * _A * c * c * c)
-        reduced = wp.atan2(_B * wp.sin(latitude), _A * wp.cos(latitude))
-    s = wp.sin(latitude)
-    altitude = p * wp.cos(latitude) + z * s - _A * wp.sqrt(_ONE - _E2 * s * s)
-    return wp.vec3d(latitude * _DEG, wp.atan2(fixed[1], fixed[0]) * _DEG, altitude)
+        s = portable_sin(reduced)
+        c = portable_cos(reduced)
+        latitude = portable_atan2(z + _E2_SECOND * _B * s * s * s, p - _E2 * _A * c * c * c)
+        reduced = portable_atan2(_B * portable_sin(latitude), _A * portable_cos(latitude))
+    s = portable_sin(latitude)
+    altitude = p * portable_cos(latitude) + z * s - _A * wp.sqrt(_ONE - _E2 * s * s)
+    return wp.vec3d(latitude * _DEG, portable_atan2(fixed[1], fixed[0]) * _DEG, altitude)

@@ -16,13 +16,14 @@ from schemas.case import Case
 from schemas.identity import case_stream
 from schemas.kinds.sensors.gnss import COLUMNS
 from schemas.messages import SensorErrors
+from twin.base.portable.exact import not_a_number
 from twin.sensors.gnss.geodesy import Datum, datum_of, geodetic
 from twin.sensors.mount import KeyOf, SensorMount
 from twin.sensors.noise import Wander, gaussian, uniform, wander, wander_numbers
 from twin.sensors.truth import POSITION, rotation_at, vector_at
 from twin.world.mirror import Mirror, put_row, row_of
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 _ZERO = wp.constant(wp.float64(0.0))
 _ONE = wp.constant(wp.float64(1.0))
@@ -91,7 +92,7 @@ def gnss_kernel(
     found = geodetic(datum, place)
     fix = own.blocked == 0 and memory[slot, _LOST] == _ZERO
     for column in range(3):
-        gnss_out[slot, column] = wp.where(fix, found[column], wp.float64(wp.nan))
+        gnss_out[slot, column] = wp.where(fix, found[column], not_a_number())
     gnss_out[slot, 3] = wp.where(fix, _ONE, _ZERO)
 
 

@@ -22,7 +22,7 @@ from twin.sensors.noise import GAUSS_MARKOV_PEAK, Wander, gaussian, wander, wand
 from twin.sensors.truth import FORCE
 from twin.world.mirror import Mirror, put_row, row_of
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 _AXES = wp.constant(len(COLUMNS))
 _ONE = wp.constant(wp.float64(1.0))

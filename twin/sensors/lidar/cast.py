@@ -1,6 +1,6 @@
 """Which face each ray of a LiDAR meets first: one thread per ray, for GPUs.
 
-:mod:`twin.sensors.lidar.packet` is the same for the CPU.
+:mod:`twin.sensors.lidar.packet` is the same for the CPU, to the last bit.
 """
 
 from __future__ import annotations
@@ -10,9 +10,10 @@ from functools import cache
 import warp as wp
 
 from twin.render.build import Features
-from twin.render.trace.geometry import RayScene, into_object
-from twin.render.trace.traverse import closest, closest_there
+from twin.render.trace.geometry import ObjectPose, RayScene, into_object
 from twin.sensors.lidar.air import LidarAir
+from twin.sensors.lidar.packet import PACKET
+from twin.sensors.lidar.ray import nearest, nearest_there
 from twin.sensors.lidar.sweep import (
     MASK_BITS,
     BeamHit,
@@ -21,10 +22,11 @@ from twin.sensors.lidar.sweep import (
     direction_of,
 )
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 _MASK_BITS = wp.constant(MASK_BITS)
 _UP = wp.constant(0.5)
+_PACKET_COLUMNS = wp.constant(PACKET[0])
 
 
 @wp.struct
@@ -36,6 +38,21 @@ class _Best:
     object: wp.int32
     direction: wp.vec3
     """Of the ray, in the axes of what it meets."""
+
+
+@wp.func
+def back_in_time(thing: ObjectPose, time: wp.float32) -> ObjectPose:
+    """An object where it was ``time`` [s] from the tick: its yaw then, by the first terms of sine
+    and cosine."""
+    pose = thing
+    angle = thing.yaw_rate * time
+    square = angle * angle
+    c = 1.0 - square * (0.5 - square * 0.041666668)
+    s = angle * (1.0 - square * (0.16666667 - square * 0.008333334))
+    pose.cosine = thing.cosine * c - thing.sine * s
+    pose.sine = thing.sine * c + thing.cosine * s
+    pose.position = thing.position + thing.velocity * time
+    return pose
 
 
 BLOCK = 128
@@ -52,6 +69,7 @@ def cast_kernel_of(features: Features) -> wp.Kernel:
         scene: RayScene,
         slot: wp.int32,
         m: wp.int32,
+        head: SweepPose,
         origin: wp.vec3,
         direction: wp.vec3,
         time: wp.float32,
@@ -68,30 +86,26 @@ def cast_kernel_of(features: Features) -> wp.Kernel:
             return best
         if along - 1.5 * radius > best.t:
             return best
-        pose = scene.objects[slot, m]
-        angle = pose.yaw_rate * time
-        c = wp.cos(angle)
-        s = wp.sin(angle)
-        cosine = pose.cosine * c - pose.sine * s
-        sine = pose.sine * c + pose.cosine * s
-        pose.cosine = cosine
-        pose.sine = sine
-        local = into_object(origin - (pose.position + velocity * time), pose)
+        pose = back_in_time(scene.objects[slot, m], time)
+        local = into_object(origin - pose.position, pose)
         ahead = into_object(direction, pose)
+        first = back_in_time(scene.objects[slot, m], head.time)
+        local_head = into_object(head.origin - first.position, first)
         if wp.static(holes):
-            own = closest_there(
+            own = nearest_there(
                 scene.nodes,
                 scene.leaves,
                 scene.uv,
                 scene.cuts,
                 pose.root,
                 pose.first_face,
+                local_head,
                 local,
                 ahead,
                 best.t,
             )
         else:
-            own = closest(scene.nodes, scene.leaves, pose.root, local, ahead, best.t)
+            own = nearest(scene.nodes, scene.leaves, pose.root, local_head, local, ahead, best.t)
         face = wp.cast(own[3], wp.int32)
         if face >= 0:
             best.t = own[0]
@@ -100,7 +114,13 @@ def cast_kernel_of(features: Features) -> wp.Kernel:
             best.object = m
         return best
 
-    @wp.kernel(module="unique", enable_backward=False, grid_stride=False, launch_bounds=(BLOCK, 8))
+    @wp.kernel(
+        module="unique",
+        enable_backward=False,
+        grid_stride=False,
+        launch_bounds=(BLOCK, 8),
+        module_options={"fuse_fp": False},
+    )
     def cast_kernel(
         # model
         scene: RayScene,
@@ -131,24 +151,29 @@ def cast_kernel_of(features: Features) -> wp.Kernel:
         if channel >= beams.channels or column >= beams.columns or air[slot].active == 0:
             return
         pose = poses[slot, column]
+        # The first ray of the packet that a CPU would cast this one with.
+        head = poses[slot, column - column % _PACKET_COLUMNS]
         direction = pose.rotation * direction_of(beams, channel, column, sub)
         best = _Best()
         best.object = wp.int32(-1)
         best.direction = direction
         if wp.static(holes):
-            static = closest_there(
+            static = nearest_there(
                 scene.nodes,
                 scene.leaves,
                 scene.uv,
                 scene.cuts,
                 0,
                 0,
+                head.origin,
                 pose.origin,
                 direction,
                 beams.range_max,
             )
         else:
-            static = closest(scene.nodes, scene.leaves, 0, pose.origin, direction, beams.range_max)
+            static = nearest(
+                scene.nodes, scene.leaves, 0, head.origin, pose.origin, direction, beams.range_max
+            )
         best.t = static[0]
         best.face = wp.cast(static[3], wp.int32)
         for word in range(mask.shape[2]):
@@ -156,7 +181,9 @@ def cast_kernel_of(features: Features) -> wp.Kernel:
             m = word * _MASK_BITS
             while bits != wp.uint32(0):
                 if (bits & wp.uint32(1)) != wp.uint32(0):
-                    best = against_object(scene, slot, m, pose.origin, direction, pose.time, best)
+                    best = against_object(
+                        scene, slot, m, head, pose.origin, direction, pose.time, best
+                    )
                 bits = bits >> wp.uint32(1)
                 m += 1
         hit = BeamHit()

@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import warp as wp
 
+from twin.base.portable.exact import not_a_number_f32
+from twin.base.portable_math import portable_exp_f32, portable_log_f32
 from twin.render.noise import draw, normal, uniform
 from twin.render.trace.geometry import DECAL_TAG, RayScene
 from twin.sensors.lidar.air import LidarAir
 from twin.sensors.lidar.sweep import BeamHit, BeamTable, SweepPose, direction_of
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 _NONE, _SURFACE, _FOG, _DROP = (wp.constant(n) for n in range(4))
 _DRAWS = wp.constant(3)
@@ -167,7 +169,7 @@ def _best_echo(
                 caught = wp.max(target[0], detector.focus)
                 signal = target[1] / (caught * caught)
                 if air.extinction > 0.0:
-                    passes = wp.exp(-2.0 * air.extinction * target[0])
+                    passes = portable_exp_f32(-2.0 * air.extinction * target[0])
                     if detector.weakens != 0:
                         signal = signal * passes
                     elif lucky >= passes:
@@ -194,7 +196,7 @@ def _intensity(detector: Receiver, reflectivity: wp.float32) -> wp.float32:
     """0..255 of a measured reflectivity; whole numbers, 1 at least for what is detected."""
     value = 100.0 * reflectivity
     if reflectivity > 1.0:
-        value = 100.0 + detector.retro_scale * wp.log(reflectivity)
+        value = 100.0 + detector.retro_scale * portable_log_f32(reflectivity)
     return wp.clamp(wp.floor(value + 0.5), 1.0, 255.0)
 
 
@@ -232,8 +234,8 @@ def _write_point(
         echo = _best_echo(
             beams, detector, surfaces, fog, drops, own, hits, slot, beam, lucky, noise
         )
-    distance = wp.NAN
-    point = wp.vec3(wp.NAN, wp.NAN, wp.NAN)
+    distance = not_a_number_f32()
+    point = wp.vec3(distance, distance, distance)
     intensity = wp.float32(0.0)
     if echo.kind != _NONE:
         # Timing errors grow as the signal nears the noise.

@@ -12,11 +12,17 @@ import numpy as np
 import warp as wp
 
 from schemas.sections.lidar import LidarMount, LidarProfile
+from twin.base.portable_math import (
+    portable_acos,
+    portable_asin_f32,
+    portable_atan2_f32,
+    portable_sin,
+)
 from twin.render.trace.geometry import ObjectPose, RayScene
 from twin.sensors.lidar.air import LidarAir
 from twin.sensors.truth import POSITION, rotation_at, vector_at
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 TILE = (8, 4)
 """Columns and channels of a tile; 32 rays on a GPU, multiples of 8 and 2 on the CPU."""
@@ -154,10 +160,10 @@ def _between(a: wp.quatd, b: wp.quatd, share: wp.float64) -> wp.quatd:
         cosine = -cosine
     if cosine > wp.float64(0.99999999):
         return wp.normalize(a * (one - share) + to * share)
-    angle = wp.acos(wp.min(cosine, one))
-    scale = one / wp.sin(angle)
-    low = wp.sin((one - share) * angle) * scale
-    return wp.normalize(a * low + to * (wp.sin(share * angle) * scale))
+    angle = portable_acos(wp.min(cosine, one))
+    scale = one / portable_sin(angle)
+    low = portable_sin((one - share) * angle) * scale
+    return wp.normalize(a * low + to * (portable_sin(share * angle) * scale))
 
 
 @wp.kernel
@@ -231,10 +237,10 @@ def _in_wedge(
     flat = wp.sqrt(local[0] * local[0] + local[1] * local[1])
     if flat <= radius:
         return True
-    half = wp.asin(radius / flat)
+    half = portable_asin_f32(radius / flat)
     half += 0.5 * (beams.theta[last] - beams.theta[first]) + _SLACK_RAD
     middle = 0.5 * (beams.theta[last] + beams.theta[first])
-    off = wp.atan2(local[1], local[0]) - middle
+    off = portable_atan2_f32(local[1], local[0]) - middle
     off = off - _TURN * wp.floor(off / _TURN + 0.5)
     return wp.abs(off) <= half
 

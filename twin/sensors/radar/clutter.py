@@ -21,8 +21,7 @@ import warp as wp
 from twin.base.portable_math import portable_cos, portable_exp, portable_log, portable_sin
 from twin.render.build import Features
 from twin.render.noise import draw
-from twin.render.trace.exact import exact_rays_of
-from twin.render.trace.geometry import RayScene
+from twin.render.trace.geometry import RayScene, rays_of
 from twin.sensors.radar.echo import (
     FAINT,
     RadarEcho,
@@ -122,7 +121,7 @@ def section_per_area(surface: wp.vec4d, cosine: wp.float64, wetness: wp.float64)
 @cache
 def clutter_kernel_of(features: Features) -> wp.Kernel:
     """The kernel for worlds with such ``features``."""
-    trace, _ = exact_rays_of(features)
+    trace, _ = rays_of(features)
 
     @wp.kernel(module="unique", enable_backward=False, module_options={"fuse_fp": False})
     def clutter_kernel(
@@ -170,7 +169,7 @@ def clutter_kernel_of(features: Features) -> wp.Kernel:
             )
             direction = wp.vec3(wp.float32(ahead[0]), wp.float32(ahead[1]), wp.float32(ahead[2]))
             far = wp.float32(wp.float64(model.ranges) * model.range_cell)
-            hit = trace(scene, slot, origin, direction, far)
+            hit = trace(scene, slot, origin, direction, 0.0, far)
             parked = hit.instance >= 0 and hit.instance < grid.parked
             if hit.found and hit.object < 0 and not parked:
                 cosine = wp.max(wp.float64(wp.abs(wp.dot(hit.normal, direction))), _FLAT)

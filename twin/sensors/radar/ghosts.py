@@ -13,8 +13,7 @@ from functools import cache
 import warp as wp
 
 from twin.render.build import Features
-from twin.render.trace.exact import exact_rays_of
-from twin.render.trace.geometry import RayScene
+from twin.render.trace.geometry import RayScene, rays_of
 from twin.sensors.radar.bodies import TEMPLATE_ROWS, Scatterer
 from twin.sensors.radar.cross_section import cross_section
 from twin.sensors.radar.echo import (
@@ -70,7 +69,7 @@ def _as_float(v: wp.vec3d) -> wp.vec3:
 @cache
 def wall_kernel_of(features: Features) -> wp.Kernel:
     """The kernel that looks for faces in worlds with such ``features``."""
-    trace, _ = exact_rays_of(features)
+    trace, _ = rays_of(features)
 
     @wp.kernel(module="unique", enable_backward=False, module_options={"fuse_fp": False})
     def wall_kernel(
@@ -99,7 +98,7 @@ def wall_kernel_of(features: Features) -> wp.Kernel:
                 at = phasor(_TURNS * share * wp.abs(share))
                 level = wp.vec3d(wp.float64(at[0]), wp.float64(at[1]), _ZERO)
                 ray = _as_float(pose.rotation * level)
-                hit = trace(scene, slot, _as_float(pose.origin), ray, _FAR_M)
+                hit = trace(scene, slot, _as_float(pose.origin), ray, 0.0, _FAR_M)
                 stands = hit.instance < 0 or hit.instance >= parked
                 if hit.found and hit.object < 0 and stands and wp.abs(hit.normal[2]) < _UPRIGHT:
                     row = surface[wp.min(scene.faces[hit.face].material, surface.shape[0] - 1)]
@@ -128,7 +127,7 @@ def wall_kernel_of(features: Features) -> wp.Kernel:
 @cache
 def ghost_kernel_of(features: Features) -> wp.Kernel:
     """The kernel for worlds with such ``features``."""
-    _, occluded = exact_rays_of(features)
+    _, occluded = rays_of(features)
 
     @wp.func
     def free(

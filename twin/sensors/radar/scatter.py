@@ -17,8 +17,7 @@ import warp as wp
 
 from twin.base.portable_math import portable_cos, portable_exp, portable_sin
 from twin.render.build import Features
-from twin.render.trace.exact import exact_rays_of
-from twin.render.trace.geometry import ObjectPose, RayScene
+from twin.render.trace.geometry import ObjectPose, RayScene, rays_of
 from twin.sensors.radar.bodies import LIMB, RIM, TEMPLATE_ROWS, Scatterer
 from twin.sensors.radar.cross_section import cross_section
 from twin.sensors.radar.echo import (
@@ -195,7 +194,7 @@ def point_of_body(item: Scatterer, thing: ObjectPose) -> BodyPoint:
 @cache
 def scatter_kernel_of(features: Features) -> wp.Kernel:
     """The kernel for worlds with such ``features``."""
-    _, occluded = exact_rays_of(features)
+    _, occluded = rays_of(features)
 
     @wp.func
     def hidden(

@@ -48,7 +48,7 @@ def response(window: np.ndarray, offset: np.ndarray) -> np.ndarray:
 def table(window: np.ndarray) -> np.ndarray:
     """Response at 0, 1 / STEPS, ... REACH cells, float32; rounded, so the same everywhere."""
     values = response(window, np.arange(REACH * STEPS + 2) / STEPS)
-    return np.array([steady(float(value), 24) for value in values], np.float32)
+    return steady(values, 20).astype(np.float32)
 
 
 def loss(window: np.ndarray) -> float:

@@ -25,7 +25,7 @@ from twin.world.kernel_cache import kept_folder, prepare_kernels
 from twin.world.meshes import materials
 from twin.world.meshes.mesh import Mesh
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 VERSION = 2
 """Raise it when the same mesh gets other values: files of older versions are then ignored."""

@@ -1,0 +1,1 @@
+"""Parts of ``tests/device/bytes_check.py``."""
