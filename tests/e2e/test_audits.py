@@ -179,6 +179,33 @@ def test_a_stack_of_ones_own_is_run_in_a_sandbox_and_only_if_told(marked, tmp_pa
     assert not any(each.startswith("unprotected") for each in protection)
 
 
+def test_a_stack_that_rolls_dice_is_found_with_the_values_that_differ(marked, tmp_path):
+    stack, folder, path = tmp_path / "dice.py", tmp_path / "run", tmp_path / "c.cert"
+    brake = "float(braking[slot])"
+    assert brake in CLIENT.read_text()
+    diced = f'{brake} * (1 - __import__("os").urandom(1)[0] / 2560)'
+    stack.write_text(CLIENT.read_text().replace(brake, diced))
+
+    def dice(data):
+        foreign(data)
+        data["autonomy"]["command"][1] = str(stack)
+
+    campaign = changed(tmp_path, "chaos-16", dice)
+    done = marked.run("conductor", "run", campaign, "--out", str(folder), "--workers", "1")
+    assert done.returncode in (0, 1), done.stderr
+    assert marked.run("conductor", "certify", str(folder), "-o", str(path)).returncode == 0
+    out = ("--out", str(tmp_path / "audit"), "--run", str(folder), "--run-stack")
+    found = audited(marked, path, *out, code=1)
+    assert (found["false"], found["bound"]) == (2, "")
+    words = found["findings"][0]["words"]
+    assert "first brake at tick" in words
+    assert "against" in words
+    stack.write_text(stack.read_text() + "# changed\n")
+    again = ("--out", str(tmp_path / "other"), "--run-stack")
+    line = refused(marked, "audit", str(path), *again, *OPTIONS, code=3)
+    assert "the stack here is another one:" in line
+
+
 def test_noop_starts_no_stack_whatever_the_certificate_names(marked, tmp_path):
     ran, path = tmp_path / "ran", tmp_path / "c.cert"
     command = {"command": ["/bin/sh", "-c", f"touch {ran}"]}

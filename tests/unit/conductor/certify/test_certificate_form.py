@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 
 import msgspec
 import pytest
 from certificates import campaign, decoded, made, signer
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -189,6 +191,30 @@ def test_any_changed_byte_is_found(at, mask):
     changed = bytearray(DATA)
     changed[at] ^= mask
     refused(bytes(changed))
+
+
+def test_somebody_else_can_check_it_from_the_page_alone():
+    """docs/audit.md, "The file": with a JSON parser, SHA-256 and Ed25519, and nothing of ours."""
+    file = json.loads(DATA)
+    assert DATA.endswith(b"}\n")
+    begin = DATA.index(b'"head":') + len(b'"head":')
+    head = DATA[begin : DATA.index(b',"key":')]
+    key = Ed25519PublicKey.from_public_bytes(bytes.fromhex(file["key"]))
+    key.verify(bytes.fromhex(file["signature"]), b"drivetwin certificate 1\0" + head)
+    assert json.loads(head) == file["head"]
+    for name in ("campaign", "lock"):
+        text = json.dumps(file[name], separators=(",", ":"), ensure_ascii=False).encode()
+        assert hashlib.sha256(text).hexdigest() == file["head"][name]
+    level = []
+    for case, outcome, kpi, device in file["rows"]:
+        device_class = file["head"]["made_in"]["device_classes"][device]
+        parts = (case.encode(), outcome.encode(), bytes.fromhex(kpi), device_class.encode())
+        leaf = b"".join(len(part).to_bytes(8, "little") + part for part in parts)
+        level.append(hashlib.sha256(b"\0" + leaf).digest())
+    while len(level) > 1:  # eight rows: every level is even
+        pairs = zip(level[::2], level[1::2], strict=True)
+        level = [hashlib.sha256(b"\1" + left + right).digest() for left, right in pairs]
+    assert level[0].hex() == file["head"]["root"]
 
 
 def test_the_root_is_over_case_outcome_kpi_and_device():
