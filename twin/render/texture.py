@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from twin.base.portable.whole import whole_within_f32
 from twin.world.meshes.details import CLAMP, DATA, MIRRORED, REPEAT
 from twin.world.meshes.srgb import linear, srgb
 
@@ -168,8 +169,8 @@ def texture_at(
         level += 1
     x = (uv[0] - wp.floor(uv[0])) * wp.float32(width) - 0.5
     y = (1.0 - (uv[1] - wp.floor(uv[1]))) * wp.float32(height) - 0.5
-    i = wp.int32(wp.floor(x))
-    j = wp.int32(wp.floor(y))
+    i = whole_within_f32(wp.floor(x), -1, width)
+    j = whole_within_f32(wp.floor(y), -1, height)
     a = x - wp.float32(i)
     b = y - wp.float32(j)
     left = (i + width) % width
@@ -222,8 +223,8 @@ def sample(textures: Textures, texture: wp.int32, uv: wp.vec2, footprint: wp.flo
         level += 1
     x = _into(uv[0], across) * wp.float32(width) - 0.5
     y = (1.0 - _into(uv[1], down)) * wp.float32(height) - 0.5
-    i = wp.int32(wp.floor(x))
-    j = wp.int32(wp.floor(y))
+    i = whole_within_f32(wp.floor(x), -1, width)
+    j = whole_within_f32(wp.floor(y), -1, height)
     a = x - wp.float32(i)
     b = y - wp.float32(j)
     left = _neighbour(i, width, across)

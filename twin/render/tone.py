@@ -5,11 +5,14 @@ from __future__ import annotations
 import numpy as np
 import warp as wp
 
+from twin.base.portable.whole import whole_within_f32
 from twin.world.meshes.srgb import srgb
 
 TABLE_LEN = 8192
 """Entries of the tone table."""
 _TABLE_TOP = wp.constant(float(TABLE_LEN - 1))
+_LAST = wp.constant(wp.int32(TABLE_LEN - 1))
+_BRIGHTEST = wp.constant(wp.float32(1.0e30))
 
 
 def tone_table() -> np.ndarray:
@@ -26,6 +29,6 @@ def tone_table() -> np.ndarray:
 
 @wp.func
 def tone(signal: wp.float32, table: wp.array(dtype=wp.uint8)) -> wp.uint8:
-    """8-bit sRGB of a linear signal."""
-    x = wp.max(signal, 0.0)
-    return table[wp.int32(x / (1.0 + x) * _TABLE_TOP + 0.5)]
+    """8-bit sRGB of a linear signal; white where it is infinite."""
+    x = wp.min(wp.max(signal, 0.0), _BRIGHTEST)
+    return table[whole_within_f32(x / (1.0 + x) * _TABLE_TOP + 0.5, 0, _LAST)]

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import warp as wp
 
+from twin.base.portable.whole import whole_within
 from twin.base.portable_math import portable_tan
 from twin.vehicle.model import VehicleModel
 from twin.vehicle.state import VehicleState
@@ -64,7 +65,7 @@ def overall_ratio(m: VehicleModel, gear: wp.float64) -> wp.float64:
         return -m.reverse_ratio
     if gear < _ONE:
         return _ZERO
-    return m.ratios[wp.int32(gear) - 1]
+    return m.ratios[whole_within(gear, 1, m.gear_count) - 1]
 
 
 @wp.func

@@ -10,6 +10,8 @@ from __future__ import annotations
 import numpy as np
 import warp as wp
 
+from twin.base.portable.whole import whole_within
+
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 CELL_M = 8.0
@@ -39,8 +41,8 @@ class WallGrid:
 @wp.func
 def walls_near(grid: WallGrid, x: wp.float64, y: wp.float64) -> wp.vec2i:
     """First and last + 1 of ``grid.walls`` that a vehicle at a place can touch."""
-    column = wp.int32(wp.floor((x - grid.low[0]) / grid.side))
-    row = wp.int32(wp.floor((y - grid.low[1]) / grid.side))
+    column = whole_within(wp.floor((x - grid.low[0]) / grid.side), -1, grid.columns)
+    row = whole_within(wp.floor((y - grid.low[1]) / grid.side), -1, grid.rows)
     if column < 0 or row < 0 or column >= grid.columns or row >= grid.rows:
         return wp.vec2i(0, 0)
     cell = row * grid.columns + column

@@ -5,6 +5,7 @@ from __future__ import annotations
 import warp as wp
 
 from twin.actors.lamps import VehicleLamp
+from twin.base.portable.whole import whole_within_f32
 from twin.base.portable_math import portable_exp_f32
 from twin.render.light.light import SlotLight
 from twin.render.trace.geometry import RayScene, out_of_object
@@ -65,9 +66,10 @@ _LAMPS_LIGHTING = wp.constant(LAMPS_LIGHTING)
 @wp.func
 def _near_lamp(x: wp.float32, y: wp.float32, i: wp.int32, lamps: StreetLamps) -> wp.int32:
     """The ``i``-th of the lamps that light a place; -1: none."""
-    column = wp.int32(wp.floor((x - lamps.corner[0]) / lamps.cell))
-    row = wp.int32(wp.floor((y - lamps.corner[1]) / lamps.cell))
-    if row < 0 or row >= lamps.near.shape[0] or column < 0 or column >= lamps.near.shape[1]:
+    columns, rows = lamps.near.shape[1], lamps.near.shape[0]
+    column = whole_within_f32(wp.floor((x - lamps.corner[0]) / lamps.cell), -1, columns)
+    row = whole_within_f32(wp.floor((y - lamps.corner[1]) / lamps.cell), -1, rows)
+    if row < 0 or row >= rows or column < 0 or column >= columns:
         return wp.int32(-1)
     return lamps.near[row, column, i]
 

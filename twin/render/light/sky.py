@@ -6,6 +6,7 @@ import math
 
 import warp as wp
 
+from twin.base.portable.whole import whole_within_f32
 from twin.render.light.light import SlotLight
 from twin.render.noise import value_noise
 from twin.world.sky import sky_table
@@ -39,8 +40,8 @@ def smooth_sky(
     if direction[0] < 0.0:
         u = 2.0 - u
     u = (u + 1.0) * 0.25 * wp.float32(columns)
-    i = wp.min(wp.int32(v), rows - 2)
-    j = wp.int32(u)
+    i = whole_within_f32(v, 0, rows - 2)
+    j = whole_within_f32(u, 0, columns)
     a = v - wp.float32(i)
     b = u - wp.float32(j)
     j = wp.where(j >= columns, j - columns, j)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import warp as wp
 
 from twin.base.portable.exact import not_a_number_f32
+from twin.base.portable.whole import whole_within_f32
 from twin.base.portable_math import portable_exp_f32, portable_log_f32
 from twin.render.noise import draw, normal, uniform
 from twin.render.trace.geometry import DECAL_TAG, RayScene
@@ -106,7 +107,7 @@ def _place(table: wp.array2d(dtype=wp.vec2), row: wp.int32, at: wp.float32) -> w
     """Range [m] and signal of a table's row at the quantile ``at``."""
     last = table.shape[1] - 1
     x = at * wp.float32(last)
-    i = wp.min(wp.int32(x), last - 1)
+    i = whole_within_f32(x, 0, last - 1)
     f = x - wp.float32(i)
     return table[row, i] * (1.0 - f) + table[row, i + 1] * f
 

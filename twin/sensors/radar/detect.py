@@ -12,6 +12,7 @@ import math
 
 import warp as wp
 
+from twin.base.portable.whole import whole_within_f32
 from twin.base.portable_math import portable_asin, portable_atan2, portable_log
 from twin.sensors.radar.echo import (
     RadarModel,
@@ -79,7 +80,7 @@ def place_of(
         return 0.0
     apex = wp.float32(_HALF * (a - c) / bend)
     place = (wp.clamp(apex, -limit, limit) / limit + 1.0) * 0.5 * wp.float32(_PLACES - 1)
-    row = wp.min(wp.int32(place), _PLACES - 2)
+    row = whole_within_f32(place, 0, _PLACES - 2)
     share = place - wp.float32(row)
     return places[row] * (1.0 - share) + places[row + 1] * share
 

@@ -19,6 +19,7 @@ import math
 
 import warp as wp
 
+from twin.base.portable.whole import whole_within, whole_within_f32
 from twin.base.portable_math import portable_cos, portable_exp, portable_log, portable_sin
 from twin.render.noise import draw
 from twin.sensors.radar.echo import (
@@ -63,7 +64,7 @@ _TWO_PI = wp.constant(wp.float64(2.0 * math.pi))
 def window_at(window: wp.array(dtype=wp.float32), offset: wp.float32) -> wp.float32:
     """Response ``offset`` cells from a tone, between the table's rows on straight lines."""
     place = wp.abs(offset) * _STEPS
-    row = wp.int32(place)
+    row = whole_within_f32(place, 0, window.shape[0] - 2)
     share = place - wp.float32(row)
     return window[row] * (1.0 - share) + window[row + 1] * share
 
@@ -167,7 +168,7 @@ def map_kernel(
         here = window_at(model.range_window, offset)
         if echo.power * here * here <= FAINT:
             continue
-        lowest = wp.int32(wp.floor(echo.column)) - _REACH + 1
+        lowest = whole_within_f32(wp.floor(echo.column), 0, model.speeds) - _REACH + 1
         cells = Cells()
         weights = Weights()
         for k in range(_SPAN):
@@ -289,7 +290,7 @@ def power_of_noise(
         first = _ROWS + 1
         tail = _ONE - uniform
     place = (-portable_log(tail) - _LN_2) * _ROWS_PER_NEPER
-    at = wp.clamp(wp.int32(place), 0, _ROWS - 1)
+    at = whole_within(place, 0, _ROWS - 1)
     share = place - wp.float64(at)
     low = wp.float64(model.noise_power[first + at])
     high = wp.float64(model.noise_power[first + at + 1])
