@@ -158,9 +158,9 @@ auto walk = [&](int root, const Ray& ray, int first_face, int who) {
             const f8 height = TWIN_SUM(ax, nx8, ay, ny8, az, nz8);
             for (int k = 0; k < 8; ++k) {
                 if (tris[k] < 0) break;
-                F U = Ux[k] * ray.dx + Uy[k] * ray.dy + Uz[k] * ray.dz;
-                F V = Vx[k] * ray.dx + Vy[k] * ray.dy + Vz[k] * ray.dz;
-                F W = Wx[k] * ray.dx + Wy[k] * ray.dy + Wz[k] * ray.dz;
+                F U = SUM16(Ux[k], ray.dx, Uy[k], ray.dy, Uz[k], ray.dz);
+                F V = SUM16(Vx[k], ray.dx, Vy[k], ray.dy, Vz[k], ray.dz);
+                F W = SUM16(Wx[k], ray.dx, Wy[k], ray.dy, Wz[k], ray.dz);
                 if (apart) {
                     U -= SUM16(ux[k], gx, uy[k], gy, uz[k], gz);
                     V -= SUM16(vx[k], gx, vy[k], gy, vz[k], gz);

@@ -23,11 +23,11 @@ _VOLUMES = """
                 const float ex = kx + ax, ey = ky + ay, ez = kz + az;
                 const float fx = ax + bx, fy = ay + by, fz = az + bz;
                 const float hx = bx + kx, hy = by + ky, hz = bz + kz;
-                float U = TWIN_DOT(TWIN_LESS(ey, uz, ez, uy), dx,
+                float U = TWIN_SUM(TWIN_LESS(ey, uz, ez, uy), dx,
                     TWIN_LESS(ez, ux, ex, uz), dy, TWIN_LESS(ex, uy, ey, ux), dz);
-                float V = TWIN_DOT(TWIN_LESS(fy, vz, fz, vy), dx,
+                float V = TWIN_SUM(TWIN_LESS(fy, vz, fz, vy), dx,
                     TWIN_LESS(fz, vx, fx, vz), dy, TWIN_LESS(fx, vy, fy, vx), dz);
-                float W = TWIN_DOT(TWIN_LESS(hy, wz, hz, wy), dx,
+                float W = TWIN_SUM(TWIN_LESS(hy, wz, hz, wy), dx,
                     TWIN_LESS(hz, wx, hx, wz), dy, TWIN_LESS(hx, wy, hy, wx), dz);
                 if (apart) {
                     U -= TWIN_SUM(ux, gx, uy, gy, uz, gz);
