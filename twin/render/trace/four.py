@@ -99,6 +99,9 @@ _FACE4 = f"""
                     if (sum != 0.0f && t >= near && NEARER4) {{
 """
 
+KEPT4 = "best_u = u; best_v = v;"
+"""What is kept of a face that is nearer, beside its distance and number."""
+
 # Of faces at one distance the one with the lowest number, however a hierarchy has them.
 _NEARER4 = "(t < far || (t == far && TWIN_BITS(P.w) < best))"
 
@@ -158,8 +161,7 @@ CLOSEST4 = f"""
                         // SKIP4
                         far = t;
                         limit = t * slack;
-                        best_u = u;
-                        best_v = v;
+                        {KEPT4}
                         best = TWIN_BITS(P.w);
                     }}
                 }}

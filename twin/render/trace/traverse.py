@@ -17,7 +17,7 @@ import warp as wp
 
 from twin.render.trace.cutouts import HOLE, Cutouts
 from twin.render.trace.eight import BLOCKED8, CLOSEST8
-from twin.render.trace.four import BLOCKED4, CLOSEST4, DISTANCE4, VOLUMES4
+from twin.render.trace.four import BLOCKED4, CLOSEST4, DISTANCE4, KEPT4, VOLUMES4
 
 # A GPU's exact division is a subroutine that costs a third of the registers. Boxes may be met with
 # a quick one. What a hit follows from is divided by hand: with a reciprocal of the full precision,
@@ -87,15 +87,17 @@ def _with_holes(text: str) -> str:
     return HOLE + text
 
 
-def closest_with(volumes: str, distance: str, *, holes: bool) -> str:
+def closest_with(volumes: str, distance: str, kept: str, *, holes: bool) -> str:
     """The code of a GPU with another test of a face, for every device.
 
     Args:
         volumes: defines ``U``, ``V``, ``W`` of the corners ``P``, ``Q``, ``S``.
         distance: defines ``t``.
+        kept: sets ``best_u`` and ``best_v``, what is returned beside distance and face.
         holes: the ray passes holes.
     """
     text = _RAY + CLOSEST4.replace(VOLUMES4, volumes).replace(DISTANCE4, distance)
+    text = text.replace(KEPT4, kept)
     return _with_holes(text) if holes else text
 
 

@@ -25,7 +25,6 @@ from twin.sensors.lidar.sweep import (
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 _MASK_BITS = wp.constant(MASK_BITS)
-_UP = wp.constant(0.5)
 _PACKET_COLUMNS = wp.constant(PACKET[0])
 
 
@@ -36,8 +35,10 @@ class _Best:
     t: wp.float32
     face: wp.int32
     object: wp.int32
-    direction: wp.vec3
-    """Of the ray, in the axes of what it meets."""
+    slant: wp.float32
+    """Part of a normal of the face along the ray."""
+    square: wp.float32
+    """Of the length of that normal; negative where it looks rather up than aside."""
 
 
 @wp.func
@@ -110,7 +111,8 @@ def cast_kernel_of(features: Features) -> wp.Kernel:
         if face >= 0:
             best.t = own[0]
             best.face = pose.first_face + face
-            best.direction = ahead
+            best.slant = own[1]
+            best.square = own[2]
             best.object = m
         return best
 
@@ -156,7 +158,6 @@ def cast_kernel_of(features: Features) -> wp.Kernel:
         direction = pose.rotation * direction_of(beams, channel, column, sub)
         best = _Best()
         best.object = wp.int32(-1)
-        best.direction = direction
         if wp.static(holes):
             static = nearest_there(
                 scene.nodes,
@@ -176,6 +177,8 @@ def cast_kernel_of(features: Features) -> wp.Kernel:
             )
         best.t = static[0]
         best.face = wp.cast(static[3], wp.int32)
+        best.slant = static[1]
+        best.square = static[2]
         for word in range(mask.shape[2]):
             bits = mask[slot, tile_x, word]
             m = word * _MASK_BITS
@@ -190,9 +193,8 @@ def cast_kernel_of(features: Features) -> wp.Kernel:
         hit.t = best.t
         hit.face = best.face
         if best.face >= 0:
-            normal = scene.faces[best.face].normal
-            hit.cosine = wp.abs(wp.dot(normal, best.direction))
-            hit.owner = 2 * (best.object + 1) + wp.where(wp.abs(normal[2]) > _UP, 1, 0)
+            hit.cosine = wp.abs(best.slant) / wp.sqrt(wp.abs(best.square))
+            hit.owner = 2 * (best.object + 1) + wp.where(best.square < 0.0, 1, 0)
         hits_out[slot, (channel * beams.columns + column) * beams.sub_rays + sub] = hit
 
     return cast_kernel

@@ -41,7 +41,7 @@ struct Ray { F ox, oy, oz, dx, dy, dz; };
 const F zero = 0.0f;
 const float slack = 1.00390625f;  // as in twin.render.trace.traverse
 
-F best, turned_x = zero, turned_y = zero, turned_z = zero;
+F best, slanted = zero, square = zero;
 I face = -1, owner = -1;
 #define SUM16(a, b, c, d, e, f) __builtin_elementwise_fma((F)(a), (F)(b), \\
     __builtin_elementwise_fma((F)(c), (F)(d), (F)(e) * (F)(f)))
@@ -155,12 +155,15 @@ auto walk = [&](int root, const Ray& ray, int first_face, int who) {
             const f8 Wz = TWIN_LESS(hx, wy, hy, wx);
             const f8 nx8 = TWIN_LESS(uy, vz, uz, vy), ny8 = TWIN_LESS(uz, vx, ux, vz);
             const f8 nz8 = TWIN_LESS(ux, vy, uy, vx);
+            const f8 length2 = TWIN_SUM(nx8, nx8, ny8, ny8, nz8, nz8);
+            // Negative where a face looks rather up than aside.
+            const f8 squares = nz8 * nz8 > 0.25f * length2 ? -length2 : length2;
             const f8 height = TWIN_SUM(ax, nx8, ay, ny8, az, nz8);
             for (int k = 0; k < 8; ++k) {
                 if (tris[k] < 0) break;
-                F U = Ux[k] * ray.dx + Uy[k] * ray.dy + Uz[k] * ray.dz;
-                F V = Vx[k] * ray.dx + Vy[k] * ray.dy + Vz[k] * ray.dz;
-                F W = Wx[k] * ray.dx + Wy[k] * ray.dy + Wz[k] * ray.dz;
+                F U = SUM16(Ux[k], ray.dx, Uy[k], ray.dy, Uz[k], ray.dz);
+                F V = SUM16(Vx[k], ray.dx, Vy[k], ray.dy, Vz[k], ray.dz);
+                F W = SUM16(Wx[k], ray.dx, Wy[k], ray.dy, Wz[k], ray.dz);
                 if (apart) {
                     U -= SUM16(ux[k], gx, uy[k], gy, uz[k], gz);
                     V -= SUM16(vx[k], gx, vy[k], gy, vz[k], gz);
@@ -184,10 +187,8 @@ auto walk = [&](int root, const Ray& ray, int first_face, int who) {
                 best = in ? t : best;
                 face = in ? (I)row : face;
                 owner = in ? (I)who : owner;
-                if (who < 0) continue;
-                turned_x = in ? ray.dx : turned_x;
-                turned_y = in ? ray.dy : turned_y;
-                turned_z = in ? ray.dz : turned_z;
+                slanted = in ? slant : slanted;
+                square = in ? (F)squares[k] : square;
             }
             reach = __builtin_reduce_max(best) * slack;
         }
@@ -229,7 +230,6 @@ for (int k = 0; k < 16; ++k) {
     ray.ox[k] = pose->origin[0]; ray.oy[k] = pose->origin[1]; ray.oz[k] = pose->origin[2];
     time[k] = pose->time;
 }
-turned_x = ray.dx; turned_y = ray.dy; turned_z = ray.dz;
 walk(0, ray, 0, -1);
 for (int word = 0; word < mask.shape[2]; ++word) {
     unsigned int bits = *wp::address(mask, slot, tile_x, word);
@@ -276,10 +276,8 @@ for (int k = 0; k < 16; ++k) {
     hit->t = best[k]; hit->face = face[k];
     hit->cosine = 0.0f; hit->owner = 0;
     if (face[k] < 0) continue;
-    const wp::vec3 normal = wp::address(scene.faces, face[k])->normal;
-    hit->cosine = __builtin_fabsf(
-        normal[0] * turned_x[k] + normal[1] * turned_y[k] + normal[2] * turned_z[k]);
-    hit->owner = 2 * (owner[k] + 1) + (__builtin_fabsf(normal[2]) > 0.5f ? 1 : 0);
+    hit->cosine = __builtin_fabsf(slanted[k]) / __builtin_sqrtf(__builtin_fabsf(square[k]));
+    hit->owner = 2 * (owner[k] + 1) + (square[k] < 0.0f ? 1 : 0);
 }
 """
 

@@ -23,11 +23,11 @@ _VOLUMES = """
                 const float ex = kx + ax, ey = ky + ay, ez = kz + az;
                 const float fx = ax + bx, fy = ay + by, fz = az + bz;
                 const float hx = bx + kx, hy = by + ky, hz = bz + kz;
-                float U = TWIN_DOT(TWIN_LESS(ey, uz, ez, uy), dx,
+                float U = TWIN_SUM(TWIN_LESS(ey, uz, ez, uy), dx,
                     TWIN_LESS(ez, ux, ex, uz), dy, TWIN_LESS(ex, uy, ey, ux), dz);
-                float V = TWIN_DOT(TWIN_LESS(fy, vz, fz, vy), dx,
+                float V = TWIN_SUM(TWIN_LESS(fy, vz, fz, vy), dx,
                     TWIN_LESS(fz, vx, fx, vz), dy, TWIN_LESS(fx, vy, fy, vx), dz);
-                float W = TWIN_DOT(TWIN_LESS(hy, wz, hz, wy), dx,
+                float W = TWIN_SUM(TWIN_LESS(hy, wz, hz, wy), dx,
                     TWIN_LESS(hz, wx, hx, wz), dy, TWIN_LESS(hx, wy, hy, wx), dz);
                 if (apart) {
                     U -= TWIN_SUM(ux, gx, uy, gy, uz, gz);
@@ -42,6 +42,11 @@ _DISTANCE = """
                     const float height = TWIN_SUM(ax, nx, ay, ny, az, nz);
                     const float t = TWIN_DIV(height - TWIN_SUM(nx, qx, ny, qy, nz, qz), slant);
 """
+_KEPT = """
+                        best_u = slant;
+                        best_v = TWIN_SUM(nx, nx, ny, ny, nz, nz);
+                        if (nz * nz > 0.25f * best_v) best_v = -best_v;
+"""
 _OFFSET = """
     const float qx = origin[0] - head[0], qy = origin[1] - head[1], qz = origin[2] - head[2];
     const bool apart = qx != 0.0f || qy != 0.0f || qz != 0.0f;
@@ -52,7 +57,7 @@ _OFFSET = """
 """
 
 
-@wp.func_native(_OFFSET + closest_with(_VOLUMES, _DISTANCE, holes=False))
+@wp.func_native(_OFFSET + closest_with(_VOLUMES, _DISTANCE, _KEPT, holes=False))
 def nearest(
     nodes: wp.array(dtype=wp.float32),
     leaves: wp.array(dtype=wp.float32),
@@ -62,11 +67,12 @@ def nearest(
     direction: wp.vec3,
     far: wp.float32,
 ) -> wp.vec4:
-    """Closest hit as of :func:`twin.render.trace.traverse.closest`; ``head``: the origin of the
-    packet's first ray."""
+    """What a ray meets first within ``far``: its distance, the part of a normal of the face along
+    the ray, the square of that normal's length, negative where it looks rather up than aside, and
+    the bits of the face, -1: nothing. ``head``: the origin of the packet's first ray."""
 
 
-@wp.func_native(_OFFSET + closest_with(_VOLUMES, _DISTANCE, holes=True))
+@wp.func_native(_OFFSET + closest_with(_VOLUMES, _DISTANCE, _KEPT, holes=True))
 def nearest_there(
     nodes: wp.array(dtype=wp.float32),
     leaves: wp.array(dtype=wp.float32),
@@ -79,4 +85,5 @@ def nearest_there(
     direction: wp.vec3,
     far: wp.float32,
 ) -> wp.vec4:
-    """Closest hit as of :func:`twin.render.trace.traverse.closest_there`, ``head`` as above."""
+    """What a ray meets first of faces with holes; arguments beside ``head`` as of
+    :func:`twin.render.trace.traverse.closest_there`."""
