@@ -26,6 +26,9 @@ AWAY_MPS = 2.0
 """Who drives ahead, at least so fast and not slower than the car, is not in the way [m/s]."""
 COMES_MPS = 2.0
 """A vehicle that comes at least so fast drives along another lane [m/s]."""
+ALONE_SURE_VARIANCES = 25.0
+"""The same across of what radar alone sees cross: it sees one end and wheel of a lorry that goes by
+after the other."""
 TURN_RIPE_S = 1.0
 """Age of a track from which on its turn rate counts [s]."""
 TURN_SIGMA_RADPS = 0.03
@@ -111,7 +114,9 @@ def find_threats(
     vx = np.where(_is_speed(tracks.vx_mps, tracks.p_vv, SURE_VARIANCES), tracks.vx_mps, 0.0)
     person = _is_any(tracks.label, _PERSONS)
     sure = np.where(person, PERSON_SURE_VARIANCES, SURE_VARIANCES)
-    ripe = person | (tracks.age_s > RIPE_S)
+    # What a camera names and LiDAR has seen often enough is where its points are.
+    placed = (tracks.label > 0) & (tracks.lidar.hits >= SIGHTINGS_MIN)
+    ripe = person | placed | (tracks.age_s > RIPE_S)
     vy = np.where(ripe & _is_speed(tracks.vy_mps, tracks.q_vv, sure), tracks.vy_mps, 0.0)
     closing = speed - vx
     inside, stays = _in_path(tracks)
@@ -222,8 +227,8 @@ def _crosses(
     # Braking begins earlier than crossing is foreseen: who turns off has to count until then.
     departs = moves & ~person & (leaves < ttc_s - EARLY_LATE_S)
     moves &= (ttc_s < staging.crossing_s) & (leaves > 0.0)
-    # Radar sees one end and wheel of a lorry that goes by after the other.
-    moves &= (tracks.label > 0) | (tracks.lidar.hits >= WALKS_SIGHTINGS)
+    sure = vy_mps * vy_mps > ALONE_SURE_VARIANCES * tracks.q_vv
+    moves &= (tracks.label > 0) | (tracks.lidar.hits >= WALKS_SIGHTINGS) | sure
     passes = np.minimum(LENGTH_M / np.maximum(closing_mps, 1.0), FLANK_SHARE * ttc_s)
     meets = (
         moves

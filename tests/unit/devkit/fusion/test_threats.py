@@ -169,7 +169,9 @@ CROSSES = {"x_m": 11.3, "y_m": -3.0, "vx_mps": 2.0, "vy_mps": 4.0}
 @pytest.mark.parametrize("label", ["car", ""])
 def test_a_vehicle_that_crosses_is_braked_for_once_its_speed_across_is_known(label):
     assert beside(label, **CROSSES)
-    assert not beside(label, age_s=0.3, **CROSSES), "a step from one corner to the next"
+    step = "a step from one corner to the next"
+    assert not beside(label, age_s=0.3, lidar_hits=2, **CROSSES), step
+    assert beside(label, age_s=0.3, **CROSSES) == bool(label), "named, and where its points are"
     assert beside("bicycle", age_s=0.3, **CROSSES), "there is no time to be surer"
 
 
@@ -179,6 +181,8 @@ def test_what_radar_alone_sees_go_aside_does_not_cross():
     assert not beside(lidar_hits=2, **passing)
     assert beside(lidar_hits=6, **passing)
     assert beside("truck", lidar_hits=2, **passing)
+    assert beside(lidar_hits=0, **(CROSSES | {"q_vv": 0.24})), "its speed across is beyond doubt"
+    assert not beside(lidar_hits=0, **(CROSSES | {"q_vv": 0.8}))
 
 
 def test_nobody_brakes_for_the_flank():
