@@ -127,6 +127,8 @@ def _noted(folder: Path, certificate: Certificate, options: AuditOptions) -> Aud
         note = AuditNote(certificate=root, seed=seed, cases=options.cases)
         try:
             folder.mkdir(parents=True, exist_ok=True)
+            if any(folder.iterdir()):
+                raise UsageError(f"{folder}: holds something, and no audit; give another --out")
             write_atomic(folder / FILE_NAME, msgspec.json.encode(note) + b"\n")
         except OSError as error:
             raise storage_error(error, str(folder)) from None

@@ -147,7 +147,7 @@ def test_a_ray_sensor_of_others_reaches_the_stack_row_by_row(marked, tmp_path):
 
 
 @pytest.mark.usefixtures("campaign")
-def test_a_perception_variant_of_others_sees_for_the_shipped_stack(marked, tmp_path):
+def test_a_perception_variant_of_others_sees_for_the_shipped_stack(marked, tmp_path, monkeypatch):
     path, out = tmp_path / "tunnel.yaml", tmp_path / "out"
     path.write_text(TUNNEL)
     said(marked, "conductor", "run", path, "--workers", 1, "--slots", 2, "--out", out, codes=(1,))
@@ -159,6 +159,22 @@ def test_a_perception_variant_of_others_sees_for_the_shipped_stack(marked, tmp_p
     assert all(row["perception"]["frames"] > 10 for row in rows.values())
     page = (out / "report.html").read_text()
     assert "the simulator&#39;s boxes in the middle of the picture" in page
+    audited(marked, out, tmp_path, monkeypatch)
+
+
+def audited(marked, folder: Path, tmp_path: Path, monkeypatch):
+    """A plug-in of a certificate is loaded only if the auditor says so, and has it."""
+    certificate = tmp_path / "tunnel.cert"
+    said(marked, "conductor", "certify", folder, "-o", certificate)
+    audit = ("conductor", "audit", certificate, "--workers", 1, "--out", tmp_path / "audit")
+    done = marked.run(*map(str, audit))
+    assert done.returncode == 2
+    assert "would run the plug-in" in done.stderr
+    assert "holds: 2 cases" in said(marked, *audit, "--run-stack")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))  # without the example
+    done = marked.run(*map(str, audit), "--run-stack")
+    assert done.returncode == 3
+    assert "its campaign" in done.stderr.splitlines()[-1]
 
 
 def shown(marked, folder: Path):

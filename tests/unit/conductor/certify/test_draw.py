@@ -20,7 +20,7 @@ from conductor.certify.comparing import compared, lines
 from conductor.certify.draw import bound, checked_seed, draw, false_at_most
 from conductor.certify.rows import Row
 from conductor.records.outcomes import CaseOutcome, Outcomes
-from twin.base.errors import UsageError
+from twin.base.errors import TwinError, UsageError
 
 ROOT = "ab" * 32
 NAMES = [f"case-{number}" for number in range(2000)]
@@ -184,6 +184,34 @@ def test_rows_without_a_result_are_told_and_never_drawn(tmp_path, monkeypatch):
     audited = compared(table, ran, "s", outcomes(rows))
     assert (audited.rows, audited.without_result, audited.exit_code) == (3, 5, 0)
     assert lines(audited, 20)[-1].startswith("5 rows without a result: nothing is claimed")
+
+
+def test_an_audit_leaves_other_folders_and_other_audits_alone(tmp_path):
+    (tmp_path / "notes").write_text("mine")
+    options = AuditOptions(cases=2, seed="s", out=tmp_path)
+    with pytest.raises(UsageError, match="holds something, and no audit"):
+        audit(made(), "c.cert", options, lambda _plan, _folder: 75)
+    assert [path.name for path in tmp_path.iterdir()] == ["notes"]
+    out = tmp_path / "audit"
+    first = AuditOptions(cases=2, out=out)
+    drawn: list[list[str]] = []
+
+    def run_cases(plan, _folder):
+        drawn.append([case.id for case in plan.cases])
+        return 75
+
+    assert audit(made(), "c.cert", first, run_cases) == 75
+    assert audit(made(), "c.cert", first, run_cases) == 75
+    assert drawn[0] == drawn[1], "the seed that was drawn is kept"
+    for other in (AuditOptions(cases=3, out=out), AuditOptions(cases=2, seed="t", out=out)):
+        with pytest.raises(UsageError, match="holds an audit of 2 cases by seed"):
+            audit(made(), "c.cert", other, run_cases)
+    with pytest.raises(UsageError, match="holds an audit of 2 cases by seed"):
+        audit(made(campaign(9)), "c.cert", first, run_cases)
+    for bad in ("", "{}", "[" * 9999, "x" * (1 << 17)):
+        (out / "audit.json").write_text(bad)
+        with pytest.raises(TwinError, match=r"audit\.json"):
+            audit(made(), "c.cert", first, run_cases)
 
 
 def test_a_case_that_comes_to_no_result_here_decides_nothing():
