@@ -11,6 +11,7 @@ from devkit.detector.integer.steps import (
     CHANNELS_MAX,
     LINE_MAX,
     MAP_MAX,
+    PRODUCTS_MAX,
     ROOM_MAX,
     IntegerConvolution,
     IntegerHead,
@@ -83,15 +84,19 @@ def map_shapes(network: IntegerNetwork, description: DetectorDescription) -> lis
 
 
 def _check_room(network: IntegerNetwork, shapes: list[LevelShape]) -> None:
-    """A small file must not take a large memory."""
-    numbers, room = 0, 0
+    """A small file must not take a large memory, nor long."""
+    numbers, room, products = 0, 0, 0
     for number, step in enumerate(network.steps, 1):
         if isinstance(step, IntegerConvolution | IntegerHead):
             given, made = shapes[step.given], shapes[number]
-            numbers += -(-step.outs // LANES) * LANES * step.windows.size**2 * given.stored
+            kernels = -(-step.outs // LANES) * LANES * step.windows.size**2 * given.stored
+            numbers += kernels
+            products += kernels * made.rows * made.columns
             room = max(room, room_floats(step, given, made))
     if max(numbers, room) > ROOM_MAX:
         raise ValueError(f"its kernels need {max(numbers, room)} numbers, allowed: {ROOM_MAX}")
+    if products > PRODUCTS_MAX:
+        raise ValueError(f"it has {products} products per image, allowed: {PRODUCTS_MAX}")
 
 
 def room_floats(step: IntegerConvolution | IntegerHead, given: LevelShape, made: LevelShape) -> int:

@@ -197,6 +197,16 @@ WILD = {
         ),
         "its kernels need",
     ),
+    "work without an end": (
+        network(
+            IntegerJoin([JoinPart(0, 1, 1)] * 16, 0),
+            IntegerJoin([JoinPart(1, 1, 1)] * 8, 0),
+            *[wide_head(2, 384, 16) for _ in range(3)],
+            width=256,
+            height=256,
+        ),
+        "products per image",
+    ),
     "no such output": (network(head(0, 3, output="other")), "no step makes 'head'"),
     "another number of channels": (network(head(0, 3, outs=7)), "expected [batch, 6, rows"),
     "input of another size": (
