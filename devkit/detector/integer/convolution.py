@@ -15,19 +15,19 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from devkit.detector.integer.shapes import LEVEL_MAX, LevelShape
+from devkit.detector.integer.shapes import (
+    BAND_ROWS,
+    LANES,
+    LEVEL_MAX,
+    PIXELS_CPU,
+    LevelShape,
+)
 from devkit.detector.integer.steps import IntegerConvolution, IntegerHead
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 PIXELS_GPU = 4
 """Neighbouring pixels of a GPU's thread."""
-PIXELS_CPU = 12
-"""Most neighbouring pixels that a CPU computes together."""
-LANES = 16
-"""Channels that a CPU computes together."""
-BAND_ROWS = 8
-"""Most rows of a CPU's thread."""
 EXACT = 1 << 24
 """Float32 holds every integer up to this."""
 
@@ -232,14 +232,6 @@ def threads_per_image(made: LevelShape, device: wp.Device) -> int:
     if device.is_cpu:
         return -(-made.rows // BAND_ROWS)
     return made.rows * -(-made.columns // PIXELS_GPU) * made.channels
-
-
-def room_floats(step: IntegerConvolution | IntegerHead, given: LevelShape, made: LevelShape) -> int:
-    """Numbers that a CPU's thread needs room for."""
-    size, stride = step.windows.size, step.windows.stride
-    across = -(-made.columns // PIXELS_CPU) * PIXELS_CPU
-    rows = (min(BAND_ROWS, made.rows) - 1) * stride + size
-    return rows * ((across - 1) * stride + size) * given.stored
 
 
 def prepared(

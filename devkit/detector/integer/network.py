@@ -20,7 +20,10 @@ from devkit.detector.runtime import ModelError
 from devkit.images import Images, as_images
 
 BATCH_CPU, BATCH_GPU = 4, 32
-"""Images that are computed together: no bit depends on it."""
+"""Images that are computed together, fewer if they are large: no bit depends on it."""
+
+LEVELS_MAX = 1 << 30
+"""Levels of all maps of a batch, of which a thread's number is 31 bits."""
 
 
 def open_integer(
@@ -126,6 +129,8 @@ class FrameIntegerNetwork:
         """Around ``network``, read from ``path``."""
         self._network, self._description, self._shapes = network, description, shapes
         self._device = device
+        levels = sum(s.rows * s.columns * s.stored for s in shapes)
+        self._batch = max(1, min(BATCH_GPU, LEVELS_MAX // levels))
         self._heads = _Heads(network, shapes)
         self._loaded: dict[tuple[int, int], tuple[_LevelInput, IntegerProgram, dict[int, Any]]] = {}
         self.outputs = self._heads.outputs
@@ -147,8 +152,8 @@ class FrameIntegerNetwork:
             return {name: array[:0] for name, array in black.items()}
         pictures = as_images(images)
         parts = [
-            self._run(pictures, pictures.rows[first : first + BATCH_GPU])
-            for first in range(0, len(pictures), BATCH_GPU)
+            self._run(pictures, pictures.rows[first : first + self._batch])
+            for first in range(0, len(pictures), self._batch)
         ]
         return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
@@ -166,7 +171,7 @@ class FrameIntegerNetwork:
         self, size_px: tuple[int, int]
     ) -> tuple[_LevelInput, IntegerProgram, dict[int, Any]]:
         if size_px not in self._loaded:
-            entry = _LevelInput(self._description, size_px, BATCH_GPU, self._device)
+            entry = _LevelInput(self._description, size_px, self._batch, self._device)
             program = IntegerProgram(self._network.steps, self._shapes, entry.planes, entry.stream)
             staged = {n: entry.beside(program.sums(n)) for n in self._heads.numbers}
             self._loaded[size_px] = entry, program, staged

@@ -11,11 +11,10 @@ import warp as wp
 from devkit.detector.integer.convolution import (
     convolution_kernel,
     prepared,
-    room_floats,
     threads_per_image,
 )
 from devkit.detector.integer.map_kernels import join_kernel, pool_kernel, sum_kernel
-from devkit.detector.integer.shapes import LevelShape
+from devkit.detector.integer.shapes import LevelShape, room_floats
 from devkit.detector.integer.steps import (
     IntegerConvolution,
     IntegerHead,

@@ -11,6 +11,8 @@ from devkit.detector.integer.steps import (
     CHANNELS_MAX,
     LINE_MAX,
     MAP_MAX,
+    PRODUCTS_MAX,
+    ROOM_MAX,
     IntegerConvolution,
     IntegerHead,
     IntegerNetwork,
@@ -23,6 +25,13 @@ from devkit.detector.integer.steps import (
 
 LEVEL_MAX = 128
 """Largest magnitude of a level."""
+
+PIXELS_CPU = 12
+"""Most neighbouring pixels that a CPU computes together."""
+LANES = 16
+"""Channels that a CPU computes together."""
+BAND_ROWS = 8
+"""Most rows of a CPU's thread."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +79,32 @@ def map_shapes(network: IntegerNetwork, description: DetectorDescription) -> lis
     total = sum(s.rows * s.columns * s.stored * (4 if s.head else 1) for s in shapes)
     if total > MAP_MAX:
         raise ValueError(f"its maps have {total} levels per image, allowed: {MAP_MAX}")
+    _check_room(network, shapes)
     return shapes
+
+
+def _check_room(network: IntegerNetwork, shapes: list[LevelShape]) -> None:
+    """A small file must not take a large memory, nor long."""
+    numbers, room, products = 0, 0, 0
+    for number, step in enumerate(network.steps, 1):
+        if isinstance(step, IntegerConvolution | IntegerHead):
+            given, made = shapes[step.given], shapes[number]
+            kernels = -(-step.outs // LANES) * LANES * step.windows.size**2 * given.stored
+            numbers += kernels
+            products += kernels * made.rows * made.columns
+            room = max(room, room_floats(step, given, made))
+    if max(numbers, room) > ROOM_MAX:
+        raise ValueError(f"its kernels need {max(numbers, room)} numbers, allowed: {ROOM_MAX}")
+    if products > PRODUCTS_MAX:
+        raise ValueError(f"it has {products} products per image, allowed: {PRODUCTS_MAX}")
+
+
+def room_floats(step: IntegerConvolution | IntegerHead, given: LevelShape, made: LevelShape) -> int:
+    """Numbers that a CPU's thread needs room for."""
+    size, stride = step.windows.size, step.windows.stride
+    across = -(-made.columns // PIXELS_CPU) * PIXELS_CPU
+    rows = (min(BAND_ROWS, made.rows) - 1) * stride + size
+    return rows * ((across - 1) * stride + size) * given.stored
 
 
 def _check_size(shape: LevelShape) -> None:

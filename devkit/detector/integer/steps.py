@@ -21,6 +21,10 @@ STEPS_MAX = 1000
 """Most steps of a network."""
 MAP_MAX = 1 << 26
 """Most levels of all maps of an image together [bytes]."""
+ROOM_MAX = 1 << 28
+"""Most float32 of all kernels together, and of the rows that one convolution reads at once."""
+PRODUCTS_MAX = 1 << 38
+"""Most products of an image: some seconds of a core; YOLOv3 at 608x608 has 2^36."""
 
 Index = Annotated[int, Meta(ge=0, le=STEPS_MAX)]
 Level = Annotated[int, Meta(ge=-128, le=127)]

@@ -96,6 +96,13 @@ def test_a_flipped_byte_is_refused_or_still_stays_within_its_maps(tmp_path):
     assert 30 < refused < 300
 
 
+def wide_head(given: int, channels: int, size: int, pads: int = 15) -> IntegerHead:
+    """A head of one channel with large windows."""
+    windows = Windows(size, 1, (pads,) * 4)
+    kernels = bytes(size * size * channels)
+    return IntegerHead(given, windows, 1, kernels, bytes(4), bytes(8), "head")
+
+
 WILD = {
     "reads a map that comes later": (network(replace(FIRST, given=1), head(1, 4)), "step 1: reads"),
     "reads itself": (network(FIRST, IntegerPool(2, PLAIN), head(2, 4)), "step 2: reads map 2"),
@@ -169,6 +176,36 @@ WILD = {
             FIRST, *[IntegerJoin([JoinPart(n, 1, 1, repeat=32)], 0) for n in (1, 2)], head(3, 4)
         ),
         "levels per image, allowed",
+    ),
+    "kernels that fill the memory": (
+        network(
+            IntegerJoin([JoinPart(0, 1, 1)] * 16, 0),
+            *[IntegerJoin([JoinPart(n, 1, 1)] * 8, 0) for n in (1, 2)],
+            *[wide_head(3, 3072, 16) for _ in range(22)],
+            width=8,
+            height=8,
+        ),
+        "its kernels need",
+    ),
+    "rows that fill the memory": (
+        network(
+            IntegerJoin([JoinPart(0, 1, 1)] * 16, 0),
+            *[IntegerJoin([JoinPart(n, 1, 1)] * 8, 0) for n in (1, 2)],
+            wide_head(3, 3072, 32, pads=31),
+            width=2600,
+            height=1,
+        ),
+        "its kernels need",
+    ),
+    "work without an end": (
+        network(
+            IntegerJoin([JoinPart(0, 1, 1)] * 16, 0),
+            IntegerJoin([JoinPart(1, 1, 1)] * 8, 0),
+            *[wide_head(2, 384, 16) for _ in range(3)],
+            width=256,
+            height=256,
+        ),
+        "products per image",
     ),
     "no such output": (network(head(0, 3, output="other")), "no step makes 'head'"),
     "another number of channels": (network(head(0, 3, outs=7)), "expected [batch, 6, rows"),
