@@ -9,6 +9,8 @@ from schemas.messages import Command, Episode
 class IdleStack(Stack):
     """A stack that only brakes."""
 
+    portable = True
+
     def reset(self, slot: int, episode: Episode) -> None:
         """There is nothing to forget."""
 

@@ -129,6 +129,10 @@ class Stack(ABC):
     drives_by_camera: ClassVar[bool] = False
     """Whether it cannot drive where ``render`` is false; such a campaign is refused before it
     runs."""
+    portable: ClassVar[bool] = False
+    """Whether it asks the same of a car, to the last bit, on every CPU and beside every GPU; said
+    by a class itself and not inherited. NumPy's and C's functions beside +, -, x, / and square
+    roots, its matrix products and float networks differ between machines."""
     PARAMETERS: ClassVar[tuple[type[msgspec.Struct], ...]] = ()
     """Structs whose fields are parameters, of a class that takes ``**parameters`` and hands them to
     :func:`parameter_parts`."""

@@ -82,7 +82,8 @@ class Campaign(_Spec, frozen=True, kw_only=True):
     deadline_s: Annotated[float, Meta(gt=0, le=86_400)] = 60.0
     """Longest wall time without progress before an attempt is given up [s]; never a verdict."""
     device: Literal["same", "any"] = "same"
-    """``same``: all cases on one device class; ``any``: mixed, and the fingerprint says so."""
+    """``same``: all cases on the device class that their results depend on, which is none of
+    portable campaigns; ``any``: mixed, and the fingerprint says so."""
     requires: Requirements = Requirements()
     view: View = "live"
     """What is shown of its cases, and recorded; no result depends on it."""

@@ -42,6 +42,7 @@ from conductor.core.status import running, status
 from conductor.core.turn import RequestTurn
 from schemas import SCHEMA_VERSION
 from schemas.case import CASE_VERSION
+from schemas.device_class import is_portable, result_class
 from schemas.sections.autonomy import SANDBOX
 from schemas.wire.control import (
     Beat,
@@ -360,13 +361,10 @@ def _grant(
 
 def _pin(turn: RequestTurn, campaign: CampaignState, worker: WorkerJoined) -> None:
     if not campaign.pinned:
-        turn.emit(
-            Pinned(
-                campaign=campaign.campaign.campaign,
-                software=worker.software,
-                device_class="" if campaign.campaign.device == "any" else worker.device_class,
-            )
-        )
+        file = campaign.campaign
+        here = result_class(is_portable(file), worker.device_class)
+        here = "" if file.device == "any" else here
+        turn.emit(Pinned(campaign=file.campaign, software=worker.software, device_class=here))
 
 
 def _lease(turn: RequestTurn, campaign: CampaignState, case: CaseState, worker: str) -> Lease:

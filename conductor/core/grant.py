@@ -24,6 +24,7 @@ from conductor.core.state import (
     WorkerState,
 )
 from schemas.campaign import Campaign, Requirements
+from schemas.device_class import is_portable, result_class
 from schemas.kinds.plugins import plugin_lack
 from schemas.sections.autonomy import SANDBOX
 from schemas.wire.control import Next, Share
@@ -48,9 +49,10 @@ def mismatch(campaign: CampaignState, state: WorkerState) -> str:
             f"{worker.worker}: software {worker.software[:12]} is not the {campaign.software[:12]} "
             f"that campaign '{name}' began with; it gets no case of it, install the same version"
         )
-    if campaign.device_class and campaign.device_class != worker.device_class:
+    here = result_class(is_portable(campaign.campaign), worker.device_class)
+    if campaign.device_class and campaign.device_class != here:
         return (
-            f"{worker.worker}: device class {worker.device_class} is not the "
+            f"{worker.worker}: device class {here} is not the "
             f"{campaign.device_class} that campaign '{name}' began with; it gets no case of it, "
             "submit with 'device: any' to mix device classes"
         )

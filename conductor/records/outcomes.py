@@ -16,6 +16,7 @@ from conductor.core.fold import agrees
 from conductor.core.state import CampaignState, CaseState
 from schemas import SCHEMA_VERSION
 from schemas.case import Clock
+from schemas.device_class import is_portable, result_class
 from schemas.files.json_text import JsonError, decode_json
 from schemas.files.regular_file import RUN_FILE_BYTES_MAX, read_regular
 from schemas.messages import PerceptionCost
@@ -70,6 +71,7 @@ class CaseOutcome(Judged, msgspec.Struct, frozen=True, kw_only=True):
     kpi_sha256: str = ""
     manifest_sha256: str = ""
     device_class: str = ""
+    """Class of devices that the result depends on: ``portable``, or that of its machine."""
     worker: str = ""
     wall_s: float = 0.0
     perception: PerceptionCost | None = None
@@ -98,7 +100,10 @@ class Outcomes(msgspec.Struct, frozen=True, kw_only=True):
     device: str
     """``same`` or ``any``, as the campaign asked."""
     device_classes: list[str]
-    """Device classes of the committed results, sorted."""
+    """Device classes that the committed results depend on, sorted."""
+    machines: list[str] = []
+    """Device classes of the machines that computed them, sorted; empty: the same, as in files of
+    earlier versions."""
     complete: bool
     """Whether every case has an outcome."""
     protection: list[str] = []
@@ -109,6 +114,11 @@ class Outcomes(msgspec.Struct, frozen=True, kw_only=True):
     tell: list[Told] = []
     """What stacks were told beyond what they need, ``autonomy.tell``."""
     cases: dict[str, CaseOutcome]
+
+    @property
+    def ran_on(self) -> list[str]:
+        """Device classes of the machines that computed the results, sorted."""
+        return self.machines or self.device_classes
 
     @property
     def exit_code(self) -> int:
@@ -161,38 +171,40 @@ def encode_campaign(campaign: CampaignState) -> bytearray:
     """The outcomes as they stand as JSON, a line per case; never all cases in memory at once."""
     ends = (case.end for case in campaign.ordered)
     committed = [end for end in ends if isinstance(end, Committed)]
-    head = msgspec.structs.replace(
-        _head(campaign),
-        device_classes=sorted({end.device_class for end in committed} - {""}),
-        protection=_protection(committed),
-        complete=not campaign.left,
-    )
+    head = _with_committed(campaign, committed)
     text = bytearray(msgspec.json.format(msgspec.json.encode(head), indent=1))
     start = text.rindex(b"{") + 1  # of the cases, which come last
     after = bytes(text[start:])
     del text[start:]
+    portable = is_portable(campaign.campaign)
     for number, (name, case) in enumerate(campaign.cases.items()):
         text += b",\n  " if number else b"\n  "
-        text += msgspec.json.encode(name) + b": " + msgspec.json.encode(_case(case))
+        text += msgspec.json.encode(name) + b": " + msgspec.json.encode(_case(case, portable))
     text += b"\n " + after.lstrip() + b"\n"
     return text
 
 
 def outcomes_of(campaign: CampaignState) -> Outcomes:
     """The outcomes as they stand."""
-    cases = {name: _case(case) for name, case in campaign.cases.items()}
+    portable = is_portable(campaign.campaign)
+    cases = {name: _case(case, portable) for name, case in campaign.cases.items()}
     ends = (case.end for case in campaign.ordered)
+    committed = [end for end in ends if isinstance(end, Committed)]
+    return msgspec.structs.replace(_with_committed(campaign, committed), cases=cases)
+
+
+def _with_committed(campaign: CampaignState, committed: Sequence[Committed]) -> Outcomes:
+    """The outcomes without their cases."""
+    portable = is_portable(campaign.campaign)
+    machines = sorted({end.device_class for end in committed} - {""})
+    classes = sorted({result_class(portable, machine) for machine in machines})
     return msgspec.structs.replace(
         _head(campaign),
-        device_classes=sorted({c.device_class for c in cases.values() if c.device_class}),
-        protection=_protection([end for end in ends if isinstance(end, Committed)]),
+        device_classes=classes,
+        machines=machines if machines != classes else [],
+        protection=sorted({end.result.protection for end in committed} - {""}),
         complete=not campaign.left,
-        cases=cases,
     )
-
-
-def _protection(committed: Sequence[Committed]) -> list[str]:
-    return sorted({end.result.protection for end in committed} - {""})
 
 
 def _head(campaign: CampaignState) -> Outcomes:
@@ -241,7 +253,7 @@ def read_outcomes(folder: Path) -> Outcomes:
         raise InfrastructureError(f"{path}: damaged: {error}") from None
 
 
-def _case(case: CaseState) -> CaseOutcome:
+def _case(case: CaseState, portable: bool) -> CaseOutcome:
     end = case.end
     common = CaseOutcome(
         outcome="",
@@ -278,7 +290,7 @@ def _case(case: CaseState) -> CaseOutcome:
         attempt=end.attempt,
         kpi_sha256=end.result.kpi_sha256,
         manifest_sha256=end.result.manifest_sha256,
-        device_class=end.device_class,
+        device_class=result_class(portable, end.device_class),
         worker=end.worker,
         wall_s=end.result.wall_s,
         perception=end.result.perception,

@@ -31,6 +31,7 @@ from schemas.validation import Mistake, suggest
 from twin.base.errors import InfrastructureError, UsageError
 from twin.base.fetch import fetch
 from twin.stack_identity.identity import Named, find_stack, named_files
+from twin.stack_identity.stack_class import says_portable
 
 WEATHER_AXIS = "weather"
 """Axis of a matrix that ``--weather`` sets."""
@@ -164,7 +165,11 @@ def _identity(campaign: Campaign, shown: str) -> StackIdentity:
     parameters += [value for axis, value in _axis_values(campaign) if axis.startswith(prefix)]
     try:
         identity = find_stack(named).identity
-        return msgspec.structs.replace(identity, named=named_files(parameters))
+        return msgspec.structs.replace(
+            identity,
+            named=named_files(parameters),
+            portable=(not autonomy.command and says_portable(autonomy.stack)) or UNSET,
+        )
     except UsageError as error:
         key = "command" if autonomy.command else "stack"
         raise UsageError(Mistake(f"autonomy.{key}", str(error)).line(shown)) from None

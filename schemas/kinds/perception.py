@@ -25,6 +25,10 @@ def _no_files(_variant: Any) -> Mapping[str, str]:
     return {}
 
 
+def _never(_variant: Any) -> bool:
+    return False
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PerceptionKind:
     """Declaration of a perception variant."""
@@ -48,6 +52,8 @@ class PerceptionKind:
     same."""
     shipped: Callable[[Any], Mapping[str, str]] = _no_files
     """What a variant names that comes with this package -> its path, from the packages' folder."""
+    portable: Callable[[Any], bool] = _never
+    """Whether what a variant sees has the same bits on every CPU and GPU."""
     text: str = ""
     """What it sees with, in reports; empty: its name says so."""
     shown: tuple[str, ...] = ()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from msgspec import Struct
+from msgspec import UNSET, Struct, UnsetType
 
 IMAGE = "autonomy.image"
 """Name of the part that is the container image."""
@@ -19,6 +19,9 @@ class StackIdentity(Struct, frozen=True, forbid_unknown_fields=True):
     of its content; to say what differs."""
     named: dict[str, str] = {}
     """SHA-256 of the files and folders whose paths are values of parameters."""
+    portable: bool | UnsetType = UNSET
+    """Whether its class says that it computes the same on every machine; unset: it does not. It
+    stands in no case and in no digest."""
 
 
 class StackSource(Struct, frozen=True, forbid_unknown_fields=True):

@@ -83,7 +83,9 @@ def package_folder(package: str) -> Path:
 
 
 def device_class(device: str) -> str:
-    """``cpu:avx2+fma`` or ``cuda:<device name>``: results are bit-equal within a class.
+    """``cpu:x86_64+avx2+fma`` or ``cuda:<device name>``: results are bit-equal within a class.
+
+    A GPU whose host has another processor than that is ``cuda:<device name>@<instruction set>``.
 
     Raises:
         UsageError: no such device here.
@@ -92,7 +94,11 @@ def device_class(device: str) -> str:
         return f"cpu:{_instruction_set()}"
     if not re.fullmatch(r"cuda:[0-9]{1,3}", device):
         raise UsageError(f"device '{device[:40]}': allowed are cpu and cuda:N, e.g. cuda:0")
-    return f"cuda:{_gpu_name(device)}"
+    host = _instruction_set()
+    return f"cuda:{_gpu_name(device)}" + (f"@{host}" if host != _USUAL_HOST else "")
+
+
+_USUAL_HOST = "x86_64+avx2+fma"
 
 
 @functools.cache  # the driver keeps others waiting while processes begin to use GPUs

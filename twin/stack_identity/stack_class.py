@@ -18,6 +18,8 @@ from twin.stack_identity.imports import SOURCE_BYTES_MAX, locate
 
 BY_CAMERA = "drives_by_camera"
 """Attribute of a class, True: it cannot drive where ``render`` is false."""
+PORTABLE = "portable"
+"""Attribute of a class, True, not inherited: it computes the same on every machine."""
 CHAIN_MAX = 20
 """Most modules that are looked through for a class: re-exports and bases lead from one to the
 next."""
@@ -64,6 +66,23 @@ def class_mistakes(
         for parameter in parameters
         if parameter not in allowed
     ]
+
+
+def says_portable(entry_point: str) -> bool:
+    """Whether a stack class says in its own body that it computes the same on every machine.
+
+    What a base says does not count, nor what the syntax does not tell: a class that adds a network
+    to a portable one is none.
+
+    Args:
+        entry_point: ``module:Class``.
+    """
+    module, _, name = entry_point.partition(":")
+    spec = locate(module)
+    source = None if spec is None else _Source.of(spec)
+    found = None if source is None else _find(source, name)
+    said = [] if found is None or found.node is None else _said(found.node, PORTABLE)
+    return bool(said) and said[-1] is True
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,13 +203,19 @@ def _base(of: _Class) -> _Class | None:
 
 def _says(of: _Class, name: str, left: int = CHAIN_MAX) -> bool:
     """Whether a class, or the first of its bases that says anything of it, says ``name = True``."""
-    for statement in of.node.body if of.node is not None else []:
-        match statement:
-            case ast.Assign(targets=[ast.Name(id=said)], value=ast.Constant(value=value)):
-                if said == name:
-                    return value is True
+    if of.node is not None and (said := _said(of.node, name)):
+        return said[-1] is True
     parent = _base(of) if left else None
     return parent is not None and _says(parent, name, left - 1)
+
+
+def _said(node: ast.ClassDef, name: str) -> list[object]:
+    """What the body of a class assigns to ``name``, in its order; None: it is no constant."""
+    return [
+        part.value.value if isinstance(part.value, ast.Constant) else None
+        for part in node.body
+        if isinstance(part, ast.Assign | ast.AnnAssign) and name in _bound(part)
+    ]
 
 
 def _listed(of: _Class) -> list[str] | None:

@@ -187,7 +187,7 @@ def _render(
 def _commands(dossier: Dossier, folder: str) -> list[str]:
     if dossier.imported is not None:
         return commands(dossier)[:2]
-    on_gpu = any(name.startswith("cuda") for name in dossier.outcomes.device_classes)
+    on_gpu = any(name.startswith("cuda") for name in dossier.outcomes.ran_on)
     device = " --device cuda:0" if on_gpu else ""
     return [
         f"conductor run {shlex.quote(f'{folder}/{CAMPAIGN_FILE}')} --out repeat{device}",

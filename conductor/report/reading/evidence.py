@@ -87,7 +87,7 @@ def commands(dossier: Dossier) -> list[str]:
             "conductor fingerprint repeat",
             "conductor fingerprint .",
         ]
-    on_gpu = any(name.startswith("cuda") for name in dossier.outcomes.device_classes)
+    on_gpu = any(name.startswith("cuda") for name in dossier.outcomes.ran_on)
     return [
         f"conductor run campaign.yaml --out repeat{' --device cuda:0' if on_gpu else ''}",
         "conductor fingerprint repeat",

@@ -112,10 +112,10 @@ def _serial_pace(dossier: Dossier, serial: Path) -> RunPace:
 def _same_installation(dossier: Dossier, other: Dossier, serial: Path) -> None:
     """A factor is about running at once, so nothing else may differ."""
     this, that = dossier.outcomes, other.outcomes
-    if this.device_classes != that.device_classes:
+    if this.ran_on != that.ran_on:
         raise UsageError(
-            f"--serial {serial}: ran on {', '.join(that.device_classes) or 'no device'}, this on "
-            f"{', '.join(this.device_classes) or 'no device'}; run it on the same kind of device"
+            f"--serial {serial}: ran on {', '.join(that.ran_on) or 'no device'}, this on "
+            f"{', '.join(this.ran_on) or 'no device'}; run it on the same kind of device"
         )
     if this.software != that.software:
         raise UsageError(

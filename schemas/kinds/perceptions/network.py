@@ -99,4 +99,5 @@ KIND = PerceptionKind(
     loaded="model",
     chosen=("confidence_min", "overlap_max", "across_classes", "order"),
     shipped=_shipped,
+    portable=lambda variant: is_integer(variant.model),
 )

@@ -165,6 +165,25 @@ def test_another_device_class_decides_nothing_and_is_counted_apart():
     assert compared(certificate, [row.case for row in same], "s", outcomes(same)).exit_code == 0
 
 
+def test_portable_rows_are_false_wherever_they_came_to_something_else():
+    """No device excuses them; results of a machine of another class decide nothing, as ever."""
+    in_truth = made()
+    head = in_truth.head
+    made_in = msgspec.structs.replace(head.made_in, device_classes=["portable"])
+    certificate = msgspec.structs.replace(
+        in_truth, head=msgspec.structs.replace(head, made_in=made_in)
+    )
+    names = [row.case for row in certificate.rows]
+    here = outcomes([Row(row.case, row.outcome, "2" * 64, 0) for row in certificate.rows])
+    portable = {
+        name: msgspec.structs.replace(case, device_class="portable")
+        for name, case in here.cases.items()
+    }
+    audited = compared(certificate, names, "s", msgspec.structs.replace(here, cases=portable))
+    assert (audited.count("false"), audited.exit_code) == (8, 1)
+    assert compared(certificate, names, "s", here).count("undecided") == 8
+
+
 def test_rows_without_a_result_are_told_and_never_drawn(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     rows = made().rows

@@ -8,8 +8,9 @@ import pytest
 
 import conductor.run.stack_check
 from conductor.run.source import check, load, shipped
+from schemas.device_class import is_portable
 from schemas.sections.autonomy import Autonomy
-from twin.stack_identity.stack_class import class_mistakes
+from twin.stack_identity.stack_class import class_mistakes, says_portable
 
 STACK = """
 from devkit.stack import Stack
@@ -176,3 +177,48 @@ def test_a_stack_of_ones_own_says_whether_it_drives_by_a_camera(tmp_path, monkey
     }
     assert refused == {"Seeing": True, "Its": True, "Blind": False}
     assert not class_mistakes("seeing_stack:Seeing", [])
+
+
+def test_a_class_is_portable_only_if_it_says_so_itself(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "portable_stack.py").write_text(
+        "from typing import ClassVar\n"
+        "from devkit.aeb import AebStack\n"
+        "from devkit.idle import IdleStack as Renamed\n"
+        "class Its(AebStack):\n    pass\n"
+        "class Says(AebStack):\n    portable: ClassVar[bool] = True\n"
+        "class Denies(AebStack):\n    portable = False\n"
+        "class Changes(AebStack):\n    portable = True\n    portable = bool(0)\n"
+        "class Guesses(AebStack):\n    portable = 1\n"
+    )
+    said = ("Its", "Says", "Denies", "Changes", "Guesses", "AebStack", "Renamed", "Missing")
+    found = [name for name in said if says_portable(f"portable_stack:{name}")]
+    assert found == ["Says", "AebStack", "Renamed"]
+    for nothing in ("no_such_module:Stack", "math:Stack", "devkit.aeb", ""):
+        assert not says_portable(nothing)
+
+
+def test_what_a_campaign_file_claims_of_its_stack_does_not_count(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "silent_stack.py").write_text(
+        "from devkit.stack import Stack\nclass Silent(Stack):\n    pass\n"
+    )
+    path = tmp_path / "claims.yaml"
+    path.write_text(
+        "campaign: claims\nmatrix: {repeat: [0]}\nstack_identity: {portable: true}\n"
+        "autonomy: {stack: 'silent_stack:Silent', perception: {truth: {type: ground_truth}}}\n"
+    )
+    assert not is_portable(load(str(path)).campaign)
+
+
+@pytest.mark.parametrize(
+    ("name", "portable"),
+    [
+        ("lane-loop", True),
+        ("aeb-demo-int8", True),
+        ("aeb-256", False),  # float networks
+        ("aeb-fusion", False),  # its stack has not been compared
+    ],
+)
+def test_shipped_campaigns_say_whether_devices_may_mix(name, portable):
+    assert is_portable(load(name).campaign) is portable

@@ -203,6 +203,7 @@ def test_an_unfinished_run_has_no_speed_up(tmp_path: Path) -> None:
     ("changes", "said"),
     [
         ({"device_classes": ["cuda:sm_90"]}, "ran on cuda:sm_90, this on cpu:avx2"),
+        ({"machines": ["cuda:sm_90"]}, "ran on cuda:sm_90, this on cpu:avx2"),  # same results
         ({"software": "6" * 64}, "with software 666666666666, this with 555555555555"),
     ],
 )
