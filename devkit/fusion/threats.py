@@ -180,7 +180,9 @@ def _in_path(tracks: TrackStore) -> tuple[np.ndarray, np.ndarray]:
     """Whether tracks are in the path, to brake for and to stay braked for: LiDAR says so where it
     sees them, then the camera, then radar."""
     # The camera's directions at the radar's distance are better than the radar's own.
-    seen = tracks.camera.age_s < RECENT_S
+    # One or two boxes are no measurement, where radar has made some.
+    seen = (tracks.camera.hits >= SIGHTINGS_MIN) | (tracks.radar.hits < SIGHTINGS_MIN)
+    seen &= tracks.camera.age_s < RECENT_S
     says = np.where(seen, tracks.camera.inside, tracks.radar.inside)
     says = np.where(tracks.lidar.age_s < HELD_S, tracks.lidar.inside, says)
     return says > INSIDE_MIN, says > STAYS_MIN
@@ -223,7 +225,10 @@ def _crosses(
     person = (_is_any(tracks.label, _PERSONS) | ((tracks.label == 0) & walks)) & (vy_mps != 0.0)
     # A vehicle that comes along a curve is no crossing one, though it goes aside for a while.
     aside = (speed > np.abs(vx_mps)) | (tracks.x_m < PATH_SURE_M)
-    moves &= person | ((speed > CROSSES_MPS) & (vx_mps != 0.0))
+    # LiDAR alone goes from one post to the next in fog; a vehicle is wider, or radar sees it too.
+    seen = (tracks.left_m - tracks.right_m >= NARROW_M) | (tracks.radar.hits >= SIGHTINGS_MIN)
+    vehicle = (tracks.label > 0) | seen
+    moves &= person | (vehicle & (speed > CROSSES_MPS) & (vx_mps != 0.0))
     # Braking begins earlier than crossing is foreseen: who turns off has to count until then.
     departs = moves & ~person & (leaves < ttc_s - EARLY_LATE_S)
     moves &= (ttc_s < staging.crossing_s) & (leaves > 0.0)

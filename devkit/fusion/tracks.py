@@ -26,6 +26,9 @@ BEARING_SIGMA_RAD = 0.01
 """Deviation of a radar's direction [rad]."""
 EDGE_SHARE = 0.5
 """Share by which a new sighting moves the ends of a track [-]."""
+PART_SIGMAS = 2.0
+"""A width that changes by more than twice so many deviations of the middle is of another part of
+the object [-]."""
 INSIDE_SHARE = 0.4
 """Share by which one sighting changes whether a track is in the path [-]."""
 HELD_S = 1.0
@@ -287,14 +290,19 @@ class TrackStore:
         right, left, x = of(seen.right_m), of(seen.left_m), of(seen.x_m)
         sigma = of(seen.sigma_m)
         middle = 0.5 * (left + right)
-        vx, vy = self.vx_mps, self.vy_mps
-        self._filter(
-            moved, x, middle, sigma * sigma, self._sideways(x, sigma, left - right, memory)
-        )
+        vx, vy, known = self.vx_mps, self.vy_mps, self._speeds_known()
+        sideways = self._sideways(x, sigma, left - right, memory)
+        # Where another part is seen its middle is elsewhere, by up to half of what the width
+        # changes, and nothing has moved.
+        grown = 0.5 * np.abs(left - right - self.left_m + self.right_m)
+        step = np.maximum(grown - PART_SIGMAS * np.sqrt(sideways), 0.0)
+        aside = np.clip(middle - self.y_m, -step, step)
+        self.y_m = np.where(moved, self.y_m + aside, self.y_m)
+        self._filter(moved, x, middle, sigma * sigma, sideways)
         radial = of(seen.radial_mps)
         self._measure_speed(paired & np.isfinite(radial), radial, of(seen.radial_sigma_mps))
-        self._turn(paired, vx, vy)
-        first = moved & (memory.hits == 0.0)
+        self._turn(paired, known, vx, vy)
+        first = moved & ((memory.hits == 0.0) | (step > 0.0))
         share = np.where(first, 1.0, EDGE_SHARE)
         half = 0.5 * (left - right)
         self.left_m = np.where(moved, self.left_m + share * (half - self.left_m), self.left_m)
@@ -358,16 +366,23 @@ class TrackStore:
             for name, old, new in zip(axis, (place, speed, xx, xv, vv), values, strict=True):
                 setattr(self, name, np.where(which, new, old))
 
-    def _turn(self, which: np.ndarray, vx_mps: np.ndarray, vy_mps: np.ndarray) -> None:
+    def _speeds_known(self) -> np.ndarray:
+        known: np.ndarray = (self.p_vv < KNOWN_VARIANCE) & (self.q_vv < KNOWN_VARIANCE)
+        return known
+
+    def _turn(
+        self, which: np.ndarray, known: np.ndarray, vx_mps: np.ndarray, vy_mps: np.ndarray
+    ) -> None:
         """Correct turn rates by what a correction turned the velocity, which was given before.
 
         While a track turns faster than is known, every correction turns its velocity on, and
-        their sum is what is missing: an integral beside the filter of the velocity.
+        their sum is what is missing: an integral beside the filter of the velocity. What corrects
+        a velocity that was not ``known`` before is its first estimate, and no turn.
         """
         cross = vx_mps * self.vy_mps - vy_mps * self.vx_mps
         square = self.vx_mps * self.vx_mps + self.vy_mps * self.vy_mps
         fast = which & (square > TURNS_FROM_MPS * TURNS_FROM_MPS)
-        turned = cross / np.where(fast, square, 1.0)
+        turned = np.where(known, cross / np.where(fast, square, 1.0), 0.0)
         turn = np.clip(self.turn_radps + TURN_PER_S * turned, -TURN_MAX_RADPS, TURN_MAX_RADPS)
         self.turn_radps = np.where(fast, turn, np.where(which, 0.0, self.turn_radps))
 

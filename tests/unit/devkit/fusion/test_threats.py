@@ -140,7 +140,16 @@ def test_who_leaves_the_path_at_the_last_moment_counts_as_long_as_he_is_there():
 
 
 def beside(
-    label="", *, lidar_hits=20, radar_hits=20, age_s=3.0, speed_mps=8.0, inside=False, **values
+    label="",
+    *,
+    lidar_hits=20,
+    radar_hits=20,
+    camera_hits=20,
+    age_s=3.0,
+    speed_mps=8.0,
+    inside=False,
+    boxes_inside=None,
+    **values,
 ):
     """Whether somebody beside the path of a car at ``speed_mps`` is braked for."""
     tracks = TrackStore(1, TrackingParameters())
@@ -151,11 +160,13 @@ def beside(
     hits_of = (
         (tracks.lidar, lidar_hits),
         (tracks.radar, radar_hits),
-        (tracks.camera, 20 * bool(label)),
+        (tracks.camera, camera_hits * bool(label)),
     )
     for memory, hits in hits_of:
         memory.age_s[0, 0], memory.hits[0, 0] = (0.0 if hits else 1e9), hits
         memory.inside[0, 0] = float(inside)
+    if boxes_inside is not None:
+        tracks.camera.inside[0, 0] = float(boxes_inside)
     ego, health = EgoMotion(1), SensorHealth(1)
     ego.speed_mps[:] = speed_mps
     found = find_threats(tracks, ego, health, STAGING)
@@ -202,3 +213,21 @@ def test_who_turns_off_ahead_is_left_alone_as_soon_as_the_brake_could_begin():
 def inside(**values):
     """Whether a slower car in the path of one at 8.3 m/s is braked for."""
     return beside("car", speed_mps=8.33, inside=True, **values)
+
+
+def test_two_boxes_are_no_measurement_where_radar_has_made_some():
+    """A car comes along the next lane, and two boxes half a second apart reach into the path."""
+    comes = {"x_m": 27.0, "y_m": 2.4, "vx_mps": -4.0, "lidar_hits": 0, "boxes_inside": True}
+    assert not beside("car", camera_hits=2, **comes)
+    assert beside("car", camera_hits=3, **comes)
+    assert beside("car", camera_hits=2, **(comes | {"radar_hits": 2, "lidar_hits": 3})) is False
+
+
+def test_a_narrow_thing_that_lidar_alone_sees_cross_is_no_vehicle():
+    """From one post of a fence to the next, in fog: 5 m/s aslant, and radar saw nothing move."""
+    post = {"x_m": 8.7, "y_m": -4.7, "vx_mps": 2.6, "vy_mps": 3.9, "lidar_hits": 8, "q_vv": 0.07}
+    post |= {"right_m": -0.16, "left_m": 0.16}
+    assert not beside(radar_hits=0, **post)
+    assert beside(radar_hits=3, **post), "radar sees it too"
+    assert beside(radar_hits=0, **(post | {"right_m": -0.9, "left_m": 0.9})), "wide enough"
+    assert beside("car", radar_hits=0, **post), "named"

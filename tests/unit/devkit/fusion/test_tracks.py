@@ -233,3 +233,46 @@ def test_what_another_sensor_sees_is_not_lost_by_one_that_misses_it():
         store.update(there, store.radar, ones)
     at = 0, int(np.flatnonzero(store.live[0])[0])
     assert store.probability[at] > 0.99
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_another_part_of_what_stands_is_no_speed_across(side):
+    """A lorry that radar and a camera have seen for 0.2 s; then LiDAR sees its near edge alone,
+    0.8 m aside."""
+    store, ones = TrackStore(1, PARAMETERS), np.ones(1, bool)
+    for k in range(4):
+        store.predict(np.full(1, 0.05), np.full(1, 8.0), np.zeros(1))
+        store.update(sightings([20.0 - 0.4 * k], [side * 3.3]), store.radar, ones)
+    for k in range(2):
+        x_m = 18.0 - 0.8 * k
+        step(store, sightings([x_m], [side * 2.45], half_m=0.05), speed_mps=8.0)
+        assert abs(store.vy_mps[0, 0]) < 1.0
+        assert store.y_m[0, 0] == pytest.approx(side * 2.45, abs=0.2)
+    assert store.live.sum() == 1
+
+
+def test_who_walks_is_as_fast_as_before_though_his_width_changes():
+    """Arms and legs swing by 0.2 m; LiDAR knows his middle no better anyway."""
+    store = TrackStore(1, PARAMETERS)
+    for k in range(8):
+        step(store, sightings([20.0], [-3.0 + 0.15 * k], half_m=0.2 + 0.1 * (k % 2)))
+    assert store.vy_mps[0, 0] == pytest.approx(1.5, abs=0.3)
+
+
+def test_the_first_estimate_of_a_velocity_is_no_turn():
+    """Boxes tell hardly how fast somebody is, and take him for going away; the first echo says
+    that he comes."""
+    store, ones = TrackStore(1, PARAMETERS), np.ones(1, bool)
+    for k in range(4):
+        box = sightings([38.0 + 2.0 * k], [1.9 + 0.2 * k])
+        box.sigma_m[0, 0] = 6.0
+        store.predict(np.full(1, PERIOD_S), np.zeros(1), np.zeros(1))
+        store.update(box, store.lidar, ones)
+    assert store.vx_mps[0, 0] > 2.0
+    store.predict(np.full(1, 0.05), np.zeros(1), np.zeros(1))
+    echo = sightings([store.x_m[0, 0]], [2.5], half_m=0.3)
+    echo.radial_mps[0, 0], echo.radial_sigma_mps[0, 0] = -11.0, 0.3
+    store.update(echo, store.radar, ones)
+    assert store.live.sum() == 1
+    assert store.vx_mps[0, 0] == pytest.approx(-11.0, abs=1.0)
+    assert store.turn_radps[0, 0] == 0.0
