@@ -68,8 +68,9 @@ def _helps(app: typer.Typer, option: str) -> dict[str, str]:
 @pytest.mark.parametrize("option", ["--connect", "--state", "--run", "--namespace", "--insecure"])
 def test_commands_that_connect_say_it_alike(option):
     found = {**_helps(conductor, option), **_helps(viewer, option)}
-    # Others are asked for with the same words: where to listen, whose keys, one rig's stream.
-    apart = ("serve", "keygen", "invite", "revoke", "record")
+    # Others are asked for with the same words: where to listen, whose keys, one rig's stream, the
+    # run that was certified.
+    apart = ("serve", "keygen", "invite", "revoke", "record", "audit")
     alike = {name: text for name, text in found.items() if name not in apart}
     assert len(alike) >= 8
     assert len(set(alike.values())) == 1

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import dataclasses
 import re
 import sys
 from pathlib import Path
@@ -12,6 +13,7 @@ import cv2
 import msgspec
 import numpy as np
 import pytest
+from search_bench import KPI, searched, section, trace
 from unit.conductor.report.reading.test_report_leases import one_after_the_other
 from unit.conductor.report.synthetic_campaign import campaign_data, make_campaign
 from unit.viewer.recorded_case import write
@@ -23,6 +25,7 @@ from conductor.report.plots import kpis as plot_kpis
 from conductor.report.reading import recorded
 from conductor.report.reading.dossier import open_dossier
 from schemas.campaign import WEATHERS
+from schemas.files.search_result import SearchFile
 from viewer.playback.strip import WIDTH_PX
 
 replace = msgspec.structs.replace
@@ -150,6 +153,9 @@ def drawn_sheets(request: Any, tmp_path_factory: pytest.TempPathFactory) -> dict
     agg = pytest.importorskip("matplotlib.backends.backend_agg")
     matplotlib = pytest.importorskip("matplotlib")
     content = _content(tmp_path_factory.mktemp("plots"), request.param(), _every_kind)
+    search = section(objective={"kpi": KPI, "fails_below": 0.8}, budget={"cases": 30})
+    trial = msgspec.json.decode(trace(searched(search).state), type=SearchFile)
+    content = dataclasses.replace(content, search=trial)
     sheets = {}
     for name, draw in plots.PLOTS.items():
         with matplotlib.rc_context(plots.STYLE):
