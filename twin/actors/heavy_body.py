@@ -65,7 +65,8 @@ def _lamps(
 
 def _switched(length: float, half: float, tail_z: float) -> LampPlaces:
     """Lamps above and beside the tail and head lamps."""
-    rear, behind, top = -0.03, 0.05, tail_z + 0.14
+    # Standing out from the flap of a bus's engine: of faces in one plane the first is seen.
+    rear, behind, top = -0.034, 0.05, tail_z + 0.14
     front = length - 0.05
     return LampPlaces(
         indicators=(

@@ -325,12 +325,12 @@ class RigProcess:
         descriptor = self._simulator.stdout.fileno()
         unpacker = Unpacker(Upward)
         while True:
-            # An inline stack may print without end before the simulator says anything.
-            while not select.select([descriptor], [], [], LOG_PERIOD_S)[0]:
-                self._bound(self._log)
             try:
+                # An inline stack may print without end before the simulator says anything.
+                while not select.select([descriptor], [], [], LOG_PERIOD_S)[0]:
+                    self._bound(self._log)
                 data = os.read(descriptor, 65536)
-            except OSError:
+            except OSError:  # the rig is stopped, and its pipe closed
                 data = b""
             if not data:
                 break
