@@ -109,8 +109,9 @@ def test_who_says_nothing_sensible_gets_no_turn_and_takes_none(guest, line):
 
 def test_at_the_end_nobody_waits_any_more(guest):
     with turns("cuda:0"):
-        guests = [guest("0\n") for _ in range(TURNS + 1)]
-        assert [one.get() for one in guests[:-1]] == [b"\n"] * TURNS
+        guests = [guest("0\n") for _ in range(TURNS)]
+        assert [one.get() for one in guests] == [b"\n"] * TURNS
+        guests.append(guest("0\n"))
     assert guests[-1].get() == b""
     assert TURNS_VARIABLE not in os.environ
 
@@ -124,8 +125,9 @@ def test_a_killed_run_lets_everybody_go(guest):
     with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as run:
         os.environ[TURNS_VARIABLE] = run.stdout.readline().strip()
         try:
-            guests = [guest("0\n") for _ in range(TURNS + 1)]
-            assert [one.get() for one in guests[:-1]] == [b"\n"] * TURNS
+            guests = [guest("0\n") for _ in range(TURNS)]
+            assert [one.get() for one in guests] == [b"\n"] * TURNS
+            guests.append(guest("0\n"))
             run.send_signal(signal.SIGKILL)
             assert guests[-1].get() == b""
             with _turn():
