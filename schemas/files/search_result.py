@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 from msgspec import Struct
 
 from schemas.sections.fork import Branch
@@ -237,6 +239,11 @@ class SearchFile(Struct, frozen=True, kw_only=True):
     cpus: list[str]
     """Classes of the processors that proposed; more than one: it went on on another."""
     generations: list[SearchGeneration]
+
+    def closed(self) -> Iterator[tuple[str, list[Value], float | None]]:
+        """Name, values and KPI of every case that has come to an end, in the order of proposals."""
+        for generation in self.generations:
+            yield from zip(generation.cases, generation.values, generation.results, strict=False)
 
     def fails(self, kpi: float | None) -> bool:
         """Whether a value of the KPI is a failure; a missing one is none."""

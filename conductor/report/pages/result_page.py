@@ -39,7 +39,7 @@ from conductor.report.reading.evidence import commands, versions
 from conductor.report.reading.provenance import file_digests, text_digest
 from conductor.report.reading.systems import system_name, system_names, system_text
 from conductor.report.rulebook.shown import RULE, rulebook_shown
-from conductor.report.searching.section import drawable, search_shown
+from conductor.report.searching.section import search_shown
 from conductor.serve.folders import CAMPAIGN_FILE
 from schemas.files.proposals import FILE_NAME as PROPOSED_FILE
 from schemas.files.yaml_file import dump_yaml
@@ -91,8 +91,8 @@ def write_result_page(folder: Path, page: Path, *, films: bool = False) -> Path:
     try:
         beside.mkdir(parents=True, exist_ok=True)
         shown = shown_cases(content, models, beside, films=films)
-        text = _render(content, _sections(dossier, shown), texts, beside.name)
-        _write_plots(content, beside)
+        plots = _write_plots(content, beside)
+        text = _render(content, _sections(dossier, shown), texts, beside.name, plots)
         for name in (PROPOSED_FILE, CAMPAIGN_FILE):
             if (folder / name).exists():
                 write_atomic(beside / name, (folder / name).read_bytes())
@@ -102,10 +102,13 @@ def write_result_page(folder: Path, page: Path, *, films: bool = False) -> Path:
     return page
 
 
-def _write_plots(content: Content, beside: Path) -> None:
-    """The maps, where they have more than one cell, and the plot of a search."""
+def _write_plots(content: Content, beside: Path) -> set[str]:
+    """Write the maps, where they have more than one cell, and the plot of a search; names of the
+    files that are there now."""
+    dossier = content.dossier
+    cells = any(len(axis_values(dossier, axis)) > 1 for axis in page_axes(dossier))
     plots = {
-        HEAT_FILE: heat_picture(content.dossier) if _mapped(content.dossier) else None,
+        HEAT_FILE: heat_picture(dossier) if cells else None,
         SEARCH_FILE: plot_picture(content, "search"),
     }
     for name, data in plots.items():
@@ -113,15 +116,15 @@ def _write_plots(content: Content, beside: Path) -> None:
             (beside / name).unlink(missing_ok=True)
         else:
             write_atomic(beside / name, data)
-
-
-def _mapped(dossier: Dossier) -> bool:
-    """Whether the maps have more than one cell."""
-    return any(len(axis_values(dossier, axis)) > 1 for axis in page_axes(dossier))
+    return {name for name, data in plots.items() if data is not None}
 
 
 def _render(
-    content: Content, sections: list[ModelSection], texts: dict[str, str], folder: str
+    content: Content,
+    sections: list[ModelSection],
+    texts: dict[str, str],
+    folder: str,
+    plots: set[str],
 ) -> str:
     dossier = content.dossier
     report = dossier.scenario.report
@@ -149,9 +152,9 @@ def _render(
         axes=[axis_label(axis) for axis in page_axes(dossier)],
         axis_names=[axis_label(axis).partition(" [")[0].lower() for axis in page_axes(dossier)],
         crowded=_crowded(dossier),
-        mapped=_mapped(dossier),
+        mapped=HEAT_FILE in plots,
         search=search_shown(content.search),
-        searched=content.search is not None and bool(drawable(content.search)),
+        searched=SEARCH_FILE in plots,
         indices=content.search.indices if content.search else None,
         report=report,
         book=rulebook_shown(dossier, content.rulebook),

@@ -5,6 +5,7 @@ Drawn by matplotlib, of the same tables and curves as the page.
 
 from __future__ import annotations
 
+import contextlib
 import io
 import warnings
 from collections.abc import Callable, Iterator
@@ -65,17 +66,16 @@ def write_plots(content: Content) -> tuple[list[Path], str]:
         OSError: the disk lets us down.
     """
     try:
-        matplotlib = library("")
+        library("")
     except ImportError:
         return [], "plots are left out: matplotlib is not installed; pip install matplotlib"
     folder = content.dossier.folder / PLOTS_FOLDER
     folder.mkdir(exist_ok=True)
     written = []
-    with matplotlib.rc_context(STYLE), warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # names that are too long for a layout, or for a font
-        for name, draw in PLOTS.items():
-            sheet = library("figure").Figure(layout="constrained")
-            if not draw(content, sheet):
+    with _styled():
+        for name in PLOTS:
+            sheet = _sheet(content, name)
+            if sheet is None:
                 for suffix in ("png", "svg"):
                     (folder / f"{name}.{suffix}").unlink(missing_ok=True)
                 continue
@@ -89,15 +89,26 @@ def write_plots(content: Content) -> tuple[list[Path], str]:
 def plot_picture(content: Content, name: str) -> bytes | None:
     """One of :data:`PLOTS` as PNG; None: there is nothing to draw, or matplotlib is missing."""
     try:
-        matplotlib = library("")
+        library("")
     except ImportError:
         return None
-    with matplotlib.rc_context(STYLE), warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        sheet = library("figure").Figure(layout="constrained")
-        if not PLOTS[name](content, sheet):
-            return None
-        return next(_drawn_once(sheet))[1].getvalue()
+    with _styled():
+        sheet = _sheet(content, name)
+        return None if sheet is None else next(_drawn_once(sheet))[1].getvalue()
+
+
+@contextlib.contextmanager
+def _styled() -> Iterator[None]:
+    """Figures that are drawn meanwhile look like all others."""
+    with library("").rc_context(STYLE), warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # names that are too long for a layout, or for a font
+        yield
+
+
+def _sheet(content: Content, name: str) -> Figure | None:
+    """One of :data:`PLOTS`; None: there is nothing to draw."""
+    sheet = library("figure").Figure(layout="constrained")
+    return sheet if PLOTS[name](content, sheet) else None
 
 
 def _drawn_once(sheet: Figure) -> Iterator[tuple[str, io.BytesIO]]:

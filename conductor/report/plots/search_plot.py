@@ -40,8 +40,7 @@ def _cases(found: SearchFile) -> list[tuple[list[float], float]]:
     number is none."""
     return [
         ([float(v) if isinstance(v, int | float) else np.nan for v in values], kpi)
-        for generation in found.generations
-        for values, kpi in zip(generation.values, generation.results, strict=False)
+        for _, values, kpi in found.closed()
         if kpi is not None
     ]
 

@@ -38,10 +38,7 @@ def map_figure(file: SearchFile) -> dict[str, Any] | None:
     for failed, color, name in ((False, HELD, "held"), (True, FAILED, "failed")):
         points = [
             (case, values[places[0]], values[places[1]])
-            for generation in file.generations
-            for case, values, result in zip(
-                generation.cases, generation.values, generation.results, strict=False
-            )
+            for case, values, result in file.closed()
             if result is not None and file.fails(result) is failed
         ]
         figure.add_scatter(

@@ -129,11 +129,6 @@ def mildest(file: SearchFile | None) -> list[str]:
     return [] if file is None else [cluster.mildest for cluster in file.clusters]
 
 
-def drawable(file: SearchFile) -> bool:
-    """Whether any of its cases has a KPI."""
-    return any(kpi is not None for generation in file.generations for kpi in generation.results)
-
-
 def values_of(file: SearchFile, case: str) -> list[Value] | None:
     """Values of the parameters of a case; None: the search proposed none of that name."""
     for generation in file.generations:
@@ -226,11 +221,8 @@ def search_figure(file: SearchFile | None) -> dict[str, Any] | None:
 
 
 def _cases(figure: go.Figure, file: SearchFile) -> None:
-    names, kpis = [], []
-    for generation in file.generations:
-        for name, value in zip(generation.cases, generation.results, strict=False):
-            names.append(name)
-            kpis.append(value)
+    names = [name for name, _, _ in file.closed()]
+    kpis = [kpi for _, _, kpi in file.closed()]
     limit = file.fails_below if file.fails_below is not None else file.fails_above
     places = [index for index, value in enumerate(kpis) if value is not None]
     figure.add_scatter(
