@@ -47,6 +47,30 @@ def taps(given: int, wanted: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return first, np.minimum(first + 1, given - 1), weight
 
 
+@wp.func
+def resized(
+    across: wp.array2d(dtype=wp.int32),
+    down: wp.array2d(dtype=wp.int32),
+    pictures: wp.array4d(dtype=wp.uint8),
+    row: wp.int32,
+    y: wp.int32,
+    x: wp.int32,
+    k: wp.int32,
+) -> wp.int32:
+    """Channel ``k`` of pixel ``y``, ``x`` of a resized picture, 0 to 255, halves upwards.
+
+    ``across`` [3, width] and ``down`` [3, height] are :func:`taps`.
+    """
+    left, right, rightness = across[0, x], across[1, x], across[2, x]
+    upper, lower, lowness = down[0, y], down[1, y], down[2, y]
+    a = wp.int32(pictures[row, upper, left, k]) * (_ONE - rightness)
+    a += wp.int32(pictures[row, upper, right, k]) * rightness
+    b = wp.int32(pictures[row, lower, left, k]) * (_ONE - rightness)
+    b += wp.int32(pictures[row, lower, right, k]) * rightness
+    mixed = a * (_ONE - lowness) + b * lowness
+    return (mixed + _ONE * _ONE / 2) / (_ONE * _ONE)
+
+
 @wp.kernel
 def resize_kernel(
     # model
@@ -65,17 +89,9 @@ def resize_kernel(
     ``across`` [3, width] and ``down`` [3, height] are :func:`taps`.
     """
     n, y, x = wp.tid()
-    row = rows[n]
-    left, right, rightness = across[0, x], across[1, x], across[2, x]
-    upper, lower, lowness = down[0, y], down[1, y], down[2, y]
     for channel in range(3):
         k = wp.where(bgr != 0, 2 - channel, channel)
-        a = wp.int32(pictures[row, upper, left, k]) * (_ONE - rightness)
-        a += wp.int32(pictures[row, upper, right, k]) * rightness
-        b = wp.int32(pictures[row, lower, left, k]) * (_ONE - rightness)
-        b += wp.int32(pictures[row, lower, right, k]) * rightness
-        mixed = a * (_ONE - lowness) + b * lowness
-        whole = (mixed + _ONE * _ONE / 2) / (_ONE * _ONE)
+        whole = resized(across, down, pictures, rows[n], y, x, k)
         planes[n, channel, y, x] = wp.float32(whole) * scale
 
 

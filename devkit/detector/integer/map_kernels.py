@@ -5,11 +5,9 @@ from __future__ import annotations
 
 import warp as wp
 
+from devkit.detector.resize import resized
+
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
-
-_HALVES = wp.constant(256)
-"""Weight of a whole pixel, as of :data:`devkit.detector.resize.ONE`."""
-
 
 _POOL = """
     const int words = made.shape[3] / 4, rows = given.shape[1], columns = given.shape[2];
@@ -105,17 +103,9 @@ def picture_kernel(
     ``across`` [3, width] and ``down`` [3, height] are :func:`devkit.detector.resize.taps`.
     """
     n, y, x = wp.tid()
-    row = rows[n]
-    left, right, rightness = across[0, x], across[1, x], across[2, x]
-    upper, lower, lowness = down[0, y], down[1, y], down[2, y]
     for channel in range(3):
         k = wp.where(bgr != 0, 2 - channel, channel)
-        a = wp.int32(pictures[row, upper, left, k]) * (_HALVES - rightness)
-        a += wp.int32(pictures[row, upper, right, k]) * rightness
-        b = wp.int32(pictures[row, lower, left, k]) * (_HALVES - rightness)
-        b += wp.int32(pictures[row, lower, right, k]) * rightness
-        mixed = a * (_HALVES - lowness) + b * lowness
-        whole = (mixed + _HALVES * _HALVES / 2) / (_HALVES * _HALVES)
+        whole = resized(across, down, pictures, rows[n], y, x, k)
         made[n, y, x, channel] = wp.int8(whole - 128)
 
 
