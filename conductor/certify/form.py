@@ -21,6 +21,7 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import UNSET, Meta, Raw, Struct, UnsetType
 
+from conductor.certify.given import read_given
 from conductor.certify.merkle import root_of
 from conductor.certify.rows import (
     ENTRIES_MAX,
@@ -35,7 +36,6 @@ from conductor.trust.signing import TRUSTED_FOLDER, fits
 from schemas.campaign import CASES_MAX
 from schemas.escape import escape
 from schemas.files.json_text import JsonError, decode_json
-from schemas.files.regular_file import read_regular
 from twin.base.errors import InfrastructureError, UsageError
 from twin.base.own_folder import own_folder
 
@@ -174,11 +174,7 @@ def read_certificate(path: Path, trusted: Collection[str]) -> Certificate:
         UsageError: there is no such file, or it is no certificate.
         InfrastructureError: it does not hold what was signed, or nobody who is trusted signed it.
     """
-    try:
-        data = read_regular(path, FILE_BYTES_MAX)
-    except OSError as error:
-        raise UsageError(f"{path}: {error.strerror or error}") from None
-    return decode_certificate(data, str(path), trusted)
+    return decode_certificate(read_given(path, FILE_BYTES_MAX), str(path), trusted)
 
 
 def decode_certificate(data: bytes, shown: str, trusted: Collection[str]) -> Certificate:

@@ -16,10 +16,10 @@ from typing import Annotated, Any
 import msgspec
 from msgspec import Meta, Struct
 
+from conductor.certify.given import read_given
 from conductor.certify.rows import Sha, Text
 from schemas.escape import escape
 from schemas.files.json_text import JsonError, decode_json
-from schemas.files.regular_file import read_regular
 from twin.base.errors import InfrastructureError, UsageError
 from twin.stack_identity.installed import record_digest
 
@@ -96,10 +96,9 @@ def with_archives(lock: Sequence[Distribution], report: Path) -> list[Distributi
     Raises:
         UsageError: it is no such report, or lacks a distribution in the version that is installed.
     """
+    data = read_given(report, REPORT_BYTES_MAX, "--lock")
     try:
-        read: _Report = decode_json(read_regular(report, REPORT_BYTES_MAX), _Report)
-    except OSError as error:
-        raise UsageError(f"--lock {report}: {error.strerror or error}") from None
+        read: _Report = decode_json(data, _Report)
     except JsonError as error:
         raise UsageError(f"--lock {report}: no report of pip: {escape(str(error), 200)}") from None
     archives = {

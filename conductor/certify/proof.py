@@ -21,12 +21,12 @@ from conductor.certify.form import (
     decode_head,
     require_signed,
 )
+from conductor.certify.given import read_given
 from conductor.certify.merkle import path_of, root_from
 from conductor.certify.rows import Row, Sha, leaf_of, leaves_of
 from schemas.campaign import CASES_MAX
 from schemas.escape import escape
 from schemas.files.json_text import JsonError, decode_json
-from schemas.files.regular_file import read_regular
 from twin.base.errors import InfrastructureError, UsageError
 
 FORMAT: Literal["drivetwin proof 1"] = "drivetwin proof 1"
@@ -85,11 +85,7 @@ def read_proof(path: Path, trusted: Collection[str]) -> Proof:
         UsageError: there is no such file, or it is no proof.
         InfrastructureError: it does not lead to what was signed, or nobody trusted signed that.
     """
-    try:
-        data = read_regular(path, FILE_BYTES_MAX)
-    except OSError as error:
-        raise UsageError(f"{path}: {error.strerror or error}") from None
-    return decode_proof(data, str(path), trusted)
+    return decode_proof(read_given(path, FILE_BYTES_MAX), str(path), trusted)
 
 
 def decode_proof(data: bytes, shown: str, trusted: Collection[str]) -> Proof:

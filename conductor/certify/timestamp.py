@@ -16,8 +16,8 @@ import msgspec
 from msgspec import Struct
 
 from conductor.certify.form import TOKEN_CHARS_MAX, Certificate, encode_certificate
+from conductor.certify.given import read_given
 from schemas.escape import escape
-from schemas.files.regular_file import read_regular
 from twin.base.errors import InfrastructureError, UsageError
 
 if TYPE_CHECKING:
@@ -55,10 +55,7 @@ def with_timestamp(certificate: Certificate, answer: Path) -> bytes:
     Raises:
         UsageError: it is no such answer, or about something else.
     """
-    try:
-        data = read_regular(answer, TOKEN_CHARS_MAX // 4 * 3)
-    except OSError as error:
-        raise UsageError(f"--timestamp {answer}: {error.strerror or error}") from None
+    data = read_given(answer, TOKEN_CHARS_MAX // 4 * 3, "--timestamp")
     bare = msgspec.structs.replace(certificate, timestamp="")
     try:
         _stamped(bare, data, f"--timestamp {answer}")
@@ -124,12 +121,11 @@ def _authority(
     from cryptography import x509
     from rfc3161_client import VerifierBuilder
 
+    data = read_given(roots, ROOT_BYTES_MAX, "--tsa-root")
     try:
         builder = VerifierBuilder()
-        for root in x509.load_pem_x509_certificates(read_regular(roots, ROOT_BYTES_MAX)):
+        for root in x509.load_pem_x509_certificates(data):
             builder = builder.add_root_certificate(root)
-    except OSError as error:
-        raise UsageError(f"--tsa-root {roots}: {error.strerror or error}") from None
     except ValueError:
         raise UsageError(f"--tsa-root {roots}: no certificates in PEM") from None
     try:
