@@ -94,7 +94,7 @@ def test_outcomes_and_leases_can_be_read_while_a_campaign_runs(
     tmp_path: Path, hub: MemoryHub, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(conductor.serve.folders, "REFRESH_S", 0.0)
-    monkeypatch.setattr(conductor.serve.folders, "REFRESH_SHARE", 1.0)
+    monkeypatch.setattr(conductor.serve.folders, "REFRESH_SHARE", math.inf)  # at every turn
     with serving(tmp_path, hub) as served:
         served.request(submit())
         served.request(hello())
