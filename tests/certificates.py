@@ -50,6 +50,7 @@ def made(
     data: dict[str, Any] | None = None,
     rows: list[Row] | None = None,
     key: Signer | None = None,
+    files: dict[str, str] | None = None,
     **said: Any,
 ) -> Certificate:
     """A certificate of a campaign, which tells the truth unless rows are given.
@@ -81,6 +82,7 @@ def made(
         msgspec.json.encode(msgspec.to_builtins(plan.campaign)),
         encode_lock(installed()[:3]),
         key or signer(),
+        files,
     )
 
 

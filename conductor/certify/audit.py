@@ -14,9 +14,9 @@ from conductor.certify.comparing import Audited, compared
 from conductor.certify.consent import Consent
 from conductor.certify.draw import checked_seed, draw
 from conductor.certify.form import Certificate
-from conductor.certify.lock import decode_lock, differences, installed
 from conductor.certify.making import row_of
 from conductor.certify.rows import Sha
+from conductor.certify.software import require_files, require_libraries
 from conductor.certify.subject import plan_in, prepared
 from conductor.records.outcomes import Outcomes, read_outcomes
 from conductor.records.sameness import difference
@@ -33,7 +33,6 @@ from twin.base.errors import (
     storage_error,
 )
 from twin.base.files import write_atomic
-from twin.base.software import software_digest
 
 FILE_NAME = "audit.json"
 FILE_BYTES_MAX = 1 << 16
@@ -83,8 +82,9 @@ def audit(
         UsageError: the auditor's word or a file is missing.
         InfrastructureError: it is about another campaign, software, stack or run.
     """
-    _require_software(certificate, shown)
+    require_files(certificate, shown)
     plan = plan_in(certificate, shown)
+    require_libraries(certificate, plan.campaign, shown)
     claimed = [row.case for row in certificate.rows if row.has_result]
     if not claimed:
         raise UsageError(f"{shown}: no row of it has a result; there is nothing to run again")
@@ -108,7 +108,9 @@ def inspect(certificate: Certificate, shown: str) -> str:
     Raises:
         InfrastructureError: its campaign is not that of its rows.
     """
-    if certificate.head.software != software_digest():
+    try:
+        require_files(certificate, shown)
+    except InfrastructureError:
         return "as it was signed; other software made it, so its campaign was not looked at"
     plan_in(certificate, shown)
     return "as it was signed, and its rows are those of its campaign; nothing was run again"
@@ -153,19 +155,6 @@ def _read_note(folder: Path) -> AuditNote | None:
     except JsonError as error:
         raise InfrastructureError(f"{path}: damaged: {error}; give another --out") from None
     return note
-
-
-def _require_software(certificate: Certificate, shown: str) -> None:
-    head, here = certificate.head, software_digest()
-    if head.software == here:
-        return
-    other = differences(decode_lock(certificate.lock, shown), installed())
-    named = [line for line in other if line.split(" ", 1)[0] in head.libraries]
-    words = f"; {named[0]}" if named else ""
-    raise InfrastructureError(
-        f"{shown}: made with software {head.software[:12]}, this is {here[:12]}{words}; install "
-        f"that version (`conductor audit {shown} --lock` prints what it ran with)"
-    )
 
 
 def _require_run(certificate: Certificate, run: Path, shown: str) -> None:

@@ -3,11 +3,12 @@
 It is one line of JSON without blanks::
 
     {"format": ..., "head": ..., "key": ..., "signature": ..., "rows": ..., "campaign": ..., "lock":
-     ..., "timestamp": ...}
+     ..., "files": ..., "timestamp": ...}
 
 The signature is Ed25519 over :data:`SIGNED` and the bytes of ``head`` as they stand. The head holds
-the root of the rows and SHA-256 of the bytes of ``campaign`` and ``lock``; so a proof of a single
-row needs no more than the head. Nothing of a file is believed before its signature fits; then every
+the root of the rows, SHA-256 of the bytes of ``campaign`` and ``lock``, and the software digest,
+which is that of ``files`` and the libraries in the head; so a proof of a single row needs no more
+than the head. Nothing of a file is believed before its signature fits; then every
 part is held against the head, and the whole against its own encoding, of which there is one.
 """
 
@@ -36,6 +37,7 @@ from conductor.trust.signing import TRUSTED_FOLDER, fits
 from schemas.campaign import CASES_MAX
 from schemas.escape import escape
 from schemas.files.json_text import JsonError, decode_json
+from schemas.files.software import digest_of
 from twin.base.errors import InfrastructureError, UsageError
 from twin.base.own_folder import own_folder
 
@@ -50,11 +52,15 @@ CAMPAIGN_BYTES_MAX = 16 << 20
 """Largest campaign in one [bytes]."""
 LOCK_BYTES_MAX = 4 << 20
 """Largest list of installed distributions in one [bytes]."""
+SOFTWARE_FILES_MAX = 20_000
+"""Most files of our own software in one."""
 TOKEN_CHARS_MAX = 65536
 """Longest timestamp token, as Base64 [characters]."""
 
 _Count = Annotated[int, Meta(ge=1, le=CASES_MAX)]
 _Signature = Annotated[str, Meta(pattern="^[0-9a-f]{128}\\Z")]
+_FileName = Annotated[str, Meta(pattern=r"^[A-Za-z0-9_./+-]{1,300}\Z")]
+_Files = Annotated[dict[_FileName, Sha], Meta(max_length=SOFTWARE_FILES_MAX)]
 
 
 class MadeIn(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -124,6 +130,9 @@ class Certificate(Struct, frozen=True, kw_only=True):
     """JSON of the campaign."""
     lock: bytes
     """JSON of the installed distributions (:mod:`conductor.certify.lock`)."""
+    files: dict[str, str] | None = None
+    """Files of our software -> SHA-256, sorted, of which the head has the digest; None: it was made
+    by a version that did not tell."""
     timestamp: str = ""
     """Timestamp token (RFC 3161), Base64; empty: none is attached."""
 
@@ -142,6 +151,7 @@ class _File(Struct, frozen=True, forbid_unknown_fields=True):
     rows: Raw
     campaign: Raw
     lock: Raw
+    files: Raw | UnsetType = UNSET
     timestamp: (
         Annotated[str, Meta(pattern="^[A-Za-z0-9+/]+={0,2}\\Z", max_length=TOKEN_CHARS_MAX)]
         | UnsetType
@@ -158,6 +168,7 @@ def encode_certificate(certificate: Certificate) -> bytes:
         rows=Raw(msgspec.json.encode(certificate.rows)),
         campaign=Raw(certificate.campaign),
         lock=Raw(certificate.lock),
+        files=UNSET if certificate.files is None else Raw(msgspec.json.encode(certificate.files)),
         timestamp=certificate.timestamp or UNSET,
     )
     return msgspec.json.encode(file) + b"\n"
@@ -195,6 +206,9 @@ def decode_certificate(data: bytes, shown: str, trusted: Collection[str]) -> Cer
         rows=_part(shown, "rows", bytes(file.rows), list[Row], FILE_BYTES_MAX),
         campaign=_bounded(shown, "campaign", bytes(file.campaign), CAMPAIGN_BYTES_MAX),
         lock=_bounded(shown, "lock", bytes(file.lock), LOCK_BYTES_MAX),
+        files=None
+        if file.files is UNSET
+        else _part(shown, "files", bytes(file.files), _Files, FILE_BYTES_MAX),
         timestamp="" if file.timestamp is UNSET else file.timestamp,
     )
     _check_parts(shown, certificate)
@@ -240,6 +254,11 @@ def _check_parts(shown: str, certificate: Certificate) -> None:
     for name in ("campaign", "lock"):
         if hashlib.sha256(getattr(certificate, name)).hexdigest() != getattr(head, name):
             raise InfrastructureError(f"{shown}: its {name} is not the one that was signed")
+    files = certificate.files
+    if files is not None and digest_of(files, head.libraries) != head.software:
+        raise InfrastructureError(
+            f"{shown}: its files and libraries are not those of the software that was signed"
+        )
     if len(rows) != head.count:
         raise InfrastructureError(f"{shown}: has {len(rows)} rows, signed were {head.count}")
     classes = head.made_in.device_classes

@@ -22,17 +22,20 @@ from conductor.certify.form import (
 from conductor.certify.lock import encode_lock, installed, with_archives
 from conductor.certify.merkle import root_of
 from conductor.certify.rows import Row, counts_of, leaves_of
+from conductor.certify.software import difference_from
 from conductor.records.fingerprint import fingerprint, label_of
 from conductor.records.outcomes import CaseOutcome, Outcomes, read_outcomes
+from conductor.records.software_file import read_software
 from conductor.serve.folders import CAMPAIGN_FILE
 from conductor.trust.signing import Signer, trusted_keys
 from conductor.trust.verify import Told, verify_run
+from schemas.files.software import digest_of
 from schemas.identity import DIGESTS, campaign_digest
 from schemas.plan import Plan
 from schemas.sections.autonomy import UNPROTECTED, driver
 from schemas.words import counted, unended
 from twin.base.errors import InfrastructureError, UnfinishedError, UsageError
-from twin.base.software import library_versions, software_digest
+from twin.base.software import library_versions, software_digest, software_files
 from twin.records.campaign_file import read_plan
 from twin.stack_identity.identity import Named, shown_name
 
@@ -85,12 +88,15 @@ def certify(folder: Path, asked: Asked, told: Told = lambda _what, _done, _total
         raise UsageError(f"{len(locked)} distributions are installed here, too many to list")
     autonomy = plan.campaign.autonomy
     driven = driver(autonomy)
+    files, libraries = software_files(), library_versions()
+    if digest_of(files, libraries) != outcomes.software:
+        raise UsageError(f"{folder}: the software was changed meanwhile; type the command again")
     head = SignedHead(
         name=outcomes.campaign,
         digest=outcomes.digest,
         fingerprint=verified.manifest.fingerprint,
         software=outcomes.software,
-        libraries=library_versions(),
+        libraries=libraries,
         stack=shown_name(Named(driven["stack"], driven.get("foreign"), autonomy.files)),
         stack_digest=plan.campaign.stack_identity.digest,
         protected=is_protected(outcomes),
@@ -101,11 +107,16 @@ def certify(folder: Path, asked: Asked, told: Told = lambda _what, _done, _total
         run_key=verified.manifest.key,
         run_signature=verified.manifest.signature,
     )
-    return encode_certificate(sealed(head, rows, campaign, lock, asked.signer))
+    return encode_certificate(sealed(head, rows, campaign, lock, asked.signer, files))
 
 
 def sealed(
-    head: SignedHead, rows: list[Row], campaign: bytes, lock: bytes, signer: Signer
+    head: SignedHead,
+    rows: list[Row],
+    campaign: bytes,
+    lock: bytes,
+    signer: Signer,
+    files: dict[str, str] | None = None,
 ) -> Certificate:
     """A signed certificate; what of the head follows from the other parts is filled in."""
     whole = msgspec.structs.replace(
@@ -125,6 +136,7 @@ def sealed(
         rows=rows,
         campaign=campaign,
         lock=lock,
+        files=files,
     )
 
 
@@ -154,9 +166,10 @@ def _require_certifiable(folder: Path, outcomes: Outcomes, asked: Asked) -> None
         raise UsageError(f"{folder}: its campaign digest is of an earlier version; run it anew")
     here = software_digest()
     if outcomes.software != here:
+        what = difference_from(read_software(folder, outcomes.software))
         raise UsageError(
             f"{folder}: was run by software {outcomes.software[:12] or 'unknown'}, this is "
-            f"{here[:12]}; certify it with the version and environment that ran it"
+            f"{here[:12]}{what}; certify it with the version and environment that ran it"
         )
     if not is_protected(outcomes) and not asked.unprotected:
         said = next((p for p in outcomes.protection if p.startswith(UNPROTECTED)), "not known")

@@ -11,6 +11,7 @@ from conductor.journal.chain import Chain
 from conductor.journal.store import read_journal
 from conductor.records.outcomes import FILE_NAME as OUTCOMES_FILE
 from conductor.records.outcomes import Outcomes, read_outcomes
+from conductor.records.software_file import write_software
 from conductor.records.timeline import FILE_NAME as TIMELINE_FILE
 from conductor.serve.folders import CAMPAIGN_FILE
 from conductor.trust.judge_feed import FILE_NAME as JUDGEMENT_FILE
@@ -153,6 +154,7 @@ def sign_run(
     Raises:
         TwinError: there is no key to sign with, or files were changed since it was signed before.
     """
+    write_software(folder, outcomes.software)
     return _sign(folder, outcomes, fingerprint, _files(folder), chain)
 
 

@@ -81,13 +81,15 @@ def distance_m(box: Detection, view: CameraView) -> tuple[float, float] | None:
     information, weighted = 0.0, 0.0
     if foot_m is not None and not cut:
         edge_rad = edge_px / focal_px
-        sigma = foot_m * foot_m / view.above_m * math.sqrt(PITCH_RAD**2 + edge_rad * edge_rad)
+        sigma = (
+            foot_m * foot_m / view.above_m * math.sqrt(PITCH_RAD * PITCH_RAD + edge_rad * edge_rad)
+        )
         weight = 1.0 / (sigma * sigma)
         information, weighted = weight, weight * foot_m
     if not cut and box.y_px > BORDER_PX:
         size_m = focal_px * SHAPES[box.label].height_m / box.height_px
         edge = edge_px / box.height_px
-        sigma = size_m * math.sqrt(SIZE_RATIO**2 + 2.0 * edge * edge)
+        sigma = size_m * math.sqrt(SIZE_RATIO * SIZE_RATIO + 2.0 * edge * edge)
         weight = 1.0 / (sigma * sigma)
         information, weighted = information + weight, weighted + weight * size_m
     if information == 0.0:

@@ -125,7 +125,12 @@ class EgoMotion:
         half_s = 0.5 * period_s
         distance = self._distance_m + (self.speed_mps + half_s * accel) * period_s
         speed = self.speed_mps + accel * period_s
-        p_ss = p_ss + 2.0 * period_s * p_sv + period_s * period_s * p_vv + 0.25 * q * period_s**2
+        p_ss = (
+            p_ss
+            + 2.0 * period_s * p_sv
+            + period_s * period_s * p_vv
+            + 0.25 * q * period_s * period_s
+        )
         p_sv = p_sv + period_s * p_vv + half_s * q
         p_vv = p_vv + q
         measured = tick_m * tick_m / 12.0 + 1e-9

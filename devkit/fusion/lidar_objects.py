@@ -14,6 +14,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
+from devkit.fusion.functions import rounded_sine_cosine
 from schemas.messages import LidarSite
 from schemas.sections.lidar import POINT_COLUMNS
 
@@ -57,11 +58,8 @@ class LidarView:
     @classmethod
     def of_site(cls, site: LidarSite) -> LidarView:
         """The view of a LiDAR; ``site`` stands in the episode."""
-        roll, pitch, yaw = (math.radians(angle) for angle in site.rotation_deg)
-        # Rounded: sines of C libraries differ in their last bits.
-        sr, cr, sp, cp, sy, cy = (
-            round(f(a), 9) for a in (roll, pitch, yaw) for f in (math.sin, math.cos)
-        )
+        angles = np.array([math.radians(angle) for angle in site.rotation_deg])
+        (sr, sp, sy), (cr, cp, cy) = rounded_sine_cosine(angles)
         rotation = (
             (cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr),
             (sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr),

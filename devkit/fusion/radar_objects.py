@@ -11,6 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from devkit.fusion.functions import power_of_ten, rounded_sine_cosine
+
 RANGE, AZIMUTH, ELEVATION, RADIAL, RCS, SNR = range(6)
 """Columns of a detection: range [m], azimuth, positive left [rad], elevation [rad], relative radial
 speed, positive away [m/s], radar cross section [dBsm], signal over noise [dB]."""
@@ -75,14 +77,16 @@ def group_detections(
         dive_rad: its pitch against the road, nose down positive: what is ahead looks higher.
     """
     points = []
-    for row in detections.astype(np.float64).tolist():
+    rows = detections.astype(np.float64)
+    sines, cosines = rounded_sine_cosine(view.yaw_rad + rows[:, AZIMUTH])
+    rises, flats = rounded_sine_cosine(rows[:, ELEVATION])
+    for row, sine, cosine, up, flat in zip(
+        rows.tolist(), sines, cosines, rises, flats, strict=True
+    ):
         if not all(math.isfinite(value) for value in row):
             continue
-        angle = view.yaw_rad + row[AZIMUTH]
-        # Rounded: sines of C libraries differ in their last bits.
-        cosine, sine = round(math.cos(angle), 9), round(math.sin(angle), 9)
-        flat_m = row[RANGE] * round(math.cos(row[ELEVATION]), 9)
-        rise = round(math.sin(row[ELEVATION]), 9) - dive_rad
+        flat_m = row[RANGE] * flat
+        rise = up - dive_rad
         height_m = view.position_m[2] + row[RANGE] * rise
         if not LOW_M < height_m < HIGH_M:
             continue
@@ -127,12 +131,11 @@ def _group(points: list[tuple[float, float, float, float]]) -> EchoGroup:
     # Wheels turn and limbs swing: their echoes are slower and faster than the body's, and weaker
     # as a rule. How far they are apart says how sure the speed is.
     speed = max(points, key=lambda point: (point[3], point[2]))[2]
-    weights = [round(10.0 ** (0.1 * point[3]), 9) for point in points]
-    total = 1e-9 + sum(weights)
-    spread = sum(
-        w * (point[2] - speed) * (point[2] - speed)
-        for w, point in zip(weights, points, strict=True)
-    )
+    total, spread = 1e-9, 0.0
+    for point in points:  # Python's own sum adds otherwise from version 3.12 on
+        weight = round(power_of_ten(0.1 * point[3]), 9)
+        total += weight
+        spread += weight * (point[2] - speed) * (point[2] - speed)
     least = SPEED_SIGMA_MPS if len(points) > 1 or abs(speed) < STANDS_MPS else LONE_SIGMA_MPS
     ys = [point[1] for point in points]
     sigma = 0.3 + ANGLE_SIGMA_RAD * abs(ys[0])

@@ -62,6 +62,7 @@ class FusionStack(Stack):
 
     takes_device_frames = True
     drives_by_camera = True
+    portable = True  # sums, products, roots and functions of our own; what is rounded stays so
 
     PARAMETERS = (
         *(FusionSensors, TrackingParameters, StagingParameters),

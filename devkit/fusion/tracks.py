@@ -150,7 +150,9 @@ class TrackStore:
         noise = self._p.acceleration_mps2 * self._p.acceleration_mps2
         for pos, cross, vel in (("p_xx", "p_xv", "p_vv"), ("q_xx", "q_xv", "q_vv")):
             xx, xv, vv = getattr(self, pos), getattr(self, cross), getattr(self, vel)
-            setattr(self, pos, xx + dt * (2.0 * xv + dt * vv) + 0.25 * noise * (dt * dt) ** 2)
+            setattr(
+                self, pos, xx + dt * (2.0 * xv + dt * vv) + 0.25 * noise * (dt * dt) * (dt * dt)
+            )
             setattr(self, cross, xv + dt * vv + 0.5 * noise * dt * dt * dt)
             setattr(self, vel, vv + noise * dt * dt)
         self.age_s = self.age_s + dt

@@ -1,4 +1,4 @@
-"""Short runs of shipped campaigns without networks, by `conductor run`."""
+"""Short runs of shipped campaigns without float networks, by `conductor run`."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import Any
 import yaml
 
 from conductor.run.source import find
+from twin.scenario.storyboard.native.document import shipped_scenarios
 
 
 def campaigns(found: Any) -> None:
@@ -33,11 +34,16 @@ def campaigns(found: Any) -> None:
 
 def wanted() -> dict[str, dict[str, Any]]:
     """Campaign files by name."""
-    chaos, lane, demo = (yaml.safe_load(find(n).read_text()) for n in
-                         ("chaos-16", "lane-loop", "aeb-demo"))  # fmt: skip
+    names = ("chaos-16", "lane-loop", "aeb-demo", "aeb-demo-int8", "aeb-fusion")
+    chaos, lane, demo, whole, fused = (yaml.safe_load(find(n).read_text()) for n in names)
     lane["scenario"]["distance_m"] = 120
     lane["matrix"]["weather"] = ["clear"]
     demo["matrix"]["model"] = ["ground_truth"]
+    fused["autonomy"]["perception"] = {
+        "ground_truth": {"type": "ground_truth"},
+        "whole": {"type": "network", "model": "yolov3-w25-int8"},
+    }
+    fused["matrix"]["model"] = ["ground_truth", "whole"]
     scenario = {
         "schema": 1,
         "campaign": "cut-ins",
@@ -49,4 +55,24 @@ def wanted() -> dict[str, dict[str, Any]]:
         "autonomy": {"parameters": {"cruise_speed_mps": 30}},
         "matrix": {"weather": ["heavy_rain"], "storyboard.actors.van.ahead_m": [30, 40]},
     }
-    return {"chaos-16": chaos, "lane-loop": lane, "aeb-demo": demo, "cut-ins": scenario}
+    shipped = {
+        **scenario,
+        "campaign": "scenarios",
+        "camera": {"width": 64, "height": 36, "hz": 10, "noise": True},
+        "scenario": {"type": "storyboard", "storyboard": "cut-in", "duration_s": 12},
+        "autonomy": {},
+        "matrix": {"scenario.storyboard": list(shipped_scenarios(of_rulebooks=False))},
+    }
+    wanted = {
+        "chaos-16": chaos,
+        "lane-loop": lane,
+        "aeb-demo": demo,
+        "cut-ins": scenario,
+        "scenarios": shipped,
+        "aeb-demo-int8": whole,
+        "aeb-fusion": fused,
+    }
+    for section in wanted.values():
+        section["autonomy"]["sandbox"] = "off"  # it would keep settings of NumPy from the stack
+        section["deadline_s"] = 3600  # kernels of a new cache are compiled in the first tick
+    return wanted

@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import msgspec
+import numpy
 import pytest
 from certificates import campaign, made, signer
 from changed_campaigns import changed
@@ -21,6 +22,7 @@ from conductor.certify.form import Certificate, encode_certificate, read_certifi
 from conductor.certify.making import sealed
 from conductor.certify.rows import Row
 from conductor.trust.signing import own_signer, trusted_keys
+from schemas.files.software import DECODERS, RUNTIMES, digest_of
 
 OPTIONS = ("--workers", "1", "--output", "json")
 
@@ -102,6 +104,33 @@ def test_a_lie_is_found_and_both_values_are_said(marked, quiet, certificate, tmp
     assert f"is not the run of {path}: case {row.case} is another" in line
 
 
+def test_a_table_of_a_machine_with_other_runtimes_holds_and_one_of_other_files_is_named(
+    marked, certificate, tmp_path
+):
+    true = read_certificate(certificate, trusted_keys())
+    assert true.files is not None
+    libraries = {n: v for n, v in true.head.libraries.items() if n not in (*RUNTIMES, *DECODERS)}
+    libraries |= {"onnxruntime-gpu": "1.31.1", "nvidia-cublas": "13.0"}
+    other = resealed(true, true.files, libraries, tmp_path / "gpu.cert")
+    assert other.head.software != true.head.software
+    out = ("--cases", "2", "--seed", "lotto", "--out", str(tmp_path / "a"))
+    assert audited(marked, tmp_path / "gpu.cert", *out)["same"] == 2
+    resealed(true, true.files | {"twin/cli.py": "0" * 64}, libraries, tmp_path / "old.cert")
+    line = refused(marked, "audit", str(tmp_path / "old.cert"), *out, code=3)
+    assert "; twin/cli.py has another content here; install that version" in line
+
+
+def resealed(
+    true: Certificate, files: dict[str, str], libraries: dict[str, str], into: Path
+) -> Certificate:
+    """A certificate of the same rows, made where other files and libraries are installed."""
+    software = digest_of(files, libraries)
+    head = msgspec.structs.replace(true.head, software=software, libraries=libraries)
+    other = sealed(head, true.rows, true.campaign, true.lock, own_signer(), files)
+    into.write_bytes(encode_certificate(other))
+    return other
+
+
 def test_an_interrupted_audit_goes_on(marked, certificate, tmp_path):
     out = tmp_path / "audit"
     words = ("conductor", "audit", str(certificate), "--out", str(out), *OPTIONS)
@@ -130,6 +159,13 @@ def test_runs_that_are_not_certified(marked, quiet, tmp_path):
     next(iter(data["cases"].values()))["outcome"] = ""
     (copy / "outcomes.json").write_text(json.dumps(data))
     assert "1 of 16 cases has not ended" in refused(marked, "certify", str(copy), *out, code=75)
+    parts = json.loads((copy / "software.json").read_text())
+    parts["libraries"]["numpy"] = "1.0"
+    (copy / "software.json").write_text(json.dumps(parts))
+    data |= {"complete": True, "software": digest_of(parts["files"], parts["libraries"])}
+    (copy / "outcomes.json").write_text(json.dumps(data))
+    line = refused(marked, "certify", str(copy), *out, code=2)
+    assert f"; numpy 1.0: here {numpy.__version__}; certify it with" in line
     assert "no such folder" in refused(marked, "certify", str(tmp_path / "x"), *out, code=2)
     assert not (tmp_path / "c.cert").exists()
 

@@ -42,7 +42,7 @@ ELSEWHERE = {
     "hpc shell": "a scheduler: test_slurm",
     "hpc status": "a scheduler: test_slurm",
     "hpc submit": "a scheduler: test_slurm",
-    "twin bench": "measurements",
+    "twin bench": "measurements: test_bench_trends, test_bench_drive",
     "twin dataset": "minutes: tests/kernel/test_dataset_files",
     "twin play": "a scenario file: tests/unit/twin/play/test_play_command",
     "twin reenact": "a case that was changed from outside: test_intervene_in_a_case",

@@ -184,6 +184,8 @@ def _certificates() -> None:
     rows = msgspec.json.encode(certificate.rows)
     lines = (certificate.signed, rows, certificate.campaign, certificate.lock)
     _write("certificate-signed", "table", b"\n".join(lines))
+    few = msgspec.json.encode({"schemas/files/software.py": "0" * 64, "twin/cli.py": "1" * 64})
+    _write("certificate-signed", "with-files", b"\n".join((*lines, few)))
     _write("certificate-proof", "case", prove(certificate, certificate.rows[3].case))
     _write("certificate-lock", "three", certificate.lock)
 

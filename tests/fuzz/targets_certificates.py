@@ -17,7 +17,9 @@ from conductor.certify.lock import decode_lock
 from conductor.certify.merkle import root_of
 from conductor.certify.proof import decode_proof
 from conductor.certify.rows import Row, leaves_of
+from conductor.certify.software import require_files, require_libraries
 from conductor.certify.subject import plan_in
+from schemas.files.software import digest_of
 from schemas.identity import campaign_digest
 from schemas.plan import parse_plan
 from twin.base.errors import TwinError
@@ -28,20 +30,30 @@ def _certificate(data: bytes) -> None:
 
 
 def _signed(data: bytes) -> None:
-    """Lines: head, rows, campaign, lock. They are sealed as the owner of a trusted key may do, so
-    what he likes to write comes behind every signature and digest."""
-    head, rows, campaign, lock = [*data.split(b"\n", 3), b"", b"", b""][:4]
+    """Lines: head, rows, campaign, lock, and files if there is a fifth. They are sealed as the
+    owner of a trusted key may do, so what he likes to write comes behind every signature and
+    digest."""
+    head, rows, campaign, lock, files = [*data.split(b"\n", 4), b"", b"", b"", b""][:5]
     with contextlib.suppress(ValueError, TypeError, AttributeError, RecursionError, LookupError):
-        head = json.dumps(_bound(json.loads(head), rows, campaign, lock)).encode()
+        said = _bound(json.loads(head), rows, campaign, lock)
+        if files:
+            said["software"] = digest_of(json.loads(files), said["libraries"])
+        head = json.dumps(said).encode()
     key = signer()
     parts = {"head": head, "rows": rows, "campaign": campaign, "lock": lock}
+    parts |= {"files": files} if files else {}
     body = b",".join(b'"%s":%s' % (name.encode(), part) for name, part in parts.items())
     opening, at = body.split(b',"rows":', 1)
     proof = f',"key":"{key.public}","signature":"{key.sign(SIGNED + head)}","rows":'
     file = b'{"format":"%s",%s%s%s}\n' % (FORMAT.encode(), opening, proof.encode(), at)
     certificate = decoded(file)
     decode_lock(certificate.lock, "c.cert")
-    require_consent(plan_in(certificate, "c.cert"), Consent(), "c.cert")
+    plan = plan_in(certificate, "c.cert")
+    with contextlib.suppress(TwinError):
+        require_files(certificate, "c.cert")
+    with contextlib.suppress(TwinError):
+        require_libraries(certificate, plan.campaign, "c.cert")
+    require_consent(plan, Consent(), "c.cert")
 
 
 def _bound(head: dict[str, Any], rows: bytes, campaign: bytes, lock: bytes) -> dict[str, Any]:

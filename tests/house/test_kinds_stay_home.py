@@ -56,11 +56,12 @@ HOMONYMS = {
     "radar": (
         *("devkit/fusion/sensing.py", "twin/bench/radar.py"),
         *("twin/validate/command.py", "twin/validate/radar_truth.py"),
+        "twin/bench/trends/benches.py",
     ),
     "storyboard": (
         *("twin/scenario/storyboard/native/compiler.py", "twin/play/report.py"),
         *("twin/bench/storyboard_traffic.py", "viewer/playing/story.py"),
-        "schemas/files/played_scenario.py",
+        *("schemas/files/played_scenario.py", "twin/bench/trends/benches.py"),
     ),
     "autodrive": (
         *("schemas/sections/environment.py", "twin/world/sky/almanac.py"),

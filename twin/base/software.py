@@ -6,42 +6,47 @@ import functools
 import hashlib
 import importlib.util
 import re
+import sys
 from pathlib import Path
 
-from schemas.digest import digest
+from schemas.files.software import DECODERS, GPU_LIBRARIES, RUNTIMES, digest_of
 from twin.base.errors import UsageError
 from twin.base.gpu.nvml import gpu_handle, library
 
 _PACKAGES = ("schemas", "twin", "devkit")
 _LIBRARIES = (
     *("numpy", "warp-lang", "opencv-python-headless", "pillow", "trimesh"),
-    *("dracopy", "meshopt", "opengl-basisu"),
-    *("onnx", "onnxruntime", "onnxruntime-gpu", "lark"),
+    *(*DECODERS, *RUNTIMES),
+    *("onnx", "lark"),
 )
-_GPU_LIBRARIES = ("nvidia-cudnn-cu13", "nvidia-cublas", "nvidia-cuda-runtime")
-"""Count where onnxruntime-gpu, which computes with them, is installed."""
 _SUFFIXES = {".py", ".yaml", ".xodr", ".cfg", ".names", ".onnx", ".integer"}
 
 
 def software_digest() -> str:
     """SHA-256 over the sorted (path, SHA-256) of the installed ``schemas``, ``twin`` and ``devkit``
     files and the exact versions of the libraries that reach a KPI."""
-    parts: list[bytes] = []
+    return digest_of(software_files(), library_versions())
+
+
+def software_files() -> dict[str, str]:
+    """Path, as in ``twin/cli.py`` -> SHA-256 of every file of ours that counts, sorted."""
+    files = {}
     for package in _PACKAGES:
         root = package_folder(package)
         for path in sorted(p for p in root.rglob("*") if p.suffix in _SUFFIXES and p.is_file()):
             name = f"{package}/{path.relative_to(root).as_posix()}"
-            parts.append(f"{name}={hashlib.sha256(path.read_bytes()).hexdigest()}".encode())
-    parts += [f"{name}=={version}".encode() for name, version in library_versions().items()]
-    return digest(parts)
+            files[name] = hashlib.sha256(path.read_bytes()).hexdigest()
+    return dict(sorted(files.items()))
 
 
 def library_versions() -> dict[str, str]:
-    """Versions of the libraries that reach a KPI, as far as they are installed."""
+    """Versions of the libraries that reach a KPI, as far as they are installed, sorted; and of
+    Python, whose ``sum`` of floats is another one from 3.12 on."""
     versions = {name: version for name in _LIBRARIES if (version := _version(name))}
+    versions["python"] = f"{sys.version_info.major}.{sys.version_info.minor}"
     if "onnxruntime-gpu" in versions:
-        versions |= {name: version for name in _GPU_LIBRARIES if (version := _version(name))}
-    return versions
+        versions |= {name: version for name in GPU_LIBRARIES if (version := _version(name))}
+    return dict(sorted(versions.items()))
 
 
 def _version(library: str) -> str:

@@ -23,6 +23,34 @@ def _root() -> None:
     """Measure how fast parts of the simulator are."""
 
 
+@app.command("all")
+def every(
+    device: Annotated[str, typer.Option(help="Where to measure: cpu or cuda:N.")] = "cpu",
+    only: Annotated[
+        str, typer.Option(help="Some of the benches, with commas, such as vehicle,lidar.")
+    ] = "",
+    history: Annotated[Path, typer.Option(help="File to which the figures are added.")] = Path(
+        "runs/benches.jsonl"
+    ),
+    page: Annotated[Path, typer.Option(help="Page of trends to write.")] = Path(
+        "runs/benches.html"
+    ),
+    label: Annotated[str, typer.Option(help="Name of this run, such as a commit.")] = "",
+    output: OutputOption = Output.human,
+    check: Annotated[bool, typer.Option("--check", help="Exit 1 if a target fell.")] = False,
+) -> None:
+    """All benches one after the other, held against earlier runs on the same kind of machine.
+
+    A target that is 10 % or more worse than the median of its last 20 runs has fallen. The page has
+    a table and a plot of every target. A quarter of an hour on two cores; on an idle machine, or
+    figures mean little. Exit code 1 also if a bench gave no figures.
+    """
+    from twin.bench.trends.command import bench_all
+
+    as_json = output is Output.json
+    bench_all(device, only, history, page, label, as_json=as_json, check=check)
+
+
 @app.command()
 def vehicle(
     device: Annotated[str, typer.Option(help="Where to simulate: cpu or cuda:N.")] = "cpu",

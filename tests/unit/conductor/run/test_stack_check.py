@@ -217,7 +217,7 @@ def test_what_a_campaign_file_claims_of_its_stack_does_not_count(tmp_path, monke
         ("lane-loop", True),
         ("aeb-demo-int8", True),
         ("aeb-256", False),  # float networks
-        ("aeb-fusion", False),  # its stack has not been compared
+        ("aeb-fusion", False),
     ],
 )
 def test_shipped_campaigns_say_whether_devices_may_mix(name, portable):

@@ -1,0 +1,27 @@
+"""Libraries that a campaign's results do not depend on."""
+
+from __future__ import annotations
+
+from schemas.campaign import Campaign
+from schemas.device_class import is_portable
+from schemas.files.software import DECODERS, GPU_LIBRARIES, RUNTIMES
+
+
+def spared(campaign: Campaign, *, has_assets: bool) -> frozenset[str]:
+    """Libraries that no result of ``campaign`` depends on, whether they are installed or not.
+
+    Only where all that runs is ours: no stack, command or plug-in of somebody else, which may use
+    what it finds. Then runtimes of float networks count for nothing if the campaign is portable,
+    for it has no such network; and decoders if no file that somebody else made is read for its
+    world.
+
+    Args:
+        campaign: as it was submitted, the identity of its stack filled in.
+        has_assets: it names a file of a scene, vehicle or scenario.
+    """
+    autonomy = campaign.autonomy
+    foreign = campaign.stack_identity.digest or autonomy.command or autonomy.files
+    if foreign or campaign.plugins or autonomy.placement == "node":
+        return frozenset()
+    runtimes = (*RUNTIMES, *GPU_LIBRARIES) if is_portable(campaign) else ()
+    return frozenset(runtimes if has_assets else (*runtimes, *DECODERS))

@@ -1,0 +1,1 @@
+"""All benches at once, held against earlier runs."""
