@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from devkit.fusion.parameters import TrackingParameters
+from devkit.fusion.path import CarPath
 from devkit.fusion.sightings import Sightings
 from devkit.fusion.tracks import EDGE_SHARE, LATERAL_SIGMA_M, TRACKS_MAX, EyePlaces, TrackStore
 
@@ -146,7 +147,7 @@ def test_a_radial_speed_is_believed_at_once():
 
 def test_a_camera_box_is_in_the_path_at_the_distance_of_the_radar():
     """Its edge at 12 m, by its own distance, is outside; at the radar's 20 m it is far outside."""
-    eye = EyePlaces(np.zeros(1), np.zeros(1), np.zeros(1), 1.1)
+    eye = EyePlaces(np.zeros(1), np.zeros(1), CarPath(np.zeros(1)), 1.1)
     for radar_x_m, inside in ((12.0, True), (20.0, False)):
         store = TrackStore(1, PARAMETERS)
         echo = sightings([radar_x_m], [-1.9 * radar_x_m / 12.0], half_m=0.3)
@@ -163,7 +164,7 @@ def test_a_camera_box_is_in_the_path_at_the_distance_of_the_radar():
 def test_a_box_that_is_too_large_for_the_radars_distance_is_no_wider_there():
     """A box around two cars that come along the other lane, 34 m away by its size: 50 m away its
     edge would reach into the path, though the middle of the box is where radar sees the nearer."""
-    eye = EyePlaces(np.zeros(1), np.zeros(1), np.zeros(1), 1.1)
+    eye = EyePlaces(np.zeros(1), np.zeros(1), CarPath(np.zeros(1)), 1.1)
     for right_m, inside in ((0.65, False), (-0.2, True)):
         store = TrackStore(1, PARAMETERS)
         middle_m = (right_m + 1.0) * 50.0 / 34.0
