@@ -34,7 +34,7 @@ WHEELBASE_M = 3.09
 """Wheelbase by which a steering angle becomes a curvature [m]."""
 CURVATURE_S = 0.15
 """Time constant of the smoothed curvature [s]."""
-TURNED_S = 8.0
+TURNED_S = 20.0
 """Time in which the direction from which the car has turned is forgotten [s]."""
 DIVE_S = 0.1
 """Time constant of the pitch that follows from the acceleration: the accelerometer's noise is not

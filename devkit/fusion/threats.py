@@ -185,7 +185,10 @@ def find_threats(
     by_two, by_one = in_way & (agreed | (alone & blind)), in_way & alone
     # Who walks towards the path may still stop: time for a warning, and for the brake's last word.
     late = needed > staging.crossing_deceleration_mps2
+    # Who drives on may turn off; who is braked for behind them is another track.
+    drives_on = (vx > AWAY_MPS) & (brakes == 0.0)
     now = inside | crosses.soon | late
+    now &= ~drives_on | (needed > staging.following_deceleration_mps2)
     # What no camera names and what stands may be beside a curve that has not begun; what comes may
     # be in the other lane of one in which the car is.
     known = np.where(vx < -COMES_MPS, _straight(tracks, ego), (vx != 0.0) | late)

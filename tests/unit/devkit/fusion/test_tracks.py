@@ -145,6 +145,38 @@ def test_a_radial_speed_is_believed_at_once():
     assert store.vx_mps[0, 0] == pytest.approx(-7.2)
 
 
+def test_a_radial_speed_is_the_part_of_the_velocity_along_the_ray():
+    """Somebody crosses at 5 m/s, 45 to 15 degrees aside of a radar that stands."""
+    store = TrackStore(1, PARAMETERS)
+    for k in range(25):
+        x, y = 15.0, -15.0 + 5.0 * 0.1 * k
+        seen = sightings([x], [y], 0.3)
+        away_m = float(np.hypot(x, y))
+        seen.radial_mps[0, 0], seen.radial_sigma_mps[0, 0] = 5.0 * y / away_m, 0.3
+        seen.ray_y[0, 0] = y / away_m
+        store.predict(np.full(1, 0.1), np.zeros(1), np.zeros(1))
+        store.update(seen, store.radar, np.ones(1, bool))
+    at = 0, int(np.flatnonzero(store.live[0])[0])
+    assert store.live.sum() == 1
+    assert store.vx_mps[at] == pytest.approx(0.0, abs=0.3)
+    assert store.vy_mps[at] == pytest.approx(5.0, abs=0.3)
+    assert store.from_y_m[at] == pytest.approx(-13.0, abs=0.5), "at half a second"
+
+
+def test_where_a_track_came_from_stays_on_the_road_while_the_car_turns():
+    store = TrackStore(1, PARAMETERS)
+    heading = x = y = 0.0
+    for k in range(40):
+        dx, dy = 40.0 - x, 3.0 - y
+        c, s = np.cos(heading), np.sin(heading)
+        step(store, sightings([dx * c + dy * s], [dy * c - dx * s]), 10.0 if k else 0.0, 0.1)
+        heading += 0.1 * PERIOD_S
+        x, y = x + 10.0 * PERIOD_S * np.cos(heading), y + 10.0 * PERIOD_S * np.sin(heading)
+    at = 0, int(np.flatnonzero(store.live[0])[0])
+    assert store.from_x_m[at] == pytest.approx(store.x_m[at], abs=0.7)
+    assert store.from_y_m[at] == pytest.approx(store.y_m[at], abs=0.7)
+
+
 def test_a_camera_box_is_in_the_path_at_the_distance_of_the_radar():
     """Its edge at 12 m, by its own distance, is outside; at the radar's 20 m it is far outside."""
     eye = EyePlaces(np.zeros(1), np.zeros(1), CarPath(np.zeros(1)), 1.1)
