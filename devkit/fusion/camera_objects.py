@@ -11,6 +11,7 @@ import math
 from collections.abc import Sequence
 
 from devkit.fusion.parameters import FusionSensors
+from devkit.fusion.path import CarPath
 from devkit.fusion.sightings import LABELS, Sightings
 from devkit.reference.planning import SHAPES
 from devkit.reference.view import CameraView
@@ -37,7 +38,7 @@ def place_boxes(
     slot: int,
     detections: Sequence[Detection],
     view: CameraView,
-    curvature_per_m: float,
+    path: CarPath,
     corridor_half_m: float,
     sensors: FusionSensors,
 ) -> None:
@@ -53,8 +54,7 @@ def place_boxes(
             continue
         right_m, left_m = ends_m(box, view, distance[0])
         x_m = view.forward_m + distance[0]
-        middle_m = 0.5 * curvature_per_m * x_m * x_m
-        inside = left_m - middle_m >= -corridor_half_m and right_m - middle_m <= corridor_half_m
+        inside = bool(path.holds(x_m, right_m, left_m, corridor_half_m))
         label = LABELS.index(box.label)
         rows.append((x_m, distance[1], right_m, left_m, inside, label, place))
     rows.sort()

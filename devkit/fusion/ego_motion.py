@@ -11,6 +11,7 @@ import math
 
 import numpy as np
 
+from devkit.fusion.path import CarPath
 from schemas.messages import IMU_COLUMNS, VEHICLE_COLUMNS
 
 _ACCEL = IMU_COLUMNS.index("accel_x_mps2")
@@ -26,13 +27,15 @@ START_VARIANCE = 1.0
 """Of the by-wire feedback's speed, which the filter begins with [m^2/s^2]."""
 STILL_S = 0.3
 """A car whose wheels have not turned for so long stands [s]."""
-STEERING_BELOW_MPS = 3.0
+STEERING_BELOW_MPS = 1.0
 """Below this speed the path is told by the wheels' angle: a yaw rate over a speed near zero says
 nothing [m/s]."""
 WHEELBASE_M = 3.09
 """Wheelbase by which a steering angle becomes a curvature [m]."""
-CURVATURE_S = 0.3
+CURVATURE_S = 0.15
 """Time constant of the smoothed curvature [s]."""
+TURNED_S = 20.0
+"""Time in which the direction from which the car has turned is forgotten [s]."""
 DIVE_S = 0.1
 """Time constant of the pitch that follows from the acceleration: the accelerometer's noise is not
 of the body [s]."""
@@ -48,6 +51,10 @@ class EgoMotion:
         self.yaw_rate_radps = np.zeros(slots)
         self.curvature_per_m = np.zeros(slots)
         """Of the path, left positive."""
+        self.turned_rad = np.zeros(slots)
+        """How far the car has turned lately, left positive."""
+        self._curving = np.zeros(slots)
+        """Change of the curvature [1/(m s)]."""
         self.dive_rad = np.zeros(slots)
         """Pitch against the road, nose down positive, as the accelerometer lets expect; 0 without
         one."""
@@ -69,6 +76,7 @@ class EgoMotion:
         for values in (
             *(self.speed_mps, self.yaw_rate_radps, self.curvature_per_m, self._distance_m),
             *(self._counted_m, self._still_s, self._accel_mps2, self.dive_rad),
+            *(self.turned_rad, self._curving),
         ):
             values[slot] = 0.0
         self.still[slot] = self.from_encoders[slot] = False
@@ -163,4 +171,23 @@ class EgoMotion:
         tangent = steering_rad * (1.0 + square * (1.0 / 3.0 + square * (2.0 / 15.0)))
         wanted = np.where(fast, by_yaw, tangent / WHEELBASE_M)
         share = period_s / (period_s + CURVATURE_S)
-        self.curvature_per_m = self.curvature_per_m + share * (wanted - self.curvature_per_m)
+        change = wanted - self.curvature_per_m
+        self.curvature_per_m = self.curvature_per_m + share * change
+        self._curving = self._curving + share * (change / (period_s + CURVATURE_S) - self._curving)
+        turned = self.turned_rad + self.yaw_rate_radps * period_s
+        self.turned_rad = turned * (1.0 - period_s / TURNED_S)
+
+    @property
+    def path(self) -> CarPath:
+        """Where the cars go, arrays [S]: on along the arc, or straight on from where it ends.
+
+        It may end where a car that turns back has the direction again that it turned from, as at
+        the end of a lane change; or, while the wheel is turned back, where it is straight: a
+        clothoid from curvature k to 0 turns by k^2 / (2 dk/ds), as the arc does in half its way.
+        """
+        bend = self.curvature_per_m
+        back = bend * self.turned_rad < 0.0
+        back_m = np.where(back, -self.turned_rad / np.where(back, bend, 1.0), np.inf)
+        unwinds = bend * self._curving < 0.0
+        clothoid_m = -self.speed_mps * bend / np.where(unwinds, self._curving, 1.0)
+        return CarPath(bend, np.minimum(back_m, np.where(unwinds, 0.5 * clothoid_m, np.inf)))

@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 
 from devkit.fusion.functions import rounded_sine_cosine
+from devkit.fusion.path import CarPath
 from schemas.messages import LidarSite
 from schemas.sections.lidar import POINT_COLUMNS
 
@@ -143,7 +144,7 @@ def find_objects(
     view: LidarView,
     *,
     speed_mps: float,
-    curvature_per_m: float,
+    path: CarPath,
     corridor_half_m: float,
     range_m: float,
     points_min: int,
@@ -155,7 +156,7 @@ def find_objects(
         points: float32 [N, K], :data:`schemas.sections.lidar.POINT_COLUMNS`.
         view: of the LiDAR.
         speed_mps: of the ego.
-        curvature_per_m: of its path, left positive.
+        path: of the ego.
         corridor_half_m: half width of the path.
         range_m: points further ahead are left out.
         points_min: fewest points of an obstacle.
@@ -165,13 +166,13 @@ def find_objects(
     x, y, z = in_vehicle_axes(points, view, speed_mps, range_m, deskewed=deskewed)
     lowest_m, slope = ground(x, z)
     height = z - (lowest_m + slope * x)
-    off_path = y - 0.5 * curvature_per_m * x * x
-    ways = x[(np.abs(height) < LOW_M) & (np.abs(off_path) < corridor_half_m)]
+    low = np.abs(height) < LOW_M
+    ways = x[low][np.abs(path.beside_arc_m(x[low], y[low])) < corridor_half_m]
     free_to_m = float(np.partition(ways, -5)[-5]) if len(ways) >= 5 else 0.0
     high = (height > LOW_M) & (height < HIGH_M)
-    x, y, off_path = x[high], y[high], off_path[high]
+    x, y = x[high], y[high]
     group = _groups(x, y, view, range_m)
-    inside = np.abs(off_path) < corridor_half_m
+    inside = path.holds(x, y, y, corridor_half_m)
     rows = []
     order = np.argsort(group, kind="stable")
     bounds = np.searchsorted(group[order], np.arange(1, int(group.max(initial=0)) + 2))
@@ -186,10 +187,10 @@ def find_objects(
         path_m = float(within[min(skip, len(within) - 1)]) if into else near_m
         rows.append((near_m, float(ys[skip]), float(ys[-1 - skip]), into, path_m))
     rows.sort()
-    near, right, left, into, path = (
+    near, right, left, reaches, way = (
         np.array([row[i] for row in rows], bool if i == 3 else float) for i in range(5)
     )
-    return SweepObjects(near, right, left, into, path, free_to_m, returned)
+    return SweepObjects(near, right, left, reaches, way, free_to_m, returned)
 
 
 def _groups(x: np.ndarray, y: np.ndarray, view: LidarView, range_m: float) -> np.ndarray:

@@ -91,6 +91,11 @@ class StagingParameters(Struct, frozen=True, forbid_unknown_fields=True):
     on packed snow takes 2.0 s of it."""
     partial_brake: Annotated[float, Meta(gt=0, le=1)] = 0.4
     """Brake of the partial stage [-], above 0 to 1."""
+    partial_deceleration_mps2: Annotated[float, Meta(ge=0, le=10)] = 1.2
+    """The car does not brake before more than this would be needed [m/s^2], 0 to 10: a slow one has
+    time yet, and any road but ice gives as much."""
+    following_deceleration_mps2: Annotated[float, Meta(ge=0, le=10)] = 2.0
+    """The same for what drives on ahead and does not brake [m/s^2], 0 to 10: it may turn off."""
     full_deceleration_mps2: Annotated[float, Meta(gt=0, le=10)] = 2.2
     """Deceleration that would still stop the car in time, from which on it brakes fully
     [m/s^2], above 0 to 10."""

@@ -32,6 +32,8 @@ SPEED_SIGMA_MPS, LONE_SIGMA_MPS = 0.3, 0.8
 may be of a wheel [m/s]."""
 HALF_WIDTH_M = 0.3
 """An object reaches at least so far to both sides of its detections [m]."""
+_Point = tuple[float, float, float, float, float]
+"""x, y [m], speed over ground along the ray [m/s], RCS [dBsm], sine of the ray's direction."""
 ANGLE_SIGMA_RAD = 0.02
 """Deviation of an azimuth [rad]."""
 SIDE_MAX_M = 12.0
@@ -58,6 +60,8 @@ class EchoGroup:
     """Radial speed over ground, positive: away."""
     speed_sigma_mps: float
     """Its deviation."""
+    ray_y: float
+    """Sine of its ray's direction, left positive [-]."""
 
 
 def group_detections(
@@ -97,15 +101,15 @@ def group_detections(
         mount_vx = speed_mps - yaw_rate_radps * view.position_m[1]
         mount_vy = yaw_rate_radps * view.position_m[0]
         over_ground = row[RADIAL] + mount_vx * cosine + mount_vy * sine
-        points.append((x, y, over_ground, row[RCS]))
+        points.append((x, y, over_ground, row[RCS], sine))
     drift = _drift(points)
     points = [
-        (x, y, over_ground - drift, rcs)
-        for x, y, over_ground, rcs in points
+        (x, y, over_ground - drift, rcs, sine)
+        for x, y, over_ground, rcs, sine in points
         if rcs >= RCS_MIN_DBSM or abs(over_ground - drift) >= STANDS_MPS
     ]
     points.sort()
-    groups: list[list[tuple[float, float, float, float]]] = []
+    groups: list[list[_Point]] = []
     for point in points:
         for group in groups:
             if any(_together(point, other) for other in group):
@@ -116,21 +120,22 @@ def group_detections(
     return [_group(group) for group in groups]
 
 
-def _drift(points: list[tuple[float, float, float, float]]) -> float:
+def _drift(points: list[_Point]) -> float:
     """Speed over ground of the road and the kerbs, which stand: the error of the car's own speed,
     about 1 m/s when it brakes hard and pitches. The median of weak echoes; 0 if there are few."""
-    weak = sorted(v for _, _, v, rcs in points if rcs < RCS_MIN_DBSM and abs(v) < DRIFT_MAX_MPS)
+    weak = sorted(v for _, _, v, rcs, _ in points if rcs < RCS_MIN_DBSM and abs(v) < DRIFT_MAX_MPS)
     return weak[len(weak) // 2] if len(weak) >= DRIFT_ECHOES_MIN else 0.0
 
 
-def _together(a: tuple[float, ...], b: tuple[float, ...]) -> bool:
+def _together(a: _Point, b: _Point) -> bool:
     return abs(a[0] - b[0]) < GROUP_M and abs(a[1] - b[1]) < GROUP_M
 
 
-def _group(points: list[tuple[float, float, float, float]]) -> EchoGroup:
+def _group(points: list[_Point]) -> EchoGroup:
     # Wheels turn and limbs swing: their echoes are slower and faster than the body's, and weaker
     # as a rule. How far they are apart says how sure the speed is.
-    speed = max(points, key=lambda point: (point[3], point[2]))[2]
+    strongest = max(points, key=lambda point: (point[3], point[2]))
+    speed = strongest[2]
     total, spread = 1e-9, 0.0
     for point in points:  # Python's own sum adds otherwise from version 3.12 on
         weight = round(power_of_ten(0.1 * point[3]), 9)
@@ -146,4 +151,5 @@ def _group(points: list[tuple[float, float, float, float]]) -> EchoGroup:
         max(ys) + HALF_WIDTH_M,
         speed,
         least + math.sqrt(spread / total),
+        strongest[4],
     )

@@ -93,7 +93,7 @@ class Sensing:
         if self._echoed.any():
             tracks.update(self._echoes, tracks.radar, self._echoed)
         if self._pictured.any():
-            eye = EyePlaces(self._eye_x_m, self._eye_y_m, ego.curvature_per_m, self._half_m)
+            eye = EyePlaces(self._eye_x_m, self._eye_y_m, ego.path, self._half_m)
             tracks.take_boxes(self._boxes, eye, self._pictured)
 
     def _look_at_boxes(
@@ -106,8 +106,8 @@ class Sensing:
         for slot, boxes in detections.items():
             view = self._cameras[slot]
             assert view is not None, f"slot {slot} was not reset"
-            bend = float(ego.curvature_per_m[slot])
-            place_boxes(self._boxes, slot, boxes, view, bend, self._half_m, self._sensors)
+            path = ego.path.of_slot(slot)
+            place_boxes(self._boxes, slot, boxes, view, path, self._half_m, self._sensors)
             self._pictured[slot] = True
             health.pictured(slot, len(boxes))
 
@@ -126,7 +126,7 @@ class Sensing:
                 on_host(observation.sensors[self._messages[slot]])[slot],
                 view,
                 speed_mps=float(ego.speed_mps[slot]),
-                curvature_per_m=float(ego.curvature_per_m[slot]),
+                path=ego.path.of_slot(slot),
                 corridor_half_m=self._half_m,
                 range_m=self._sensors.lidar_range_m,
                 points_min=self._sensors.cluster_points_min,
@@ -157,13 +157,11 @@ class Sensing:
             count = int(observation.counts[RADAR][slot])
             rows = on_host(observation.sensors[RADAR])[slot, :count]
             speed, turn = float(ego.speed_mps[slot]), float(ego.yaw_rate_radps[slot])
-            bend = float(ego.curvature_per_m[slot])
+            path = ego.path.of_slot(slot)
             health.echoed(slot)
             dive = float(ego.dive_rad[slot])
             groups = group_detections(rows, self._radar, speed, turn, dive)
             for index, group in enumerate(groups[:OBJECTS_MAX]):
-                middle_m = 0.5 * bend * group.x_m * group.x_m
-                right, left = group.right_m - middle_m, group.left_m - middle_m
                 echoes.valid[slot, index] = True
                 echoes.x_m[slot, index] = echoes.path_x_m[slot, index] = group.x_m
                 echoes.sigma_m[slot, index] = group.sigma_m
@@ -171,6 +169,9 @@ class Sensing:
                     group.right_m,
                     group.left_m,
                 )
-                echoes.inside[slot, index] = left > -self._half_m and right < self._half_m
+                echoes.inside[slot, index] = path.holds(
+                    group.x_m, group.right_m, group.left_m, self._half_m
+                )
+                echoes.ray_y[slot, index] = group.ray_y
                 echoes.radial_mps[slot, index] = group.over_ground_mps
                 echoes.radial_sigma_mps[slot, index] = group.speed_sigma_mps

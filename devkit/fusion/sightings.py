@@ -39,6 +39,8 @@ class Sightings:
     """Speed over ground along the ray, positive: away; NaN where the sensor measures none."""
     radial_sigma_mps: np.ndarray
     """Its deviation."""
+    ray_y: np.ndarray
+    """Sine of the ray's direction, left positive [-]."""
 
     @classmethod
     def empty(cls, slots: int, places: int) -> Sightings:
@@ -51,5 +53,5 @@ class Sightings:
             *(np.zeros((slots, places), bool), zeros(), np.ones((slots, places)), zeros()),
             *(zeros(), np.zeros((slots, places), bool), zeros()),
             *(np.zeros((slots, places), np.int64), np.zeros((slots, places), np.int64)),
-            *(np.full((slots, places), np.nan), np.ones((slots, places))),
+            *(np.full((slots, places), np.nan), np.ones((slots, places)), zeros()),
         )

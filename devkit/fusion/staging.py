@@ -53,6 +53,7 @@ class Stages:
         near = (threats.agreed & (threats.ttc_s < p.partial_ttc_s)) | (
             threats.single & (threats.ttc_s < p.single_ttc_s)
         )
+        near &= threats.needed_mps2 > p.partial_deceleration_mps2
         late = near & (threats.needed_mps2 > p.full_deceleration_mps2)
         keep_m = p.partial_ttc_s * np.maximum(ego.speed_mps, p.cruise_speed_mps)[:, None]
         in_way = near.any(axis=1)

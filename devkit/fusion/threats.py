@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -42,6 +43,13 @@ SIGHTINGS_MIN = 3
 WALKS_SIGHTINGS = 6
 """LiDAR has to see so often what is taken for walking or crossing, though no camera names it: where
 radar saw it first, LiDAR corrects its direction, which looks like a step aside."""
+WALKS_ECHOES, WALKED_M = 20, 1.5
+"""The same of radar, which alone has to have seen him walk so far too: half the width of a car and
+its own error at 50 m [-, m]."""
+WARNED_S = 0.8
+"""A driver is warned so long before the brake begins (UN R152, 5.2.1.1) [s]."""
+WARNED_ECHOES, WARNED_INSIDE = 30, 0.95
+"""For how many frames, and how surely in the path, radar alone has to see what is warned of [-]."""
 RIPE_S = 0.6
 """A younger track whose speed is not known might be as fast as the car; and its speed across may be
 the step from one corner or thing to the next [s]."""
@@ -106,6 +114,22 @@ def _is_any(values: np.ndarray, wanted: tuple[int, ...]) -> np.ndarray:
     return result
 
 
+class Crossing(NamedTuple):
+    """Who crosses the path, bool [S, T] each."""
+
+    meets: np.ndarray
+    """Will be in it when the car is there."""
+    comes: np.ndarray
+    """Will be in it before the car is."""
+    soon: np.ndarray
+    """Meets it, and so soon that he is as good as in it."""
+    departs: np.ndarray
+    """A vehicle that will have left it by then: in a curve who comes along the other lane is
+    straight ahead for a while."""
+    walks: np.ndarray
+    """Nobody has named him, but he moves as a pedestrian does."""
+
+
 def find_threats(
     tracks: TrackStore, ego: EgoMotion, health: SensorHealth, staging: StagingParameters
 ) -> Threats:
@@ -124,8 +148,10 @@ def find_threats(
     nearing = closing > 0.1
     ttc = np.where(nearing, gap / np.where(nearing, closing, 1.0), TIME_MAX_S)
     ttc = np.minimum(ttc, TIME_MAX_S)
-    crossing, comes, soon, departs = _crosses(tracks, ego, vx, vy, ttc, closing, staging)
-    departs |= _passes_by(tracks, ego, vx, ttc, staging)
+    driven = (vx != 0.0) | _moves_by_doppler(tracks, staging)
+    crosses = _crosses(tracks, ego, vx, vy, ttc, closing, driven, staging)
+    crossing = crosses.meets
+    departs = crosses.departs | _passes_by(tracks, ego, vx, ttc, staging)
     ahead = tracks.live & (tracks.x_m > staging.front_m - 1.0)
     in_way = ahead & ((inside & ~departs) | crossing)
     camera = tracks.camera.age_s < RECENT_S
@@ -137,7 +163,7 @@ def find_threats(
     in_way &= (tracks.age_s > RIPE_S) | (tracks.p_vv < KNOWN_VARIANCE) | pedestrian
     probable = tracks.probability > staging.single_probability
     # What radar alone sees standing are manhole covers, bridges and mirrors as often as cars.
-    trusted = camera | (tracks.lidar.age_s < RECENT_S) | (places & (vx != 0.0))
+    trusted = camera | (tracks.lidar.age_s < RECENT_S) | (places & (driven | crosses.walks))
     denied = _contradicted(tracks, health)
     alone = probable & trusted & ~denied
     blind = health.camera_blind[:, None] | health.range_blind[:, None]
@@ -150,7 +176,7 @@ def find_threats(
     room = np.maximum(gap - staging.stop_gap_m, 0.3)
     fast = np.maximum(closing, 0.0)
     away = (vx > AWAY_MPS) & (vx > speed - SLACK_MPS)
-    blocking = ahead & (stays | comes) & (tracks.probability > 0.5) & ~away
+    blocking = ahead & (stays | crosses.comes) & (tracks.probability > 0.5) & ~away
     # Who drives ahead and brakes takes room away: in its frame the car brakes by so much more.
     brakes = np.where(
         (vx > MOVING_MPS) & (tracks.accel_mps2 < -BRAKES_MPS2), -tracks.accel_mps2, 0.0
@@ -159,12 +185,39 @@ def find_threats(
     by_two, by_one = in_way & (agreed | (alone & blind)), in_way & alone
     # Who walks towards the path may still stop: time for a warning, and for the brake's last word.
     late = needed > staging.crossing_deceleration_mps2
-    now = inside | soon | late
+    # Who drives on may turn off; who is braked for behind them is another track.
+    drives_on = (vx > AWAY_MPS) & (brakes == 0.0)
+    now = inside | crosses.soon | late
+    now &= ~drives_on | (needed > staging.following_deceleration_mps2)
     # What no camera names and what stands may be beside a curve that has not begun; what comes may
     # be in the other lane of one in which the car is.
     known = np.where(vx < -COMES_MPS, _straight(tracks, ego), (vx != 0.0) | late)
     named = (tracks.label > 0) | (gap < PATH_SURE_M) | known
-    return Threats(by_two & now, by_one & now & named, by_two | by_one, blocking, gap, ttc, needed)
+    foreseen = by_two | by_one | (ahead & probable & _echoes_on(tracks, ego, ttc, staging))
+    return Threats(by_two & now, by_one & now & named, foreseen, blocking, gap, ttc, needed)
+
+
+def _echoes_on(
+    tracks: TrackStore, ego: EgoMotion, ttc_s: np.ndarray, staging: StagingParameters
+) -> np.ndarray:
+    """What radar alone has seen in a straight path for long: too little to brake for, since it may
+    be a manhole cover, but the driver is warned as long as rules want before the brake begins."""
+    echoes: np.ndarray = (tracks.radar.hits >= WARNED_ECHOES) & (tracks.radar.age_s < RECENT_S)
+    echoes &= (tracks.radar.inside > WARNED_INSIDE) & _straight(tracks, ego)
+    return echoes & (ttc_s < staging.single_ttc_s + WARNED_S)
+
+
+def _moves_by_doppler(tracks: TrackStore, staging: StagingParameters) -> np.ndarray:
+    """Whether a track that radar has seen moves along the ray from the car's front: who crosses
+    has no speed along x."""
+    ahead_m = np.maximum(tracks.x_m - staging.front_m, 0.1)
+    square_m2 = ahead_m * ahead_m + tracks.y_m * tracks.y_m
+    root_m = np.sqrt(square_m2)
+    radial = (ahead_m * tracks.vx_mps + tracks.y_m * tracks.vy_mps) / root_m
+    ahead_m, aside_m = ahead_m * ahead_m, tracks.y_m * tracks.y_m
+    variance = (ahead_m * tracks.p_vv + aside_m * tracks.q_vv) / square_m2
+    moves = _is_speed(radial, variance, SURE_VARIANCES)
+    return moves & (tracks.radar.hits >= SIGHTINGS_MIN)
 
 
 def _is_speed(
@@ -195,11 +248,10 @@ def _crosses(
     vy_mps: np.ndarray,
     ttc_s: np.ndarray,
     closing_mps: np.ndarray,
+    driven: np.ndarray,
     staging: StagingParameters,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Who will be in the path when the car is there, who will be before the car is, who of these
-    so soon that he is as good as in it, and which vehicles will have left it by then: in a curve
-    who comes along the other lane is straight ahead for a while.
+) -> Crossing:
+    """Who crosses the path.
 
     The path's middle at a track is k x^2 / 2 and its direction k x, so a track crosses it by
     vy - k x vx, and on the average until the collision by half of what its turn adds. The times at
@@ -221,6 +273,7 @@ def _crosses(
     # Networks miss people; what LiDAR and radar see walk is one.
     walks = (tracks.lidar.hits >= WALKS_SIGHTINGS) & (tracks.radar.hits >= SIGHTINGS_MIN)
     # Of what is wide another part is seen while the car goes by: its middle wanders.
+    walks |= (tracks.radar.hits >= WALKS_ECHOES) & _has_walked(tracks, across)
     walks &= (tracks.left_m - tracks.right_m < NARROW_M) & (speed > WALKS_MPS)
     person = (_is_any(tracks.label, _PERSONS) | ((tracks.label == 0) & walks)) & (vy_mps != 0.0)
     # A vehicle that comes along a curve is no crossing one, though it goes aside for a while.
@@ -228,12 +281,12 @@ def _crosses(
     # LiDAR alone goes from one post to the next in fog; a vehicle is wider, or radar sees it too.
     seen = (tracks.left_m - tracks.right_m >= NARROW_M) | (tracks.radar.hits >= SIGHTINGS_MIN)
     vehicle = (tracks.label > 0) | seen
-    moves &= person | (vehicle & (speed > CROSSES_MPS) & (vx_mps != 0.0))
+    moves &= person | (vehicle & (speed > CROSSES_MPS) & driven)
     # Braking begins earlier than crossing is foreseen: who turns off has to count until then.
     departs = moves & ~person & (leaves < ttc_s - EARLY_LATE_S)
     moves &= (ttc_s < staging.crossing_s) & (leaves > 0.0)
     sure = vy_mps * vy_mps > ALONE_SURE_VARIANCES * tracks.q_vv
-    moves &= (tracks.label > 0) | (tracks.lidar.hits >= WALKS_SIGHTINGS) | sure
+    moves &= (tracks.label > 0) | (tracks.lidar.hits >= WALKS_SIGHTINGS) | sure | walks
     passes = np.minimum(LENGTH_M / np.maximum(closing_mps, 1.0), FLANK_SHARE * ttc_s)
     meets = (
         moves
@@ -242,7 +295,15 @@ def _crosses(
         & (leaves > ttc_s - EARLY_LATE_S)
     )
     comes = moves & (person | aside) & (enters < ttc_s + passes + EARLY_LATE_S)
-    return meets, comes, meets & (enters < IMMINENT_S), departs
+    return Crossing(meets, comes, meets & (enters < IMMINENT_S), departs, walks)
+
+
+def _has_walked(tracks: TrackStore, across_mps: np.ndarray) -> np.ndarray:
+    """Whether tracks have gone on across so far as they seem to go now: what radar sees of a car
+    that stands goes from one of its ends to the other, and no further."""
+    way_m = tracks.y_m - tracks.from_y_m
+    walked: np.ndarray = np.where(across_mps > 0.0, way_m, -way_m) > WALKED_M
+    return walked
 
 
 def _turn(tracks: TrackStore) -> np.ndarray:

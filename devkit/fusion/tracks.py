@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from devkit.fusion.parameters import TrackingParameters
+from devkit.fusion.path import CarPath
 from devkit.fusion.sightings import Sightings
 
 TRACKS_MAX = 32
@@ -52,6 +53,8 @@ TURNS_FROM_MPS = 2.0
 """Slower objects have no heading, and so no turn rate [m/s]."""
 OVERLAP_MIN = 0.3
 """Share of a camera box that must lie on a track for it to be of it [-]."""
+SETTLED_S = 0.5
+"""A younger track's place is not known well enough to tell how far it has gone since [s]."""
 BEHIND_M = -2.0
 """Tracks further behind the rear axle are forgotten [m]."""
 KNOWN_VARIANCE = 2.0
@@ -92,8 +95,8 @@ class EyePlaces:
     """Camera before the rear axle, [S]."""
     y_m: np.ndarray
     """Camera left of the middle, [S]."""
-    bend_per_m: np.ndarray
-    """Curvature of the path, left positive, [S]."""
+    path: CarPath
+    """Of the cars, arrays [S]."""
     corridor_half_m: float
     """Half width of the path."""
 
@@ -115,6 +118,8 @@ class TrackStore:
         """Turn rate over ground, left positive."""
         self.accel_mps2 = np.zeros((slots, TRACKS_MAX))
         """Acceleration over ground along x."""
+        self.from_x_m, self.from_y_m = _arrays(slots, 2)
+        """Where it was at the age of :data:`SETTLED_S`, a place on the road, in the axes of now."""
         self.probability, self.age_s = _arrays(slots, 2)
         self.label = np.zeros((slots, TRACKS_MAX), np.int64)
         self.place = np.full((slots, TRACKS_MAX), -1)
@@ -146,6 +151,8 @@ class TrackStore:
         x = self.x_m + (0.5 * (self.vx_mps + vx) - v) * dt
         y = self.y_m + 0.5 * (self.vy_mps + vy) * dt
         self.x_m, self.y_m = c * x + s * y, c * y - s * x
+        x, y = self.from_x_m - v * dt, self.from_y_m
+        self.from_x_m, self.from_y_m = c * x + s * y, c * y - s * x
         self.vx_mps, self.vy_mps = c * vx + s * vy, c * vy - s * vx
         noise = self._p.acceleration_mps2 * self._p.acceleration_mps2
         for pos, cross, vel in (("p_xx", "p_xv", "p_vv"), ("q_xx", "q_xv", "q_vv")):
@@ -156,6 +163,9 @@ class TrackStore:
             setattr(self, cross, xv + dt * vv + 0.5 * noise * dt * dt * dt)
             setattr(self, vel, vv + noise * dt * dt)
         self.age_s = self.age_s + dt
+        settles = self.age_s < SETTLED_S
+        self.from_x_m = np.where(settles, self.x_m, self.from_x_m)
+        self.from_y_m = np.where(settles, self.y_m, self.from_y_m)
         for memory in (self.camera, self.lidar, self.radar):
             memory.age_s[...] += dt
         self.place[...] = -1
@@ -218,11 +228,11 @@ class TrackStore:
         theirs = cover & (cost.argmin(axis=1)[:, None] == np.arange(TRACKS_MAX)[:, None])
         best = np.where(theirs, cost, np.inf).argmin(axis=2)
         pair = np.where(theirs.any(axis=2), best, -1)
-        middle = 0.5 * eye.bend_per_m[:, None, None] * x * x
-        reaches = (left - middle > -eye.corridor_half_m) & (right - middle < eye.corridor_half_m)
+        reaches = eye.path.spread(3).holds(x, right, left, eye.corridor_half_m)
         self._correct(seen, self.camera, pair, reaches)
         taken: np.ndarray = cover.any(axis=1)
-        return seen.valid & ~taken
+        alone: np.ndarray = seen.valid & ~taken
+        return alone
 
     def take_boxes(self, seen: Sightings, eye: EyePlaces, looked: np.ndarray) -> None:
         """:meth:`confirm`, and begin tracks of the boxes that cover none."""
@@ -231,7 +241,7 @@ class TrackStore:
         self._missed(self.camera, pair, looked)
         places = Sightings(
             alone, seen.x_m, seen.sigma_m, seen.right_m, seen.left_m, seen.inside, seen.path_x_m,
-            seen.label, seen.place, seen.radial_mps, seen.radial_sigma_mps,
+            seen.label, seen.place, seen.radial_mps, seen.radial_sigma_mps, seen.ray_y,
         )  # fmt: skip
         self._begin(places, self.camera, np.full(self.live.shape, -1), looked)
 
@@ -302,7 +312,8 @@ class TrackStore:
         self.y_m = np.where(moved, self.y_m + aside, self.y_m)
         self._filter(moved, x, middle, sigma * sigma, sideways)
         radial = of(seen.radial_mps)
-        self._measure_speed(paired & np.isfinite(radial), radial, of(seen.radial_sigma_mps))
+        told = paired & np.isfinite(radial)
+        self._measure_speed(told, radial, of(seen.radial_sigma_mps), of(seen.ray_y))
         self._turn(paired, known, vx, vy)
         first = moved & ((memory.hits == 0.0) | (step > 0.0))
         share = np.where(first, 1.0, EDGE_SHARE)
@@ -389,26 +400,37 @@ class TrackStore:
         self.turn_radps = np.where(fast, turn, np.where(which, 0.0, self.turn_radps))
 
     def _measure_speed(
-        self, which: np.ndarray, radial_mps: np.ndarray, sigma_mps: np.ndarray
+        self,
+        which: np.ndarray,
+        radial_mps: np.ndarray,
+        sigma_mps: np.ndarray,
+        ray_y: np.ndarray,
     ) -> None:
-        """Correct tracks by a radial speed over ground: ahead of the car it is the one along x. One
-        that is far from a track's is of a wheel, or of something beside it. What corrections of a
-        known speed add up to is an acceleration, as in :meth:`_turn`."""
-        total = self.p_vv + sigma_mps * sigma_mps
-        residual = radial_mps - self.vx_mps
+        """Correct tracks by a radial speed over ground, the velocity's part along the ray, whose
+        direction has the sine ``ray_y``. One that is far from a track's is of a wheel, or of
+        something beside it. What corrections of a known speed add up to is an acceleration, as in
+        :meth:`_turn`."""
+        ray_x = np.sqrt(1.0 - ray_y * ray_y)
+        total = ray_x * ray_x * self.p_vv + ray_y * ray_y * self.q_vv + sigma_mps * sigma_mps
+        residual = radial_mps - ray_x * self.vx_mps - ray_y * self.vy_mps
         known = self.p_vv < KNOWN_VARIANCE
         which = which & (~known | (residual * residual < SPEED_GATE * total))
-        residual = np.where(which, residual, 0.0)
-        gain, gain_v = self.p_xv / total, self.p_vv / total
-        keep = 1.0 - gain_v
-        accel = self.accel_mps2 + ACCEL_PER_S * gain_v * residual
+        share = np.where(which, residual, 0.0) / total
+        accel = self.accel_mps2 + ACCEL_PER_S * ray_x * self.p_vv * share
         accel = np.clip(accel, -ACCEL_MAX_MPS2, ACCEL_MAX_MPS2)
         self.accel_mps2 = np.where(which & known, accel, self.accel_mps2)
-        p_xx, p_xv, p_vv = self.p_xx - gain * self.p_xv, keep * self.p_xv, keep * self.p_vv
-        self.x_m, self.vx_mps = self.x_m + gain * residual, self.vx_mps + gain_v * residual
-        self.p_xx = np.where(which, p_xx, self.p_xx)
-        self.p_xv = np.where(which, p_xv, self.p_xv)
-        self.p_vv = np.where(which, p_vv, self.p_vv)
+        for ray, names in (
+            (ray_x, ("x_m", "vx_mps", "p_xx", "p_xv", "p_vv")),
+            (ray_y, ("y_m", "vy_mps", "q_xx", "q_xv", "q_vv")),
+        ):
+            place, speed, xx, xv, vv = (getattr(self, name) for name in names)
+            less = ray * ray / total
+            values = (
+                *(place + ray * xv * share, speed + ray * vv * share),
+                *(xx - less * xv * xv, xv - less * xv * vv, vv - less * vv * vv),
+            )
+            for name, old, new in zip(names, (place, speed, xx, xv, vv), values, strict=True):
+                setattr(self, name, np.where(which, new, old))
 
     def _seen_probability(self) -> np.ndarray:
         """Bayes' rule after a sighting."""
@@ -456,17 +478,20 @@ class TrackStore:
         radial = seen.radial_mps[slot, fresh]
         told = np.isfinite(radial)
         told_sigma = np.minimum(seen.radial_sigma_mps[slot, fresh], self._p.start_speed_mps)
+        ray_y, sideways = seen.ray_y[slot, fresh], SIDEWAYS_SHARE * speed
+        ray_x = np.sqrt(1.0 - ray_y * ray_y)
         values = {
             "x_m": seen.x_m[slot, fresh],
             "y_m": 0.5 * (left + right),
-            "vx_mps": np.where(told, radial, 0.0),
-            "vy_mps": 0.0,
+            "vx_mps": np.where(told, ray_x * radial, 0.0),
+            "vy_mps": np.where(told, ray_y * radial, 0.0),
             "p_xx": sigma * sigma,
             "p_xv": 0.0,
-            "p_vv": np.where(told, told_sigma * told_sigma, speed),
+            # What the speed across adds along the ray is not known yet.
+            "p_vv": np.where(told, told_sigma * told_sigma + ray_y * ray_y * sideways, speed),
             "q_xx": self._sideways(seen.x_m[slot, fresh], sigma, left - right, memory),
             "q_xv": 0.0,
-            "q_vv": SIDEWAYS_SHARE * speed,
+            "q_vv": sideways,
             "right_m": 0.5 * (right - left),
             "left_m": 0.5 * (left - right),
             "path_m": seen.path_x_m[slot, fresh] - seen.x_m[slot, fresh],

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from devkit.fusion.ego_motion import EgoMotion
+from devkit.fusion.path import CarPath
 
 PERIOD_S = 0.05
 TICK_M = 2.0 * math.pi * 0.36 / 44.0
@@ -81,6 +82,64 @@ def test_a_slow_car_goes_where_its_wheels_point():
     for _ in range(100):
         ego.update(vehicle, None, None, np.full(1, PERIOD_S))
     assert ego.curvature_per_m[0] == pytest.approx(math.tan(0.3) / 3.09, rel=0.01)
+
+
+def turning(yaw_rate_of, seconds: float, speed_mps: float):
+    """The car's motion at every tick of a drive."""
+    ego = EgoMotion(1)
+    ego.reset(0, 0.0, 0.36)
+    for k in range(round(seconds / PERIOD_S)):
+        now_s = k * PERIOD_S
+        vehicle = np.array([[speed_mps, 0.0, yaw_rate_of(now_s), 0.0, 0.0, 0.0, 0.0]])
+        ego.update(vehicle, None, None, np.full(1, PERIOD_S))
+        yield now_s, ego
+
+
+def test_at_the_end_of_a_lane_change_what_stands_in_the_lane_left_is_not_on_the_path():
+    """3.5 m in 3.5 s at 60 km/h, and a board in the middle of the lane left, from 5 s after the
+    beginning on: the arc alone bends across it."""
+    speed, wide_m, lasts_s, board_s = 16.667, 3.5, 3.5, 5.0
+    peak = 2.0 * math.pi * wide_m / lasts_s**2 / speed
+
+    def yaw_rate(t):
+        return peak * math.sin(2.0 * math.pi * t / lasts_s) if t < lasts_s else 0.0
+
+    def aside(t):
+        t = min(t, lasts_s)
+        phase = 2.0 * math.pi * t / lasts_s
+        return wide_m * (t / lasts_s - math.sin(phase) / (2.0 * math.pi))
+
+    by_arc = by_both = 0
+    for now_s, ego in turning(yaw_rate, board_s - 0.5, speed):
+        if now_s < 0.5 * lasts_s:
+            continue
+        heading = (aside(now_s + 0.01) - aside(now_s - 0.01)) / (0.02 * speed)
+        ahead, beside = speed * (board_s - now_s), -aside(now_s)
+        x = ahead * math.cos(heading) + beside * math.sin(heading)
+        y = beside * math.cos(heading) - ahead * math.sin(heading)
+        path = ego.path.of_slot(0)
+        by_both += bool(path.holds(x, y - 0.5, y + 0.5, 1.1))
+        by_arc += bool(CarPath(path.bend_per_m).holds(x, y - 0.5, y + 0.5, 1.1))
+    assert by_arc > 5
+    assert by_both == 0
+
+
+@pytest.mark.parametrize("radius_m", [40.0, -250.0])
+def test_in_a_curve_the_path_is_its_arc(radius_m):
+    """Noise of a gyroscope included: nothing says that the car turns back."""
+    speed = 10.0
+    noise = np.random.default_rng(3).normal(0.0, 0.001, 200)
+    for now_s, ego in turning(lambda t: speed / radius_m + noise[round(t / PERIOD_S)], 8.0, speed):
+        x_m = min(30.0, 0.6 * abs(radius_m))
+        y_m = radius_m - math.copysign(math.sqrt(radius_m**2 - x_m**2), radius_m)
+        if now_s > 1.0:
+            assert ego.path.of_slot(0).holds(x_m, y_m - 0.3, y_m + 0.3, 1.1)
+
+
+def test_a_car_at_walking_pace_goes_where_its_gyroscope_says():
+    """A robot, or a driver, may turn the wheel of a car whose feedback does not tell it."""
+    *_, (_, ego) = turning(lambda t: -0.285, 2.0, 2.78)
+    assert ego.curvature_per_m[0] == pytest.approx(-0.285 / 2.78, rel=1e-3)
 
 
 def test_the_nose_dives_with_what_the_accelerometer_feels_and_rises_again():

@@ -13,6 +13,7 @@ from fused_drives import HEIGHT, ROOF, WIDTH, MadeUpCase, Thing
 from devkit.fusion.camera_objects import distance_m, ends_m, place_boxes
 from devkit.fusion.lidar_objects import LidarView, SweepObjects, find_objects, ground
 from devkit.fusion.parameters import FusionSensors
+from devkit.fusion.path import CarPath
 from devkit.fusion.radar_objects import RadarView, group_detections
 from devkit.fusion.sightings import LABELS, Sightings
 from devkit.reference.view import CameraView
@@ -25,7 +26,7 @@ RADAR = RadarView((4.1, 0.0, 0.5), 0.0)
 
 def objects(points: np.ndarray, **changes) -> SweepObjects:
     settings = {
-        "speed_mps": 8.0, "curvature_per_m": 0.0, "corridor_half_m": 1.1, "range_m": 60.0,
+        "speed_mps": 8.0, "path": CarPath(0.0), "corridor_half_m": 1.1, "range_m": 60.0,
         "points_min": 4, "deskewed": True,
     }  # fmt: skip
     return find_objects(points, VIEW, **(settings | changes))
@@ -81,7 +82,7 @@ def test_points_of_a_moving_car_are_put_where_they_are_at_the_tick():
 def test_a_path_that_bends_decides_what_is_inside():
     points = MadeUpCase(1, [Thing(25.0, 3.1)]).sweep(0.0)
     assert not objects(points).inside.any()
-    assert objects(points, curvature_per_m=0.01).inside.all()
+    assert objects(points, path=CarPath(0.01)).inside.all()
 
 
 def test_no_returns_are_no_objects():
@@ -134,14 +135,14 @@ def test_a_box_that_the_border_cuts_off_is_as_wide_as_its_label():
 )
 def test_what_is_no_sure_road_user_is_left_out(box):
     seen = Sightings.empty(1, 4)
-    place_boxes(seen, 0, [box], EYE, 0.0, 1.1, FusionSensors())
+    place_boxes(seen, 0, [box], EYE, CarPath(0.0), 1.1, FusionSensors())
     assert not seen.valid.any()
 
 
 def test_boxes_are_sorted_and_keep_their_place():
     seen = Sightings.empty(1, 4)
     boxes = [box_of(Thing(30.0, 0.0)), box_of(Thing(12.0, -2.6))]
-    place_boxes(seen, 0, boxes, EYE, 0.0, 1.1, FusionSensors())
+    place_boxes(seen, 0, boxes, EYE, CarPath(0.0), 1.1, FusionSensors())
     assert seen.place[0, :2].tolist() == [1, 0]
     assert seen.inside[0, :2].tolist() == [False, True]
     assert LABELS[seen.label[0, 0]] == "car"

@@ -196,6 +196,56 @@ def test_what_radar_alone_sees_go_aside_does_not_cross():
     assert not beside(lidar_hits=0, **(CROSSES | {"q_vv": 0.8}))
 
 
+def test_what_radar_alone_has_seen_walk_is_braked_for():
+    """A pedestrian whom no network names, beyond the reach of LiDAR, as late as he must be."""
+    walker = {"x_m": 32.0, "y_m": -2.4, "vx_mps": -0.2, "vy_mps": 1.45, "q_vv": 0.1}
+    walker |= {"lidar_hits": 0, "radar_hits": 90, "speed_mps": 16.67, "from_x_m": 40.0}
+    assert beside(**walker, from_y_m=-5.6)
+    assert not beside(**walker, from_y_m=-3.3), "from one end of a parked car to the other"
+    assert not beside(**(walker | {"radar_hits": 15}), from_y_m=-5.6)
+    assert not beside(**(walker | {"left_m": 1.2}), from_y_m=-5.6), "too wide for a person"
+    assert not beside(**(walker | {"x_m": 60.0}), from_y_m=-5.6), "there is time"
+
+
+def test_a_car_that_crosses_at_right_angles_moves_along_the_ray():
+    """It has no speed along the path, and radar sees that it is none that stands."""
+    crosses = {
+        "x_m": 13.0,
+        "y_m": -4.0,
+        "vx_mps": 0.0,
+        "vy_mps": 5.0,
+        "right_m": -2.0,
+        "left_m": 2.0,
+    }
+    assert beside("car", **crosses)
+    assert not beside("car", **crosses, radar_hits=0, lidar_hits=4, q_vv=1.2), "one of its ends"
+
+
+def test_of_what_radar_alone_sees_standing_the_driver_is_warned():
+    def warned(x_m=56.0, hits=40, bend=0.0, inside=1.0):
+        tracks = TrackStore(1, TrackingParameters())
+        for name, value in {
+            "live": True, "x_m": x_m, "p_vv": 0.1, "q_vv": 0.1, "right_m": -0.3, "left_m": 0.3,
+            "probability": 0.999, "age_s": 3.0,
+        }.items():  # fmt: skip
+            getattr(tracks, name)[0, 0] = value
+        for memory in (tracks.camera, tracks.lidar):
+            memory.age_s[0, 0] = 1e9
+        tracks.radar.age_s[0, 0], tracks.radar.hits[0, 0] = 0.0, hits
+        tracks.radar.inside[0, 0] = inside
+        ego = EgoMotion(1)
+        ego.speed_mps[:], ego.curvature_per_m[:] = 16.67, bend
+        found = find_threats(tracks, ego, SensorHealth(1), STAGING)
+        assert not found.agreed[0, 0] | found.single[0, 0]
+        return bool(found.foreseen[0, 0])
+
+    assert warned(), "3.1 s before it"
+    assert not warned(x_m=70.0), "4.0 s"
+    assert not warned(hits=20), "a second is too short"
+    assert not warned(inside=0.8)
+    assert not warned(bend=0.004), "beside a curve, perhaps"
+
+
 def test_nobody_brakes_for_the_flank():
     """Who would be in the path when the car's rear passes is too late for a brake to help."""
     walker = {"y_m": 3.7, "vx_mps": 0.0, "vy_mps": -1.7, "right_m": -0.6, "left_m": 0.6}
@@ -207,7 +257,10 @@ def test_who_turns_off_ahead_is_left_alone_as_soon_as_the_brake_could_begin():
     """At 3.1 s he is half out of the path and will be gone in half a second."""
     ahead = {"x_m": 17.3, "y_m": -1.3, "right_m": -1.1, "left_m": 1.1, "vx_mps": 4.0}
     assert not inside(**ahead, vy_mps=-1.3, turn_radps=-0.17)
-    assert inside(**ahead, vy_mps=-0.2, turn_radps=0.0), "he stays"
+    assert not inside(**ahead, vy_mps=-0.2, turn_radps=0.0), "he may turn off yet"
+    near = ahead | {"x_m": 10.5}
+    assert inside(**near, vy_mps=-0.2, turn_radps=0.0), "he stays"
+    assert inside(**ahead, vy_mps=-0.2, turn_radps=0.0, accel_mps2=-3.0), "he brakes"
 
 
 def inside(**values):

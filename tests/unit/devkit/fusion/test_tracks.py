@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from devkit.fusion.parameters import TrackingParameters
+from devkit.fusion.path import CarPath
 from devkit.fusion.sightings import Sightings
 from devkit.fusion.tracks import EDGE_SHARE, LATERAL_SIGMA_M, TRACKS_MAX, EyePlaces, TrackStore
 
@@ -144,9 +145,41 @@ def test_a_radial_speed_is_believed_at_once():
     assert store.vx_mps[0, 0] == pytest.approx(-7.2)
 
 
+def test_a_radial_speed_is_the_part_of_the_velocity_along_the_ray():
+    """Somebody crosses at 5 m/s, 45 to 15 degrees aside of a radar that stands."""
+    store = TrackStore(1, PARAMETERS)
+    for k in range(25):
+        x, y = 15.0, -15.0 + 5.0 * 0.1 * k
+        seen = sightings([x], [y], 0.3)
+        away_m = float(np.hypot(x, y))
+        seen.radial_mps[0, 0], seen.radial_sigma_mps[0, 0] = 5.0 * y / away_m, 0.3
+        seen.ray_y[0, 0] = y / away_m
+        store.predict(np.full(1, 0.1), np.zeros(1), np.zeros(1))
+        store.update(seen, store.radar, np.ones(1, bool))
+    at = 0, int(np.flatnonzero(store.live[0])[0])
+    assert store.live.sum() == 1
+    assert store.vx_mps[at] == pytest.approx(0.0, abs=0.3)
+    assert store.vy_mps[at] == pytest.approx(5.0, abs=0.3)
+    assert store.from_y_m[at] == pytest.approx(-13.0, abs=0.5), "at half a second"
+
+
+def test_where_a_track_came_from_stays_on_the_road_while_the_car_turns():
+    store = TrackStore(1, PARAMETERS)
+    heading = x = y = 0.0
+    for k in range(40):
+        dx, dy = 40.0 - x, 3.0 - y
+        c, s = np.cos(heading), np.sin(heading)
+        step(store, sightings([dx * c + dy * s], [dy * c - dx * s]), 10.0 if k else 0.0, 0.1)
+        heading += 0.1 * PERIOD_S
+        x, y = x + 10.0 * PERIOD_S * np.cos(heading), y + 10.0 * PERIOD_S * np.sin(heading)
+    at = 0, int(np.flatnonzero(store.live[0])[0])
+    assert store.from_x_m[at] == pytest.approx(store.x_m[at], abs=0.7)
+    assert store.from_y_m[at] == pytest.approx(store.y_m[at], abs=0.7)
+
+
 def test_a_camera_box_is_in_the_path_at_the_distance_of_the_radar():
     """Its edge at 12 m, by its own distance, is outside; at the radar's 20 m it is far outside."""
-    eye = EyePlaces(np.zeros(1), np.zeros(1), np.zeros(1), 1.1)
+    eye = EyePlaces(np.zeros(1), np.zeros(1), CarPath(np.zeros(1)), 1.1)
     for radar_x_m, inside in ((12.0, True), (20.0, False)):
         store = TrackStore(1, PARAMETERS)
         echo = sightings([radar_x_m], [-1.9 * radar_x_m / 12.0], half_m=0.3)
@@ -163,7 +196,7 @@ def test_a_camera_box_is_in_the_path_at_the_distance_of_the_radar():
 def test_a_box_that_is_too_large_for_the_radars_distance_is_no_wider_there():
     """A box around two cars that come along the other lane, 34 m away by its size: 50 m away its
     edge would reach into the path, though the middle of the box is where radar sees the nearer."""
-    eye = EyePlaces(np.zeros(1), np.zeros(1), np.zeros(1), 1.1)
+    eye = EyePlaces(np.zeros(1), np.zeros(1), CarPath(np.zeros(1)), 1.1)
     for right_m, inside in ((0.65, False), (-0.2, True)):
         store = TrackStore(1, PARAMETERS)
         middle_m = (right_m + 1.0) * 50.0 / 34.0

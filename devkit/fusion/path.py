@@ -1,0 +1,88 @@
+"""Where the car is going: along the arc of its present turn, or along it and then straight on.
+
+The arc alone is wrong while a car turns back: at the end of a lane change or of a corner it bends
+across what stands beside the new lane. So there may be a second path, which leaves the arc along
+its tangent after :attr:`CarPath.turns_on_m`, and what is in the way lies on both.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+FAR_M = 1e6
+"""Distance from the path of what lies beyond a quarter of a turn [m]."""
+BEND_MIN_PER_M = 1e-9
+"""A path that bends less is straight [1/m]."""
+
+
+@dataclass(frozen=True, slots=True)
+class CarPath:
+    """Paths of cars: floats of one car, or arrays that broadcast against places."""
+
+    bend_per_m: float | np.ndarray
+    """Curvature of the arc, left positive."""
+    turns_on_m: float | np.ndarray = np.inf
+    """Way after which the second path goes straight on; infinite: there is none."""
+
+    def of_slot(self, slot: int) -> CarPath:
+        """The path of one slot of arrays [S]."""
+        on_m = np.broadcast_to(self.turns_on_m, np.shape(self.bend_per_m))
+        return CarPath(float(np.asarray(self.bend_per_m)[slot]), float(on_m[slot]))
+
+    def spread(self, dimensions: int) -> CarPath:
+        """Arrays [S] as [S, 1, ...], to broadcast against places of so many dimensions."""
+        tail = (1,) * (dimensions - 1)
+        bend = np.asarray(self.bend_per_m)
+        on_m = np.broadcast_to(self.turns_on_m, bend.shape)
+        return CarPath(bend.reshape(-1, *tail), on_m.reshape(-1, *tail))
+
+    def beside_arc_m(self, x_m: np.ndarray | float, y_m: np.ndarray | float) -> np.ndarray:
+        """How far places lie left of the arc [m]; :data:`FAR_M` beyond a quarter of its circle.
+
+        The distance from a circle through the rear axle, 1/k - sqrt(x^2 + (1/k - y)^2), written so
+        that it holds for k = 0 too.
+        """
+        bend = np.asarray(self.bend_per_m)
+        inward = 1.0 - bend * y_m
+        root = np.sqrt(inward * inward + (bend * x_m) * (bend * x_m))
+        beside = (2.0 * y_m - bend * (x_m * x_m + y_m * y_m)) / (1.0 + root)
+        result: np.ndarray = np.where(inward > 0.0, beside, np.where(bend > 0.0, FAR_M, -FAR_M))
+        return result
+
+    def beside_second_m(self, x_m: np.ndarray | float, y_m: np.ndarray | float) -> np.ndarray:
+        """The same of the second path: the arc, then its tangent. An angle of that is small, so
+        its sine and cosine are series."""
+        bend = np.asarray(self.bend_per_m)
+        bends = np.abs(bend) > BEND_MIN_PER_M
+        way = np.where(
+            bends, np.minimum(self.turns_on_m, 1.0 / np.where(bends, np.abs(bend), 1)), 0
+        )
+        angle = bend * way
+        square = angle * angle
+        sine = angle * (1.0 - square * (1.0 / 6.0 - square / 120.0))
+        cosine = 1.0 - square * (0.5 - square / 24.0)
+        end_x = way * (1.0 - square * (1.0 / 6.0 - square / 120.0))
+        end_y = way * angle * (0.5 - square / 24.0)
+        along, aside = x_m - end_x, y_m - end_y
+        straight = aside * cosine - along * sine
+        on_arc = along * cosine + aside * sine < 0.0
+        result: np.ndarray = np.where(on_arc, self.beside_arc_m(x_m, y_m), straight)
+        return result
+
+    def holds(
+        self,
+        x_m: np.ndarray | float,
+        right_m: np.ndarray | float,
+        left_m: np.ndarray | float,
+        half_m: float,
+    ) -> np.ndarray:
+        """Whether what reaches from ``right_m`` to ``left_m`` at ``x_m`` is within ``half_m`` of
+        the arc, and of the second path where there is one."""
+        arc = self.beside_arc_m(x_m, left_m) > -half_m
+        arc &= self.beside_arc_m(x_m, right_m) < half_m
+        second = self.beside_second_m(x_m, left_m) > -half_m
+        second &= self.beside_second_m(x_m, right_m) < half_m
+        held: np.ndarray = arc & (second | ~np.isfinite(self.turns_on_m))
+        return held
