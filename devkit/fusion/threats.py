@@ -237,7 +237,9 @@ def _in_path(tracks: TrackStore) -> tuple[np.ndarray, np.ndarray]:
     seen = (tracks.camera.hits >= SIGHTINGS_MIN) | (tracks.radar.hits < SIGHTINGS_MIN)
     seen &= tracks.camera.age_s < RECENT_S
     says = np.where(seen, tracks.camera.inside, tracks.radar.inside)
-    says = np.where(tracks.lidar.age_s < HELD_S, tracks.lidar.inside, says)
+    # Nor are one or two sweeps, where radar has seen it for a second: at 40 m LiDAR misses cars.
+    swept = (tracks.lidar.hits >= SIGHTINGS_MIN) | (tracks.radar.hits < WALKS_ECHOES)
+    says = np.where(swept & (tracks.lidar.age_s < HELD_S), tracks.lidar.inside, says)
     return says > INSIDE_MIN, says > STAYS_MIN
 
 
@@ -253,16 +255,18 @@ def _crosses(
 ) -> Crossing:
     """Who crosses the path.
 
-    The path's middle at a track is k x^2 / 2 and its direction k x, so a track crosses it by
-    vy - k x vx, and on the average until the collision by half of what its turn adds. The times at
-    which its ends enter and leave the path follow from that; the car is at its place from the time
-    to collision on, for as long as its own length takes.
+    The circle of the path runs at a track's place as (1 - k y, k x) does, so the track crosses it
+    by its velocity's part across that, and on the average until the collision by half of what its
+    turn adds. The times at which its ends enter and leave the path follow from that; the car is at
+    its place from the time to collision on, for as long as its own length takes.
     """
-    bend = ego.curvature_per_m[:, None]
+    path = ego.path.spread(2)
     half = staging.corridor_half_m
-    across = vy_mps - bend * tracks.x_m * vx_mps
+    inward, along = 1.0 - path.bend_per_m * tracks.y_m, path.bend_per_m * tracks.x_m
+    across = inward * vy_mps - along * vx_mps
+    across = across / np.sqrt(np.maximum(inward * inward + along * along, 1e-6))
     across = across + 0.5 * _turn(tracks) * vx_mps * np.minimum(ttc_s, staging.crossing_s)
-    place = tracks.y_m - 0.5 * bend * tracks.x_m * tracks.x_m
+    place = path.beside_arc_m(tracks.x_m, tracks.y_m)
     right, left = place + tracks.right_m, place + tracks.left_m
     speed = np.abs(across)
     moves = speed > 0.0
