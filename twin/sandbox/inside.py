@@ -9,6 +9,11 @@ import resource
 INSIDE_VARIABLE = "TWIN_SANDBOX"
 """Environment variable of a process in a sandbox: it limits itself before it loads a stack."""
 
+NETWORK_VARIABLE = "TWIN_SANDBOX_NETWORK"
+"""Environment variable of such a process: ``own`` if its loopback is that of its sandbox alone."""
+
+OWN = "own"
+
 TASKS_MAX = 1024
 """Most processes and threads of a stack. Linux counts them per user namespace since 5.14, and
 not at all for root, where the worker counts."""
@@ -34,6 +39,11 @@ LIMITS = {
 def is_inside() -> bool:
     """Whether this process is in a sandbox."""
     return os.environ.get(INSIDE_VARIABLE, "") == "1"
+
+
+def has_own_network() -> bool:
+    """Whether no process outside its sandbox reaches this process's loopback."""
+    return is_inside() and os.environ.get(NETWORK_VARIABLE, "") == OWN
 
 
 def limit_self() -> None:
