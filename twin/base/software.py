@@ -16,11 +16,11 @@ _PACKAGES = ("schemas", "twin", "devkit")
 _LIBRARIES = (
     *("numpy", "warp-lang", "opencv-python-headless", "pillow", "trimesh"),
     *("dracopy", "meshopt", "opengl-basisu"),
-    *("onnx", "onnxruntime", "onnxruntime-gpu", "lark"),
+    *("onnx", "onnxruntime", "onnxruntime-gpu", "lark", "rosbags"),
 )
 _GPU_LIBRARIES = ("nvidia-cudnn-cu13", "nvidia-cublas", "nvidia-cuda-runtime")
 """Count where onnxruntime-gpu, which computes with them, is installed."""
-_SUFFIXES = {".py", ".yaml", ".xodr", ".cfg", ".names", ".onnx", ".integer"}
+_SUFFIXES = {".py", ".yaml", ".xodr", ".cfg", ".names", ".onnx", ".integer", ".msg"}
 
 
 def software_digest() -> str:
