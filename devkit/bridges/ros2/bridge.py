@@ -182,9 +182,12 @@ class Ros2Bridge(ScriptBridge):
                 continue
             self._check_script()
             if self._left:
-                raise InfrastructureError(f"{self._left}, at tick {self._tick}")
+                raise InfrastructureError(f"ros2: {self._left}, at tick {self._tick}")
             if time.monotonic() >= until_s:
-                raise InfrastructureError(f"{why()} within {longest_s:g} s{self._hint()}")
+                # A command of another type never passes, however often it is tried.
+                wrong = bool(self._domain.graph.mistakes(self._main))
+                kind = StackFaultError if wrong else InfrastructureError
+                raise kind(f"ros2: {why()} within {longest_s:g} s{self._hint()}")
 
     def _take(self, arrived: Any) -> None:
         """Anything that came in.

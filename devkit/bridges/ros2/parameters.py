@@ -30,7 +30,7 @@ class Ros2Parameters(Struct, frozen=True, forbid_unknown_fields=True):
     restart: bool = True
     """The command is started anew for each case; false: it runs on, and ``/clock`` begins at 0
     again."""
-    start_s: Annotated[float, Meta(gt=0, le=3600)] = 60.0
+    start_s: Annotated[float, Meta(gt=0, le=3600)] = 30.0
     """Longest time until the nodes are there [s]."""
     answer_s: Annotated[float, Meta(gt=0, le=3600)] = 30.0
     """Longest time until a tick is answered [s]."""
