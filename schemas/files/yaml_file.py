@@ -80,7 +80,6 @@ for _tag, _pattern, _first in (
 _Loader.add_implicit_resolver("tag:yaml.org,2002:null", re.compile(r"^$"), [""])
 
 
-
 class _Dumper(yaml.SafeDumper):
     """Quotes what :class:`_Loader` would take for something else than text, as a digest such as
     ``196784039e57``, besides what YAML 1.1 would."""

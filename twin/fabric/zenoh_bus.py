@@ -86,14 +86,7 @@ def open_bus(
         connect_timeout_s=connect_timeout_s,
         message_bytes_max=message_bytes_max,
     )
-    if key is not None:
-        plain = "tcp" in json.loads(config.get_json("transport/link/protocols"))
-        through = {SOCKET: role_socket[1]} if role_socket is not None else {}
-        allowed = access_control(key.fabric, namespace, plain=plain, through=through)
-        config.insert_json5("access_control", json.dumps(allowed))
-    elif any(map(is_socket, listen)):
-        allowed = access_control("", namespace, through={SOCKET: Role.stack})
-        config.insert_json5("access_control", json.dumps(allowed))
+    _restrict(config, listen, namespace, key, role_socket)
     if not connect_required:
         config.insert_json5("connect/timeout_ms", "0")
         config.insert_json5("connect/exit_on_failure", "false")
@@ -129,6 +122,24 @@ def router_count(bus: Bus) -> int:
 def log_refusals() -> None:
     """Have Zenoh write a line to file descriptor 1 for every handshake that fails from now on."""
     zenoh.init_log_from_env_or("off,zenoh_link_tls=warn")
+
+
+def _restrict(
+    config: zenoh.Config,
+    listen: Sequence[str],
+    namespace: str,
+    key: MemberKey | None,
+    role_socket: tuple[str, Role] | None,
+) -> None:
+    """Let each of those who come do what its role may, and nothing else."""
+    if key is not None:
+        plain = "tcp" in json.loads(config.get_json("transport/link/protocols"))
+        through = {SOCKET: role_socket[1]} if role_socket is not None else {}
+        allowed = access_control(key.fabric, namespace, plain=plain, through=through)
+        config.insert_json5("access_control", json.dumps(allowed))
+    elif any(map(is_socket, listen)):
+        allowed = access_control("", namespace, through={SOCKET: Role.stack})
+        config.insert_json5("access_control", json.dumps(allowed))
 
 
 def open_session(config: zenoh.Config, listen: Sequence[str]) -> tuple[zenoh.Session, list[str]]:

@@ -16,8 +16,8 @@ import msgspec
 
 from devkit.bridges import ScriptBridge
 from devkit.bridges.ros2.controllers import AskedError, MotionControl
-from devkit.bridges.ros2.domain import STEP, TYPES_OF, Domain
-from devkit.bridges.ros2.driving import Driver, Instant, TickMistakeError
+from devkit.bridges.ros2.domain import STEP, TYPES_OF, RosDomain
+from devkit.bridges.ros2.driving import AskedTick, RosDriver, TickMistakeError
 from devkit.bridges.ros2.lockstep import Lockstep, StampError
 from devkit.bridges.ros2.parameters import Ros2Parameters
 from devkit.hosting.foreign import ForeignProcess
@@ -28,8 +28,8 @@ from schemas.messages import VEHICLE_COLUMNS, Command, Episode
 from twin.base.errors import InfrastructureError, StackFaultError, TwinError
 from twin.base.own_folder import own_folder
 from twin.fabric.ros2.names import check_name
-from twin.fabric.ros2.place import Place
-from twin.fabric.ros2.session import Message, Refused, Request
+from twin.fabric.ros2.place import MeetingPlace
+from twin.fabric.ros2.session import Message, Refused, ServiceCall
 from twin.ros2.commands import read_command
 from twin.ros2.sending import CarTick, TableSender
 from twin.ros2.store import MessageError, type_store
@@ -81,10 +81,10 @@ class Ros2Bridge(ScriptBridge):
             )
         self._store = type_store(TYPES_OF[self._given.rmw_zenoh])
         self._script: ForeignProcess | None = None
-        self._place: Place | None = None
-        self._domain: Domain | None = None
+        self._place: MeetingPlace | None = None
+        self._domain: RosDomain | None = None
         self._sender: TableSender | None = None
-        self._driver: Driver | None = None
+        self._driver: RosDriver | None = None
         self._lockstep = Lockstep(self._given.answer)
         self._cases, self._speed_mps, self._tick = 0, 0.0, 0
         self._commander = ""
@@ -102,7 +102,7 @@ class Ros2Bridge(ScriptBridge):
             )
         own_network = script is not None and has_own_network()
         self._script = script
-        self._place = Place(
+        self._place = MeetingPlace(
             secrets.token_hex(8),
             own_network=own_network,
             folder=own_folder() / KEYS / self._given.keys if script is None else None,
@@ -123,7 +123,7 @@ class Ros2Bridge(ScriptBridge):
         self._cases += 1
         period_s = episode.control_period_ns * 1e-9
         self._sender = TableSender(self._table, episode, self._store)
-        self._driver = Driver(self._control, period_s, self._given.aeb_brake)
+        self._driver = RosDriver(self._control, period_s, self._given.aeb_brake)
         self._lockstep = Lockstep(self._given.answer)
         self._speed_mps, self._tick = 0.0, 0
         self._wait(self._is_ready, self._given.start_s, self._missing)
@@ -146,7 +146,7 @@ class Ros2Bridge(ScriptBridge):
         while (arrived := self._domain.receive(0.0)) is not None:
             self._take(arrived)
         self._wait(lambda: self._lockstep.is_answered, self._given.answer_s, self._unanswered)
-        return [self._command(Instant(0, 0, car.tick, self._speed_mps), observation, slots[0])]
+        return [self._command(AskedTick(0, 0, car.tick, self._speed_mps), observation, slots[0])]
 
     def close(self) -> None:
         """Leave the domain."""
@@ -162,7 +162,9 @@ class Ros2Bridge(ScriptBridge):
         assert self._place is not None
         self._commander = ""
         given = self._given
-        self._domain = Domain(self._place, self._table, self._store, given.domain, given.rmw_zenoh)
+        self._domain = RosDomain(
+            self._place, self._table, self._store, given.domain, given.rmw_zenoh
+        )
         variables = self._place.variables(self._domain.endpoint, given.domain)
         if self._script is not None:
             self._script.tell(variables)
@@ -199,7 +201,7 @@ class Ros2Bridge(ScriptBridge):
         try:
             if isinstance(arrived, Message):
                 self._take_command(arrived)
-            elif isinstance(arrived, Request):
+            elif isinstance(arrived, ServiceCall):
                 self._lockstep.step()
                 self._domain.answer(arrived, self._lockstep.stamp_ns, "")
             elif isinstance(arrived, Refused):
@@ -268,7 +270,7 @@ class Ros2Bridge(ScriptBridge):
         there = f"nodes: {', '.join(nodes[:10])}" if nodes else "there is no node"
         return f"; {escape('; '.join([*mistakes[:3], there]), 500)}"
 
-    def _command(self, now: Instant, observation: Observation, slot: int) -> Command:
+    def _command(self, now: AskedTick, observation: Observation, slot: int) -> Command:
         assert self._driver is not None
         try:
             command = self._driver.command(self._main, self._lockstep.latest, now)

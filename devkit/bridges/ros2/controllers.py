@@ -45,7 +45,7 @@ class MotionControl(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 @dataclass(frozen=True, slots=True)
-class Motion:
+class AskedMotion:
     """What a stack asks for, in one vocabulary."""
 
     speed_mps: float
@@ -59,7 +59,7 @@ class Motion:
 
 
 @dataclass(frozen=True, slots=True)
-class Pedals:
+class PressedPedals:
     """What the drive plane's command holds of it."""
 
     throttle: float
@@ -74,13 +74,13 @@ class Pedals:
 
 def press(
     integral: float,
-    asked: Motion,
+    asked: AskedMotion,
     speed_mps: float,
     period_s: float,
     control: MotionControl,
     *,
     reverse: bool | None = None,
-) -> tuple[float, Pedals]:
+) -> tuple[float, PressedPedals]:
     """One control tick.
 
     Args:
@@ -103,9 +103,9 @@ def press(
     along_mps = -speed_mps if backwards else speed_mps
     target_mps = abs(asked.speed_mps)
     if target_mps == 0.0 and abs(speed_mps) < STANDSTILL_MPS:
-        return 0.0, Pedals(0.0, control.standstill_brake, steering_rad, backwards)
+        return 0.0, PressedPedals(0.0, control.standstill_brake, steering_rad, backwards)
     if along_mps < -STANDSTILL_MPS:  # it rolls the other way: first it has to stop
-        return 0.0, Pedals(0.0, 1.0, steering_rad, not backwards)
+        return 0.0, PressedPedals(0.0, 1.0, steering_rad, not backwards)
     error_mps = target_mps - along_mps
     proportional = control.throttle_gain * error_mps
     forward = proportional + control.throttle_per_mps2 * asked.acceleration_mps2
@@ -115,12 +115,12 @@ def press(
         integral = min(max(integral, 0.0), 1.0)
     wanted = forward + integral
     if wanted >= 0.0:
-        return integral, Pedals(min(wanted, 1.0), 0.0, steering_rad, backwards)
+        return integral, PressedPedals(min(wanted, 1.0), 0.0, steering_rad, backwards)
     brake = min(-wanted * control.brake_per_throttle, 1.0)
-    return integral, Pedals(0.0, brake, steering_rad, backwards)
+    return integral, PressedPedals(0.0, brake, steering_rad, backwards)
 
 
-def _steering(asked: Motion, control: MotionControl) -> float:
+def _steering(asked: AskedMotion, control: MotionControl) -> float:
     angle_rad = asked.steering_rad
     if angle_rad is None:
         speed_mps = max(abs(asked.speed_mps), LATERAL_SPEED_MIN_MPS)
@@ -129,7 +129,7 @@ def _steering(asked: Motion, control: MotionControl) -> float:
     return min(max(angle_rad, -control.steering_max_rad), control.steering_max_rad)
 
 
-def _check(asked: Motion) -> None:
+def _check(asked: AskedMotion) -> None:
     for name in ("speed_mps", "acceleration_mps2", "steering_rad", "yaw_rate_radps"):
         value = getattr(asked, name)
         if value is not None and not math.isfinite(value):

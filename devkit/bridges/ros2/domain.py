@@ -7,14 +7,13 @@ import sys
 from collections.abc import Iterable
 
 from schemas.escape import escape
-from twin.fabric.ros2.graph import Expected, Graph
-from twin.fabric.ros2.names import RELEASES, Entity, Qos, Release
-from twin.fabric.ros2.place import Place
-from twin.fabric.ros2.session import Message, Publisher, Refused, Request, Ros2Session, Token
+from twin.fabric.ros2.graph import Graph, TopicType
+from twin.fabric.ros2.names import RELEASES, EndpointQos, Entity, KeyFormat
+from twin.fabric.ros2.place import MeetingPlace
+from twin.fabric.ros2.session import Message, Publisher, Refused, ServiceCall, Ros2Session, Token
 from twin.ros2.sending import TopicMessage
 from twin.ros2.store import TypeStore
-from twin.ros2.tables import Qos as TableQos
-from twin.ros2.tables import TopicTable
+from twin.ros2.tables import Qos, TopicTable
 
 NODE = "drivetwin"
 """Name of our node."""
@@ -30,11 +29,11 @@ TYPES_OF = {"jazzy": "jazzy", "kilted": "kilted", "rolling": "lyrical"}
 """Distribution of the types by name of the release of keys."""
 
 
-class Domain:
+class RosDomain:
     """Our node in the domain, from its start to its end."""
 
     def __init__(
-        self, place: Place, table: TopicTable, store: TypeStore, domain: int, release: str
+        self, place: MeetingPlace, table: TopicTable, store: TypeStore, domain: int, release: str
     ) -> None:
         """Listen, and declare what is known before a case is.
 
@@ -74,7 +73,7 @@ class Domain:
         for each in last:
             self._put(each)
 
-    def receive(self, timeout_s: float) -> Message | Request | Refused | Token | None:
+    def receive(self, timeout_s: float) -> Message | ServiceCall | Refused | Token | None:
         """What came next; tokens are in :attr:`graph` already, and what they mean was told.
 
         Raises:
@@ -86,7 +85,7 @@ class Domain:
             self.tell(self.graph.take_lines())
         return arrived
 
-    def answer(self, request: Request, stamp_ns: int, said: str) -> None:
+    def answer(self, request: ServiceCall, stamp_ns: int, said: str) -> None:
         """Answer a call of the service of steps."""
         response = self._store.make(f"{STEP_TYPE}_Response", success=True, message=said)
         request.respond(self._store.encode(response), stamp_ns)
@@ -123,17 +122,17 @@ class Domain:
             self._publishers[each.topic] = publisher
         publisher.put(self._store.encode(each.message), each.time_ns)
 
-    def _expected(self, type_name: str) -> Expected:
-        return Expected(type_name, self._store.type_hash(type_name))
+    def _expected(self, type_name: str) -> TopicType:
+        return TopicType(type_name, self._store.type_hash(type_name))
 
 
-def _qos(qos: TableQos) -> Qos:
-    return Qos(
+def _qos(qos: Qos) -> EndpointQos:
+    return EndpointQos(
         reliable=qos.reliability == "reliable",
         transient_local=qos.durability == "transient_local",
         depth=qos.depth,
     )
 
 
-def _release(name: str) -> Release:
+def _release(name: str) -> KeyFormat:
     return RELEASES[name]

@@ -8,7 +8,7 @@ from typing import Any
 
 import msgspec
 
-from devkit.bridges.ros2.controllers import Motion, MotionControl, press
+from devkit.bridges.ros2.controllers import AskedMotion, MotionControl, press
 from schemas.messages import Command, Lights
 from twin.ros2.commands import (
     AckermannDemand,
@@ -24,7 +24,7 @@ _HAZARD = 3
 
 
 @dataclass(frozen=True, slots=True)
-class Instant:
+class AskedTick:
     """What is answered."""
 
     slot: int
@@ -43,7 +43,7 @@ def stamp_of(demand: Demand) -> int | None:
     return demand.stamp_ns
 
 
-class Driver:
+class RosDriver:
     """Makes commands of one case."""
 
     def __init__(self, control: MotionControl, period_s: float, aeb_brake: float) -> None:
@@ -57,7 +57,7 @@ class Driver:
         self._control, self._period_s, self._aeb_brake = control, period_s, aeb_brake
         self._integral = 0.0
 
-    def command(self, main: str, demands: Mapping[str, Demand], now: Instant) -> Command:
+    def command(self, main: str, demands: Mapping[str, Demand], now: AskedTick) -> Command:
         """The drive plane's command.
 
         Args:
@@ -91,7 +91,7 @@ class Driver:
             reverse=pedals.reverse,
         )
 
-    def _plain(self, command: Command, now: Instant) -> Command:
+    def _plain(self, command: Command, now: AskedTick) -> Command:
         if command.tick != now.tick:
             raise TickMistakeError(
                 f"the command with the stamp of tick {now.tick} says it is for tick {command.tick}"
@@ -99,13 +99,13 @@ class Driver:
         return msgspec.structs.replace(command, slot=now.slot, token=now.token)
 
 
-def motion_of(demand: Any) -> Motion:
+def motion_of(demand: Any) -> AskedMotion:
     """What a command asks for; before the first one, to stand."""
     if isinstance(demand, AckermannDemand):
-        return Motion(demand.speed_mps, demand.accel_mps2 or 0.0, demand.steering_rad)
+        return AskedMotion(demand.speed_mps, demand.accel_mps2 or 0.0, demand.steering_rad)
     if isinstance(demand, TwistDemand):
-        return Motion(demand.speed_mps, yaw_rate_radps=demand.yaw_rate_radps)
-    return Motion(0.0, steering_rad=0.0)
+        return AskedMotion(demand.speed_mps, yaw_rate_radps=demand.yaw_rate_radps)
+    return AskedMotion(0.0, steering_rad=0.0)
 
 
 def _indicators(demands: Mapping[str, Demand]) -> int:

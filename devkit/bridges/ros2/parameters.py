@@ -18,7 +18,7 @@ class Ros2Parameters(Struct, frozen=True, forbid_unknown_fields=True):
     domain: Annotated[int, Meta(ge=0, le=232)] = 0
     """``ROS_DOMAIN_ID``."""
     rmw_zenoh: Literal["jazzy", "kilted", "rolling"] = "jazzy"
-    """Release of ROS 2 whose types and keys are spoken; ``rolling`` also for Lyrical."""
+    """KeyFormat of ROS 2 whose types and keys are spoken; ``rolling`` also for Lyrical."""
     answer: Answer = "stamp"
     """What answers a tick. ``stamp``: a command with its time; ``step``: a call of
     ``/drivetwin/step``; ``newest``: whatever has come, for ``clock: realtime``."""

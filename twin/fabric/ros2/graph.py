@@ -14,9 +14,9 @@ from twin.fabric.ros2.names import (
     NO_HASH,
     Endpoint,
     Entity,
+    KeyFormat,
     NameMistakeError,
-    Node,
-    Release,
+    RosNode,
     parse_token,
 )
 
@@ -28,7 +28,7 @@ LINES_MAX = 200
 
 
 @dataclass(frozen=True, slots=True)
-class Expected:
+class TopicType:
     """A topic or service as the bridge has it."""
 
     type: str
@@ -38,7 +38,7 @@ class Expected:
 class Graph:
     """Entities of other sessions by token, in order of arrival."""
 
-    def __init__(self, own: str, release: Release, expected: Mapping[str, Expected]) -> None:
+    def __init__(self, own: str, release: KeyFormat, expected: Mapping[str, TopicType]) -> None:
         """Nothing is known yet.
 
         Args:
@@ -47,7 +47,7 @@ class Graph:
             expected: topics and services of the bridge by full name.
         """
         self._own, self._release, self._expected = own, release, dict(expected)
-        self._entities: dict[str, Node | Endpoint] = {}
+        self._entities: dict[str, RosNode | Endpoint] = {}
         self._said: set[str] = set()
         self._lines: list[str] = []
         self.left_out = 0
@@ -64,7 +64,7 @@ class Graph:
             self.left_out += 1
             self._say(f"left out: {error}")
             return
-        node = entity if isinstance(entity, Node) else entity.node
+        node = entity if isinstance(entity, RosNode) else entity.node
         if node.session == self._own or token in self._entities:
             return
         if len(self._entities) >= ENTITIES_MAX:
@@ -75,7 +75,7 @@ class Graph:
         if isinstance(entity, Endpoint) and (mistake := self._mistake(entity)):
             self._say(mistake)
 
-    def expect(self, topic: str, what: Expected) -> None:
+    def expect(self, topic: str, what: TopicType) -> None:
         """A topic or service of the bridge that was not known before."""
         self._expected[topic] = what
         for mistake in self.mistakes(topic):
@@ -106,7 +106,7 @@ class Graph:
 
     def nodes(self) -> list[str]:
         """Full names, sorted."""
-        each = (e if isinstance(e, Node) else e.node for e in self._entities.values())
+        each = (e if isinstance(e, RosNode) else e.node for e in self._entities.values())
         return sorted({node.full_name for node in each})
 
     def take_lines(self) -> list[str]:

@@ -50,7 +50,7 @@ class Entity(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Release:
+class KeyFormat:
     """What a release of ROS 2 puts on the wire, as far as releases differ."""
 
     name: str
@@ -60,15 +60,15 @@ class Release:
 
 
 RELEASES = {
-    "jazzy": Release("jazzy", backends=False),
-    "kilted": Release("kilted", backends=False),
-    "rolling": Release("rolling", backends=True),
+    "jazzy": KeyFormat("jazzy", backends=False),
+    "kilted": KeyFormat("kilted", backends=False),
+    "rolling": KeyFormat("rolling", backends=True),
 }
 """Releases by name; Lyrical is as Rolling."""
 
 
 @dataclass(frozen=True, slots=True)
-class Qos:
+class EndpointQos:
     """Quality of service, as far as it matters here; numbers are those of ``rmw/types.h``."""
 
     reliable: bool = True
@@ -87,8 +87,8 @@ class Qos:
         return f"{reliability}:{durability}:{history}:,:,:,,"
 
 
-def parse_qos(text: str) -> Qos:
-    """What :meth:`Qos.encoded` wrote, or a real node.
+def parse_qos(text: str) -> EndpointQos:
+    """What :meth:`EndpointQos.encoded` wrote, or a real node.
 
     Raises:
         NameMistakeError: it is none.
@@ -97,7 +97,7 @@ def parse_qos(text: str) -> Qos:
     if len(fields) != 6 or not re.fullmatch(r"[0-9,]*", "".join(fields)):
         raise NameMistakeError(f"no quality of service: {_shown(text)}")
     kind, _, depth = fields[2].partition(",")
-    return Qos(
+    return EndpointQos(
         reliable=fields[0] != "2",
         transient_local=fields[1] == "1",
         depth=0 if kind == "2" else int(depth[:9] or DEPTH_DEFAULT),
@@ -105,7 +105,7 @@ def parse_qos(text: str) -> Qos:
 
 
 @dataclass(frozen=True, slots=True)
-class Node:
+class RosNode:
     """A node of the graph."""
 
     session: str
@@ -126,7 +126,7 @@ class Node:
 class Endpoint:
     """A publisher, subscription, service or client."""
 
-    node: Node
+    node: RosNode
     number: int
     """Counts the entities of a session."""
     kind: Entity
@@ -136,9 +136,9 @@ class Endpoint:
     """``sensor_msgs/msg/Image``."""
     type_hash: str
     """``RIHS01_`` and 64 hexadecimal digits, or :data:`NO_HASH`."""
-    qos: Qos = Qos()
+    qos: EndpointQos = EndpointQos()
     backends: str = ""
-    """Kinds of memory that it takes, if it names any (:attr:`Release.backends`)."""
+    """Kinds of memory that it takes, if it names any (:attr:`KeyFormat.backends`)."""
 
 
 def check_name(name: str) -> str:
@@ -208,7 +208,7 @@ def watched_tokens(domain: int) -> str:
     return f"{ADMIN}/{check_domain(domain)}/**"
 
 
-def node_token(domain: int, node: Node) -> str:
+def node_token(domain: int, node: RosNode) -> str:
     """Token of a node."""
     return _token(domain, node, node.number, Entity.node)
 
@@ -227,7 +227,7 @@ def endpoint_token(domain: int, endpoint: Endpoint) -> str:
     return "/".join((head, *parts))
 
 
-def parse_token(token: str) -> Node | Endpoint:
+def parse_token(token: str) -> RosNode | Endpoint:
     """What a token of any release says; its last parts may be more than we know.
 
     Raises:
@@ -246,7 +246,7 @@ def parse_token(token: str) -> Node | Endpoint:
         raise NameMistakeError(f"no token of a node: {_shown(token)}")
     if not _ID.match(session):
         raise NameMistakeError(f"no token of a session: {_shown(token)}")
-    node = Node(session, int(node_number), name, _demangled(namespace), _demangled(enclave))
+    node = RosNode(session, int(node_number), name, _demangled(namespace), _demangled(enclave))
     try:
         kind = Entity(kind_word)
     except ValueError:
@@ -264,7 +264,7 @@ def parse_token(token: str) -> Node | Endpoint:
     )
 
 
-def _token(domain: int, node: Node, number: int, kind: Entity) -> str:
+def _token(domain: int, node: RosNode, number: int, kind: Entity) -> str:
     parts = (
         *(ADMIN, str(check_domain(domain)), node.session, str(node.number), str(number)),
         *(kind.value, _mangled(node.enclave), _mangled(node.namespace), node.name),

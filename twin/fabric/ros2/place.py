@@ -37,7 +37,7 @@ SETTINGS = "node.env"
 """Its file of variables, for ``source``."""
 
 
-class Place:
+class MeetingPlace:
     """An endpoint, and what a node needs to reach it; open until it is closed."""
 
     def __init__(

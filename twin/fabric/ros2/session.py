@@ -18,18 +18,18 @@ import zenoh.ext
 
 from twin.base.errors import InfrastructureError
 from twin.fabric.ros2.attachment import Attachment, AttachmentError, parse_attachment
-from twin.fabric.ros2.graph import Expected
+from twin.fabric.ros2.graph import TopicType
 from twin.fabric.ros2.names import (
     Endpoint,
+    EndpointQos,
     Entity,
-    Node,
-    Qos,
+    RosNode,
     endpoint_token,
     node_token,
     topic_key,
     watched_tokens,
 )
-from twin.fabric.ros2.place import Place
+from twin.fabric.ros2.place import MeetingPlace
 from twin.fabric.zenoh_bus import open_session, session_config
 
 MESSAGE_BYTES_MAX = 1 << 20
@@ -52,7 +52,7 @@ class Message:
 
 
 @dataclass(frozen=True, slots=True)
-class Request:
+class ServiceCall:
     """A call of a service of ours."""
 
     service: str
@@ -76,14 +76,14 @@ class Refused:
     reason: str
 
 
-Arrived = Message | Request | Token | Refused
+Arrived = Message | ServiceCall | Token | Refused
 """What waits in the queue."""
 
 
 class Ros2Session:
     """Our node, as long as it lives."""
 
-    def __init__(self, place: Place, domain: int, name: str) -> None:
+    def __init__(self, place: MeetingPlace, domain: int, name: str) -> None:
         """Listen, and be there.
 
         Args:
@@ -111,7 +111,7 @@ class Ros2Session:
         except zenoh.ZError as error:
             reason = " ".join(str(error).split(" at /")[0].split())
             raise InfrastructureError(f"{place.listen}: cannot listen: {reason}") from None
-        self._node = Node(str(self._session.info.zid()), 0, name)
+        self._node = RosNode(str(self._session.info.zid()), 0, name)
         self._entities = 0
         self._closed = False
         self._lock = threading.Lock()
@@ -130,7 +130,7 @@ class Ros2Session:
         """Zenoh's identifier of this session, hexadecimal."""
         return self._node.session
 
-    def publish(self, topic: str, what: Expected, qos: Qos) -> Publisher:
+    def publish(self, topic: str, what: TopicType, qos: EndpointQos) -> Publisher:
         """Declare a publisher.
 
         Raises:
@@ -150,7 +150,7 @@ class Ros2Session:
         token = self._endpoint(Entity.publisher, topic, what, qos)
         return Publisher(publisher, gid_of(token))
 
-    def subscribe(self, topic: str, what: Expected, qos: Qos) -> None:
+    def subscribe(self, topic: str, what: TopicType, qos: EndpointQos) -> None:
         """Have messages of a topic put into the queue.
 
         Raises:
@@ -166,7 +166,7 @@ class Ros2Session:
         )
         self._endpoint(Entity.subscription, topic, what, qos)
 
-    def serve(self, service: str, what: Expected) -> None:
+    def serve(self, service: str, what: TopicType) -> None:
         """Have requests to a service put into the queue.
 
         Raises:
@@ -182,7 +182,7 @@ class Ros2Session:
                 key, zenoh.handlers.Callback(receive, indirect=False), complete=True
             )
         )
-        self._endpoint(Entity.service, service, what, Qos())
+        self._endpoint(Entity.service, service, what, EndpointQos())
 
     def receive(self, timeout_s: float) -> Arrived | None:
         """What came next, or None after ``timeout_s``.
@@ -217,7 +217,7 @@ class Ros2Session:
     def _on_token(self, sample: zenoh.Sample) -> None:
         self._put(Token(str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT))
 
-    def _endpoint(self, kind: Entity, topic: str, what: Expected, qos: Qos) -> str:
+    def _endpoint(self, kind: Entity, topic: str, what: TopicType, qos: EndpointQos) -> str:
         self._entities += 1
         endpoint = Endpoint(self._node, self._entities, kind, topic, what.type, what.type_hash, qos)
         token = endpoint_token(self._domain, endpoint)
@@ -276,7 +276,7 @@ def _request(service: str, key: str, query: zenoh.Query) -> Arrived:
         except zenoh.ZError:
             pass  # who asked is gone
 
-    return Request(service, payload, respond)
+    return ServiceCall(service, payload, respond)
 
 
 def _bytes(data: Any) -> bytes:
