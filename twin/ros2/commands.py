@@ -147,6 +147,9 @@ def _plain(message: Any) -> Command:
         raise MessageError(
             f"command: {len(message.detections)} detections, allowed: up to {DETECTIONS_MAX}"
         )
+    for name in ("sensor_errors", "pose"):
+        if (count := len(getattr(message, name))) > 1:
+            raise MessageError(f"command {name}: {count} given, allowed: at most one")
     if message.lights.indicators > _HAZARD:
         raise MessageError(
             f"command lights.indicators is {message.lights.indicators}, allowed: 0 to {_HAZARD}"

@@ -11,6 +11,7 @@ from ros2_messages import plain, read_independently
 
 from schemas.messages import Command, Detection, Lights, Pose, SensorErrors
 from twin.ros2.commands import (
+    DETECTIONS_MAX,
     AckermannDemand,
     GearDemand,
     IndicatorDemand,
@@ -197,6 +198,20 @@ def test_huge_lengths_are_refused_at_once():
         read_command(STORE, COMMAND_TYPES[0], memoryview(bytes(MESSAGE_BYTES_MAX + 1)))
     with pytest.raises(MessageError, match="encapsulation"):
         read_command(STORE, COMMAND_TYPES[0], b"\x07\x09" + bytes(100))
+
+
+def test_lists_of_a_command_have_their_limits():
+    message = write_plain(STORE, STAMP_NS, FULL)
+    for name, most in (("sensor_errors", 1), ("pose", 1), ("detections", DETECTIONS_MAX)):
+        values = getattr(message, name)
+        setattr(message, name, values * (most + 1))
+        with pytest.raises(MessageError, match="allowed: "):
+            read_command(STORE, COMMAND_TYPES[0], STORE.encode(message))
+        setattr(message, name, values * most)
+        assert read_command(STORE, COMMAND_TYPES[0], STORE.encode(message))
+    message.lights.indicators = 4
+    with pytest.raises(MessageError, match="indicators is 4, allowed: 0 to 3"):
+        read_command(STORE, COMMAND_TYPES[0], STORE.encode(message))
 
 
 def test_fields_that_do_not_fit_are_named():
