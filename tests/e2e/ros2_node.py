@@ -1,10 +1,11 @@
 """A node of ROS 2 over zenoh_ros2_sdk, which strangers wrote from rmw_zenoh's documentation.
 
-It reads `.msg` files, computes type hashes, opens its session and writes its tokens by that package
-alone. What it does with a tick is said by its arguments: ``ros2_node.py INTERFACES POLICY [MODE]``.
+It reads `.msg` files, computes type hashes, opens its session and writes its tokens by that
+package alone. What it does with a tick is said by its arguments: ``INTERFACES POLICY [MODES]``.
 
-Policies: ``gap`` brakes for a near box; ``module:Class`` runs a stack of devkit on the plain table;
-``ackermann`` and ``twist`` ask for a speed and stop; ``mode`` words are faults of one tick.
+Policies: ``gap`` brakes for a near box; ``module:Class`` runs a stack of devkit on the plain
+table; ``ackermann`` and ``twist`` ask for a speed and stop. Modes, separated by commas, are faults
+of one tick; the number at the end of the case's name chooses one.
 """
 
 import os
@@ -17,7 +18,8 @@ import numpy as np
 from zenoh_ros2_sdk import ROS2Publisher, ROS2ServiceClient, ROS2Subscriber
 from zenoh_ros2_sdk.message_registry import get_registry
 
-FOLDER, POLICY, MODE = Path(sys.argv[1]), sys.argv[2], (sys.argv[3:] or [""])[0]
+FOLDER, POLICY = Path(sys.argv[1]), sys.argv[2]
+MODES = sys.argv[3].split(",") if sys.argv[3:] else []
 FAULT_TICK = 3
 DOMAIN = int(os.environ["ROS_DOMAIN_ID"])
 SENSORS = ("vehicle", "environment", "boxes")
@@ -177,15 +179,17 @@ def plain(policy):
     kept.append(subscribe("/drivetwin/front_right/image_raw", "sensor_msgs/msg/Image"))
     kept.append(subscribe("/drivetwin/episode", "drivetwin_msgs/msg/Episode"))
     kept.append(subscribe("/drivetwin/tick", "drivetwin_msgs/msg/Tick"))
-    if MODE == "type":
+    if "type" in MODES:
         kept.append(publisher("/drivetwin/command", "std_msgs/msg/String"))
+        threading.Event().wait()
     # The last of all: when it is there, the first tick comes.
     out = publisher("/drivetwin/command", "drivetwin_msgs/msg/DriveCommand")
-    store, parts, ticks, episode = out.session_mgr.store, {}, {}, None
+    store, parts, ticks, episode, mode = out.session_mgr.store, {}, {}, None, ""
     while True:
         topic, message = inbox.get()
         if topic == "/drivetwin/episode":
             episode = message
+            mode = MODES[int(message.case_name.rsplit("_", 1)[1])] if MODES else ""
             policy.reset(message)
         elif topic == "/drivetwin/tick":
             ticks[nanoseconds(message.stamp)] = message
@@ -204,12 +208,12 @@ def plain(policy):
             fields |= {"stamp": tick.stamp, "tick": tick.tick, "sensor_errors": [], "pose": []}
             del ticks[stamp_ns]
             parts = {key: value for key, value in parts.items() if key[0] != stamp_ns}
-            if tick.tick == FAULT_TICK and MODE:
-                print("now comes", MODE, flush=True)
-                if fault(MODE, out, fields, fields["stamp"]):
+            if tick.tick == FAULT_TICK and mode:
+                print("now comes", mode, flush=True)
+                if fault(mode, out, fields, fields["stamp"]):
                     continue
             out.publish(**fields)
-            if tick.tick == FAULT_TICK and MODE == "twice":
+            if tick.tick == FAULT_TICK and mode == "twice":
                 out.publish(**fields)
 
 

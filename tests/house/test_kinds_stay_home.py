@@ -37,7 +37,7 @@ SIGHTS_NAMED = {
     "network": (
         *("schemas/sections/perception.py", "conductor/report/autodrive/importing.py"),
         *("devkit/darknet/build.py", "devkit/darknet/variant.py"),
-        *("twin/sandbox/view.py", "twin/sandbox/start.py", "twin/worker/protection.py"),
+        *("twin/sandbox/view.py", "twin/worker/protection.py", "devkit/bridges/ros2/bridge.py"),
     ),
 }
 """Files that join the types to one, say what a campaign has without any, or write a campaign file;

@@ -164,11 +164,13 @@ def session_config(
     shared_memory: bool = False,
     connect_timeout_s: float = 10.0,
     message_bytes_max: int = 1 << 30,
+    protocols: Sequence[str] = (),
 ) -> zenoh.Config:
     """Zenoh's options of a session of ours; see :func:`open_bus` for those of them that vary.
 
     Args:
         namespace: empty: keys are seen as they are.
+        protocols: that are spoken beside those of the endpoints.
     """
     config = zenoh.Config()
     options: dict[str, Any] = {
@@ -191,7 +193,7 @@ def session_config(
         # A router waits this long for scouting, which is off.
         "scouting/delay": 0,
         "transport/link/protocols": sorted(
-            {endpoint.partition("/")[0] for endpoint in (*listen, *connect)}
+            {*protocols, *(endpoint.partition("/")[0] for endpoint in (*listen, *connect))}
         ),
         "transport/shared_memory/enabled": shared_memory,
         # A peer that is frozen or cut off is noticed after the transport lease (default 10 s).

@@ -34,13 +34,15 @@ from twin.ros2.commands import read_command
 from twin.ros2.sending import CarTick, TableSender
 from twin.ros2.store import MessageError, type_store
 from twin.ros2.tables import TopicTable, load_table
-from twin.sandbox.inside import has_own_network
+from twin.sandbox.inside import has_own
 
 LOOK_S = 0.2
 """Time between two looks at a command that is waited for [s]."""
 
 KEYS = "ros2"
 """Folder, in the user's own, of keys for nodes that somebody else starts."""
+
+NO_SHARED_MEMORY = "shared_memory is left out: outside a sandbox, it stays behind at a kill"
 
 UNSTAMPED = (
     "ackermann_msgs/msg/AckermannDrive",
@@ -100,16 +102,18 @@ class Ros2Bridge(ScriptBridge):
             raise StackFaultError(
                 "no command and no parameter keys: nobody can reach the bridge; give one of them"
             )
-        own_network = script is not None and has_own_network()
+        own_network = script is not None and has_own("network")
         self._script = script
         self._place = MeetingPlace(
             secrets.token_hex(8),
             own_network=own_network,
             folder=own_folder() / KEYS / self._given.keys if script is None else None,
             port=self._given.port,
-            shared_memory=self._given.shared_memory,
+            shared_memory=self._given.shared_memory and has_own("ipc"),
         )
         self._open()
+        if self._given.shared_memory and not self._place.shared_memory:
+            self._domain.tell([NO_SHARED_MEMORY])
         if script is not None:
             script.start()
 

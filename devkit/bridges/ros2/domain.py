@@ -10,7 +10,7 @@ from schemas.escape import escape
 from twin.fabric.ros2.graph import Graph, TopicType
 from twin.fabric.ros2.names import RELEASES, EndpointQos, Entity, KeyFormat
 from twin.fabric.ros2.place import MeetingPlace
-from twin.fabric.ros2.session import Message, Publisher, Refused, ServiceCall, Ros2Session, Token
+from twin.fabric.ros2.session import Message, Publisher, Refused, Ros2Session, ServiceCall, Token
 from twin.ros2.sending import TopicMessage
 from twin.ros2.store import TypeStore
 from twin.ros2.tables import Qos, TopicTable
@@ -48,7 +48,7 @@ class RosDomain:
             InfrastructureError: the endpoint cannot be listened at.
         """
         self._store, self._table = store, table
-        self._session = Ros2Session(place, domain, NODE)
+        self._session = Ros2Session.listening(place, domain, NODE)
         self._publishers: dict[str, Publisher] = {}
         expected = {row.topic: self._expected(row.type) for row in table.commands}
         expected[STEP] = self._expected(STEP_TYPE)

@@ -104,7 +104,9 @@ class MeetingPlace:
             options["transport/link/tls/enable_mtls"] = True
             options["transport/link/tls/verify_name_on_connect"] = False
         if self.shared_memory:
+            # Nodes read what lies there, and put nothing of their own beside it: it is small.
             options["transport/shared_memory/enabled"] = True
+            options["transport/shared_memory/transport_optimization/enabled"] = False
         variables = {
             "RMW_IMPLEMENTATION": "rmw_zenoh_cpp",
             "ROS_DOMAIN_ID": str(domain),

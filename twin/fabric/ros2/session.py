@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import queue
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -81,22 +81,41 @@ Arrived = Message | ServiceCall | Token | Refused
 
 
 class Ros2Session:
-    """Our node, as long as it lives."""
+    """A node of ours, as long as it lives."""
 
-    def __init__(self, place: MeetingPlace, domain: int, name: str) -> None:
-        """Listen, and be there.
+    def __init__(self, session: zenoh.Session, endpoint: str, domain: int, name: str) -> None:
+        """Be there; see :meth:`listening` and :meth:`joined`.
 
         Args:
-            place: where.
+            session: of Zenoh; ours from now on.
+            endpoint: where it listens; empty: nowhere.
             domain: number of the ROS 2 domain.
             name: of our node.
+        """
+        self._domain, self._session, self.endpoint = domain, session, endpoint
+        self._inbox: queue.Queue[Arrived] = queue.Queue(WAITING_MAX)
+        self._flooded = False
+        self._node = RosNode(str(session.info.zid()), 0, name)
+        self._entities = 0
+        self._closed = False
+        self._lock = threading.Lock()
+        self._kept: list[Any] = []
+        self._announce(node_token(domain, self._node))
+        self._kept.append(
+            session.liveliness().declare_subscriber(
+                watched_tokens(domain),
+                zenoh.handlers.Callback(self._on_token, indirect=False),
+                history=True,
+            )
+        )
+
+    @classmethod
+    def listening(cls, place: MeetingPlace, domain: int, name: str) -> Ros2Session:
+        """A node that is its domain's router, too.
 
         Raises:
             InfrastructureError: the endpoint cannot be listened at.
         """
-        self._domain = domain
-        self._inbox: queue.Queue[Arrived] = queue.Queue(WAITING_MAX)
-        self._flooded = False
         config = session_config(
             "router",
             listen=[place.listen],
@@ -107,23 +126,30 @@ class Ros2Session:
         # Nodes that are peers hear of each other from their router, as they do from rmw_zenoh's.
         config.insert_json5("scouting/gossip/enabled", "true")
         try:
-            self._session, (self.endpoint,) = open_session(config, [place.listen])
+            session, (endpoint,) = open_session(config, [place.listen])
         except zenoh.ZError as error:
             reason = " ".join(str(error).split(" at /")[0].split())
             raise InfrastructureError(f"{place.listen}: cannot listen: {reason}") from None
-        self._node = RosNode(str(self._session.info.zid()), 0, name)
-        self._entities = 0
-        self._closed = False
-        self._lock = threading.Lock()
-        self._kept: list[Any] = []
-        self._announce(node_token(domain, self._node))
-        self._kept.append(
-            self._session.liveliness().declare_subscriber(
-                watched_tokens(domain),
-                zenoh.handlers.Callback(self._on_token, indirect=False),
-                history=True,
-            )
-        )
+        return cls(session, endpoint, domain, name)
+
+    @classmethod
+    def joined(cls, variables: Mapping[str, str], name: str) -> Ros2Session:
+        """A node as rmw_zenoh opens one, from its environment
+        (:meth:`twin.fabric.ros2.place.MeetingPlace.variables`).
+
+        Raises:
+            InfrastructureError: its router does not answer.
+        """
+        config = session_config("client", protocols=("tcp", "tls"))
+        for option in variables["ZENOH_CONFIG_OVERRIDE"].split(";"):
+            path, _, value = option.partition("=")
+            config.insert_json5(path, value)
+        try:
+            session = zenoh.open(config)
+        except zenoh.ZError as error:
+            reason = " ".join(str(error).split(" at /")[0].split())
+            raise InfrastructureError(f"no router of ROS 2 answers: {reason}") from None
+        return cls(session, "", int(variables["ROS_DOMAIN_ID"]), name)
 
     @property
     def id(self) -> str:

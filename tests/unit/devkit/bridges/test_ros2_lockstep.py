@@ -7,8 +7,7 @@ import pytest
 from devkit.bridges.ros2.bridge import Ros2Bridge, with_command
 from devkit.bridges.ros2.lockstep import Lockstep, StampError
 from devkit.stack import StackError, load_stack
-from schemas.campaign import parse_campaign
-from schemas.plan import expand
+from schemas.plan import expand, parse_campaign
 from twin.base.errors import StackFaultError
 from twin.fabric.ros2.names import NameMistakeError
 from twin.ros2.tables import load_table
@@ -139,12 +138,12 @@ def test_without_a_command_the_bridge_is_the_stack():
     ("parameters", "reason"),
     [
         ({"table": "autware"}, "topic table 'autware' given, allowed: autoware, nav2, plain"),
-        ({"domain": 233}, "autonomy.parameters.domain: given 233"),
-        ({"rmw_zenoh": "humble"}, "autonomy.parameters.rmw_zenoh: given 'humble', allowed: "),
+        ({"domain": 233}, "autonomy.parameters: domain: given 233"),
+        ({"rmw_zenoh": "humble"}, "autonomy.parameters: rmw_zenoh: given 'humble', allowed: "),
         ({"command": "/a b"}, "given the name '/a b', allowed: letters"),
         ({"wait_for": "/clock //x"}, "given the name '//x'"),
-        ({"keys": "../x"}, "autonomy.parameters.keys"),
-        ({"throttle_gain": -1.0}, "autonomy.parameters.throttle_gain: given -1"),
+        ({"keys": "../x"}, "autonomy.parameters: keys"),
+        ({"throttle_gain": -1.0}, "autonomy.parameters: throttle_gain: given -1"),
         ({"tabel": "plain"}, "unknown parameter 'tabel'"),
     ],
 )

@@ -62,7 +62,7 @@ def place() -> Iterator[MeetingPlace]:
 
 @pytest.fixture
 def ours(place: MeetingPlace) -> Iterator[Ros2Session]:
-    session = Ros2Session(place, 0, "drivetwin")
+    session = Ros2Session.listening(place, 0, "drivetwin")
     yield session
     session.close()
 
@@ -108,6 +108,17 @@ def test_messages_pass_both_ways(ours, theirs):
     )
     assert first.attachment.to_bytes() == Attachment(1, 5, gid).encoded()
     assert second.attachment.to_bytes() == Attachment(2, 6, gid).encoded()
+
+
+def test_a_node_of_ours_joins_as_a_stranger_does(place, ours):
+    ours.subscribe("/chatter", STRING, EndpointQos())
+    node = Ros2Session.joined(place.variables(ours.endpoint, 0), "node")
+    node.publish("/chatter", STRING, EndpointQos()).put(b"hello", 3)
+    message = until(ours, is_a(Message))
+    assert (message.payload, message.attachment.sequence) == (b"hello", 1)
+    node.close()
+    with pytest.raises(InfrastructureError, match="no router of ROS 2 answers"):
+        Ros2Session.joined(place.variables("tls/127.0.0.1:1", 0), "node")
 
 
 def test_a_late_subscription_gets_what_is_kept_for_it(ours, theirs):
@@ -248,6 +259,6 @@ def test_a_port_that_is_taken_is_one_line(ours):
     place = MeetingPlace("rig", own_network=False, port=port)
     try:
         with pytest.raises(InfrastructureError, match=f"tls/127.0.0.1:{port}: cannot listen"):
-            Ros2Session(place, 0, "drivetwin")
+            Ros2Session.listening(place, 0, "drivetwin")
     finally:
         place.close()
