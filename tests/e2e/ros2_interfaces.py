@@ -1,4 +1,4 @@
-"""``.msg`` and ``.srv`` files for nodes that are not ours, written from the type store."""
+"""``.msg`` files for nodes that are not ours, written from the type store."""
 
 from pathlib import Path
 
@@ -11,7 +11,6 @@ TYPES = (
     *("geometry_msgs/msg/TwistStamped", "std_msgs/msg/String", "sensor_msgs/msg/CompressedImage"),
     "sensor_msgs/msg/PointCloud2",
 )
-TRIGGER = "---\nbool success\nstring message\n"
 
 
 def write_interfaces(folder: Path) -> Path:
@@ -25,9 +24,6 @@ def write_interfaces(folder: Path) -> Path:
             name = head.removeprefix("MSG: ").strip()
             package, _, rest = name.partition("/")
             _write(folder, name if rest.startswith("msg/") else f"{package}/msg/{rest}", body)
-    service = folder / "std_srvs/srv/Trigger.srv"
-    service.parent.mkdir(parents=True, exist_ok=True)
-    service.write_text(TRIGGER)
     return folder
 
 

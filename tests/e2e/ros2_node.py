@@ -15,7 +15,10 @@ import threading
 from pathlib import Path
 
 import numpy as np
-from zenoh_ros2_sdk import ROS2Publisher, ROS2ServiceClient, ROS2Subscriber
+from zenoh_ros2_sdk import ROS2Publisher, ROS2Subscriber
+from zenoh_ros2_sdk.attachment import Attachment
+from zenoh_ros2_sdk.entity import EndpointEntity, EntityKind, NodeEntity
+from zenoh_ros2_sdk.keyexpr import endpoint_liveliness_keyexpr, topic_keyexpr
 from zenoh_ros2_sdk.message_registry import get_registry
 
 FOLDER, POLICY = Path(sys.argv[1]), sys.argv[2]
@@ -217,18 +220,38 @@ def plain(policy):
                 out.publish(**fields)
 
 
+class Stepper:
+    """A client of /drivetwin/step. The package's own takes no service with an empty request, so
+    this is made of its keys, tokens and attachments."""
+
+    NAME, TYPE = "/drivetwin/step", "std_srvs::srv::dds_::Trigger_"
+    HASH = "RIHS01_eeff2cd6fa5ad9d27cdf4dec64818317839b62f212a91e6b5304b634b2062c5f"
+
+    def __init__(self, manager):
+        node = NodeEntity(DOMAIN, manager.session_id, 90, "driver")
+        kind, gid = EntityKind.CLIENT, manager.generate_gid()
+        client = EndpointEntity(node, 91, kind, self.NAME, self.TYPE, self.HASH, "::,10:,:,:,,")
+        self.token = manager.liveliness.declare_token(endpoint_liveliness_keyexpr(client))
+        self.key = topic_keyexpr(DOMAIN, self.NAME, self.TYPE, self.HASH)
+        self.session, self.gid, self.sequence = manager.session, gid, 0
+
+    def call(self):
+        self.sequence += 1
+        attachment = Attachment(self.sequence, 0, self.gid).to_bytes()
+        (reply,) = self.session.get(self.key, payload=b"\0\1\0\0\0", attachment=attachment)
+        answer = Attachment.from_bytes(reply.ok.attachment.to_bytes())
+        assert (answer.sequence_id, answer.gid) == (self.sequence, self.gid)
+        assert reply.ok.payload.to_bytes()[4] == 1, "success"
+
+
 def moving(kind):
     """A speed for a while, then 0: Ackermann by stamp, Twist by the service of steps."""
     stamped = kind == "ackermann"
     name = "ackermann_msgs/msg/AckermannDriveStamped" if stamped else "geometry_msgs/msg/Twist"
     kept = [subscribe("/clock", "rosgraph_msgs/msg/Clock")]
-    client = None
-    if not stamped:
-        registry = get_registry()
-        registry._load_service_types("std_srvs/srv/Trigger")
-        client = ROS2ServiceClient("/drivetwin/step", "std_srvs/srv/Trigger", domain_id=DOMAIN)
     out = publisher("/drive", name)
     types = out.session_mgr.store.types
+    stepper = None if stamped else Stepper(out.session_mgr)
     while kept:
         _, message = inbox.get()
         now_s = nanoseconds(message.clock) / 1e9
@@ -247,7 +270,7 @@ def moving(kind):
             vector = types["geometry_msgs/msg/Vector3"]
             zero = vector(x=0.0, y=0.0, z=0.0)
             out.publish(linear=vector(x=speed, y=0.0, z=0.0), angular=zero)
-            client.call(structure_needs_at_least_one_member=0)
+            stepper.call()
 
 
 if POLICY in ("ackermann", "twist"):

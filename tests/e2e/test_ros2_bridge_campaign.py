@@ -94,13 +94,12 @@ def test_a_stack_behind_ros_has_the_bytes_that_it_has_on_the_drive_plane(
 def test_a_controller_behind_ros_has_the_bytes_that_it_has_on_the_drive_plane(
     marked, interfaces, tmp_path, monkeypatch
 ):
-    """Ackermann by stamp, without a sandbox too, where the node comes by TLS; Twist by steps."""
+    """Ackermann by stamp without a sandbox, where the node comes by TLS; Twist by steps."""
     (tmp_path / "plane_stack.py").write_text(DRIVE_PLANE)
     monkeypatch.setenv("PYTHONPATH", f"{tmp_path}:{os.environ.get('PYTHONPATH', '')}")
     plane = {"stack": "plane_stack:Ackermann", "slots": 1}
     _, expected, _ = run(marked, tmp_path, "plane", plane)
     for kind, name, more in (
-        ("ackermann", "ackermann_msgs/msg/AckermannDriveStamped", {}),
         ("ackermann", "ackermann_msgs/msg/AckermannDriveStamped", {"sandbox": "off"}),
         ("twist", "geometry_msgs/msg/Twist", {}),
     ):

@@ -94,6 +94,34 @@ def _messages(target: str, types: Sequence[Any], messages: Sequence[Any]) -> Non
         _write(target, f"{type(message).__name__.lower()}-{index}", data)
 
 
+def _ros2() -> None:
+    from twin.fabric.ros2.attachment import Attachment
+    from twin.fabric.ros2.names import Endpoint, Entity, RosNode, endpoint_token, node_token
+    from twin.ros2.commands import write_plain
+    from twin.ros2.parts import MessageParts
+    from twin.ros2.store import type_store
+    from twin.ros2.tables import COMMAND_TYPES
+
+    node, type_name = RosNode("ab", 0, "driver"), "geometry_msgs/msg/Twist"
+    endpoint = Endpoint(node, 1, Entity.publisher, "/drive", type_name, "RIHS01_" + "0" * 64)
+    _write("ros2-token", "node", node_token(0, node))
+    _write("ros2-token", "publisher", endpoint_token(0, endpoint))
+    _write("ros2-attachment", "good", Attachment(1, 2, bytes(16)).encoded())
+    store = type_store()
+    parts = MessageParts(store)
+    twist = store.make(type_name, linear=parts.vector(1.0), angular=parts.vector(z=0.1))
+    drive = store.make(
+        "ackermann_msgs/msg/AckermannDrive",
+        **dict.fromkeys(("steering_angle", "steering_angle_velocity"), 0.1),
+        **dict.fromkeys(("speed", "acceleration", "jerk"), 1.0),
+    )
+    gear = store.make("autoware_vehicle_msgs/msg/GearCommand", stamp=parts.time(0), command=2)
+    for message in (write_plain(store, 0, Command(0, 0, 7, 0.1, 0.0, 0.0)), twist, drive, gear):
+        index = COMMAND_TYPES.index(message.__msgtype__)
+        name = message.__msgtype__.rpartition("/")[2].lower()
+        _write("ros2-command", name, bytes([index]) + store.encode(message))
+
+
 def _wire() -> None:
     _messages("wire-control", CONTROL, control())
     _messages("wire-drive", DRIVE, drive_plane())
@@ -389,6 +417,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         _wire()
+        _ros2()
         _conductor_files(folder)
         _result_files(folder)
         _autodrive()
