@@ -25,7 +25,7 @@ from devkit.stack import Observation, parameter_parts
 from schemas.escape import escape
 from schemas.kinds.bridge import ROS2, lacking_bridges
 from schemas.messages import VEHICLE_COLUMNS, Command, Episode
-from twin.base.errors import InfrastructureError, StackFaultError, TwinError
+from twin.base.errors import InfrastructureError, StackFaultError, TwinError, UsageError
 from twin.base.own_folder import own_folder
 from twin.fabric.ros2.names import check_name
 from twin.fabric.ros2.place import MeetingPlace
@@ -64,8 +64,7 @@ class Ros2Bridge(ScriptBridge):
         Raises:
             InfrastructureError: packages are missing.
             TypeError: there is no such parameter.
-            UsageError: no such table, or a mistake in it.
-            ValueError: a parameter is not allowed.
+            ValueError: a parameter is not allowed, or the table is wrong; one line.
         """
         super().__init__(slots)
         if slots != 1:
@@ -73,7 +72,7 @@ class Ros2Bridge(ScriptBridge):
         if lack := lacking_bridges().get(ROS2.name):
             raise InfrastructureError(lack)
         self._given, self._control = parameter_parts(self.PARAMETERS, parameters)
-        self._table = with_command(load_table(self._given.table), self._given.command)
+        self._table = with_command(_table(self._given.table), self._given.command)
         self._main = self._table.driving().topic
         self._waits_for = [check_name(topic) for topic in self._given.wait_for.split()]
         if self._given.answer == "stamp" and self._table.driving().type in UNSTAMPED:
@@ -291,6 +290,13 @@ class Ros2Bridge(ScriptBridge):
     def _check_script(self) -> None:
         if self._script is not None:
             self._script.check()
+
+
+def _table(name: str) -> TopicTable:
+    try:
+        return load_table(name)
+    except UsageError as error:
+        raise ValueError("; ".join(str(error).splitlines())) from None
 
 
 def with_command(table: TopicTable, topic: str) -> TopicTable:
