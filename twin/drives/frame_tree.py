@@ -18,17 +18,17 @@ DEPTH_MAX = 64
 
 
 @dataclass(frozen=True, slots=True)
-class Placement:
+class FramePlace:
     """Where something is in a frame: world = turn(local) + at."""
 
     at: Vector
     turn: Quaternion
 
-    def then(self, inner: Placement) -> Placement:
+    def then(self, inner: FramePlace) -> FramePlace:
         """Where ``inner``, which is placed in this, is in this one's parent."""
         x, y, z = rotated(self.turn, inner.at)
         ax, ay, az = self.at
-        return Placement((ax + x, ay + y, az + z), multiplied(self.turn, inner.turn))
+        return FramePlace((ax + x, ay + y, az + z), multiplied(self.turn, inner.turn))
 
     @property
     def heading_rad(self) -> float:
@@ -37,7 +37,7 @@ class Placement:
         return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
 
 
-HERE = Placement((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+HERE = FramePlace((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 """The frame itself."""
 
 
@@ -80,9 +80,9 @@ class _Track:
 
     parent: str
     times: list[int] = field(default_factory=list)
-    placements: list[Placement] = field(default_factory=list)
+    placements: list[FramePlace] = field(default_factory=list)
 
-    def add(self, time_ns: int, placement: Placement) -> None:
+    def add(self, time_ns: int, placement: FramePlace) -> None:
         index = bisect.bisect_left(self.times, time_ns)
         if index < len(self.times) and self.times[index] == time_ns:
             self.placements[index] = placement
@@ -90,7 +90,7 @@ class _Track:
             self.times.insert(index, time_ns)
             self.placements.insert(index, placement)
 
-    def at(self, time_ns: int) -> Placement:
+    def at(self, time_ns: int) -> FramePlace:
         index = bisect.bisect_right(self.times, time_ns)
         if index == 0:
             return self.placements[0]
@@ -104,13 +104,13 @@ class _Track:
         )
 
 
-def between(one: Placement, other: Placement, share: float) -> Placement:
+def between(one: FramePlace, other: FramePlace, share: float) -> FramePlace:
     """What lies between two placements."""
     x, y, z = (a + share * (b - a) for a, b in zip(one.at, other.at, strict=True))
     sign = 1.0 if sum(a * b for a, b in zip(one.turn, other.turn, strict=True)) >= 0.0 else -1.0
     mixed = [a + share * (sign * b - a) for a, b in zip(one.turn, other.turn, strict=True)]
     turn = unit((mixed[0], mixed[1], mixed[2], mixed[3]))
-    return Placement((x, y, z), turn or one.turn)
+    return FramePlace((x, y, z), turn or one.turn)
 
 
 @dataclass(slots=True)
@@ -119,7 +119,7 @@ class FrameTree:
 
     tracks: dict[str, _Track] = field(default_factory=dict)
 
-    def add(self, parent: str, child: str, time_ns: int, placement: Placement) -> None:
+    def add(self, parent: str, child: str, time_ns: int, placement: FramePlace) -> None:
         """A transform; a frame that changes its parent is with the new one from the first."""
         track = self.tracks.get(child)
         if track is None or track.parent != parent:
@@ -142,7 +142,7 @@ class FrameTree:
             frame = self.tracks[frame].parent
         raise ValueError(f"frames above '{frame}' go in a circle")
 
-    def in_root(self, frame: str, time_ns: int) -> Placement:
+    def in_root(self, frame: str, time_ns: int) -> FramePlace:
         """Where a frame is in its root at a time.
 
         Raises:

@@ -27,7 +27,7 @@ from twin.drives.drive import (
     RecordedDrive,
     drive_mistake,
 )
-from twin.drives.frame_tree import FrameTree, Placement, unit
+from twin.drives.frame_tree import FramePlace, FrameTree, unit
 from twin.drives.object_kinds import kind_of_label, kind_of_words
 from twin.drives.recording import MessageStream
 from twin.ros2.motion import kind_of_size
@@ -60,7 +60,7 @@ class _Seen:
     size_m: tuple[float, float, float]
     times_ns: list[int] = field(default_factory=list)
     frames: list[str] = field(default_factory=list)
-    places: list[Placement] = field(default_factory=list)
+    places: list[FramePlace] = field(default_factory=list)
 
 
 @dataclass(slots=True)
@@ -68,7 +68,7 @@ class _Gathered:
     """What the topics say."""
 
     tree: FrameTree = field(default_factory=FrameTree)
-    ego: dict[int, tuple[str, str, Placement]] = field(default_factory=dict)
+    ego: dict[int, tuple[str, str, FramePlace]] = field(default_factory=dict)
     """Frame, frame of the ego, and place, by time [ns]."""
     objects: dict[str, _Seen] = field(default_factory=dict)
     nameless: int = 0
@@ -182,7 +182,7 @@ def _stamp(header: Any, time_ns: int) -> int:
     return stamp or time_ns
 
 
-def _placement(pose: Any) -> Placement | None:
+def _placement(pose: Any) -> FramePlace | None:
     """None: numbers that are none."""
     at, turn = pose.position, pose.orientation
     return _placed((at.x, at.y, at.z), (turn.x, turn.y, turn.z, turn.w))
@@ -190,12 +190,12 @@ def _placement(pose: Any) -> Placement | None:
 
 def _placed(
     at: tuple[float, float, float], turn: tuple[float, float, float, float]
-) -> Placement | None:
+) -> FramePlace | None:
     finite = all(math.isfinite(part) for part in (*at, *turn))
     if not finite or max(abs(part) for part in at) > COORDINATE_MAX_M:
         return None
     whole = unit(turn)
-    return None if whole is None else Placement(at, whole)
+    return None if whole is None else FramePlace(at, whole)
 
 
 def _take_transforms(gathered: _Gathered, time_ns: int, message: Any) -> None:
@@ -257,7 +257,7 @@ def _larger(one: tuple[float, ...], other: tuple[float, ...]) -> tuple[float, fl
     return x, y, z
 
 
-def _ego_of_frame(tree: FrameTree, frame: str) -> dict[int, tuple[str, str, Placement]]:
+def _ego_of_frame(tree: FrameTree, frame: str) -> dict[int, tuple[str, str, FramePlace]]:
     """Poses of a frame in its root, whenever it or one above it was told of."""
     if frame not in tree.tracks and frame == BASE_FRAMES[0]:
         frame = next((name for name in BASE_FRAMES if name in tree.tracks), frame)
@@ -345,7 +345,7 @@ def _object_poses(tree: FrameTree, root: str, seen: _Seen, span_ns: tuple[int, i
     return _rising(rows)
 
 
-def _row(time_ns: int, start_ns: int, place: Placement) -> tuple[float, ...]:
+def _row(time_ns: int, start_ns: int, place: FramePlace) -> tuple[float, ...]:
     return ((time_ns - start_ns) / 1e9, *place.at, place.heading_rad)
 
 

@@ -6,12 +6,12 @@ import math
 
 import pytest
 
-from twin.drives.frame_tree import DEPTH_MAX, FrameTree, Placement, between, unit
+from twin.drives.frame_tree import DEPTH_MAX, FramePlace, FrameTree, between, unit
 from twin.ros2.frames import of_angles
 
 
-def placed(x: float, y: float, heading: float = 0.0) -> Placement:
-    return Placement((x, y, 0.0), of_angles(0.0, 0.0, heading))
+def placed(x: float, y: float, heading: float = 0.0) -> FramePlace:
+    return FramePlace((x, y, 0.0), of_angles(0.0, 0.0, heading))
 
 
 def test_chain_is_composed_from_the_root_inwards():
@@ -71,6 +71,6 @@ def test_turns_have_the_length_one():
     turn = unit((0.0, 0.0, 0.6, 0.9))
     assert turn is not None
     assert math.hypot(*turn) == pytest.approx(1.0)
-    one, other = (Placement((0.0,) * 3, (0.0, 0.0, sign, 0.0)) for sign in (1.0, -1.0))
+    one, other = (FramePlace((0.0,) * 3, (0.0, 0.0, sign, 0.0)) for sign in (1.0, -1.0))
     opposite = between(one, other, 0.5)
     assert opposite.heading_rad == pytest.approx(math.pi)
