@@ -1,48 +1,52 @@
-"""What a node of ROS 2 sends: its tokens, its attachments, and its commands to pedals."""
+"""ROS 2: messages of a stack, topic tables, recordings of drives."""
 
 from __future__ import annotations
 
-from fuzz_target import Target
+import tempfile
+from pathlib import Path
 
-from devkit.bridges.ros2.controllers import AskedError, MotionControl
-from devkit.bridges.ros2.driving import AskedTick, RosDriver, TickMistakeError
-from schemas.messages import command_mistake
-from twin.fabric.ros2.attachment import AttachmentError, parse_attachment
-from twin.fabric.ros2.graph import Graph, TopicType
-from twin.fabric.ros2.names import RELEASES, NameMistakeError, parse_token
+from fuzz_target import Target, of_file
+
+from twin.base.errors import UsageError
+from twin.drives.drive import drive_mistake
+from twin.drives.reading import RECORDED_DRIVE, read_drive
+from twin.drives.scenario import DriveCut, cut_drive
 from twin.ros2.commands import read_command
 from twin.ros2.store import MessageError, type_store
-from twin.ros2.tables import COMMAND_TYPES
-
-DRIVE = TopicType("geometry_msgs/msg/Twist", "RIHS01_" + "0" * 64)
-
-
-def _token(data: bytes) -> object:
-    token = data.decode("utf-8", "replace")
-    graph = Graph("0", RELEASES["jazzy"], {"/drive": DRIVE})
-    graph.change(token, True)
-    graph.expect("/chatter", DRIVE)
-    assert all("\n" not in line for line in [*graph.take_lines(), *graph.nodes()])
-    graph.change(token, False)
-    assert graph.nodes() == []
-    return parse_token(token)
-
-
-def _attachment(data: bytes) -> object:
-    return parse_attachment(data)
+from twin.ros2.tables import COMMAND_TYPES, FOLDER, load_table
+from twin.world.apart.checks import pack, unpack
 
 
 def _command(data: bytes) -> object:
-    """The first byte says which type; what comes of it is a command or a mistake in it."""
-    type_name = COMMAND_TYPES[data[0] % len(COMMAND_TYPES)] if data else COMMAND_TYPES[0]
-    demand = read_command(type_store(), type_name, data[1:])
-    driver = RosDriver(MotionControl(), 0.05, 1.0)
-    command = driver.command("/drive", {"/drive": demand}, AskedTick(0, 0, 7, 1.0))
-    return command_mistake(command)
+    """The first byte says which type it is."""
+    name = COMMAND_TYPES[data[0] % len(COMMAND_TYPES)] if data else ""
+    return read_command(type_store(), name, data[1:])
 
 
-TARGETS = {
-    "ros2-token": Target(_token, (NameMistakeError,)),
-    "ros2-attachment": Target(_attachment, (AttachmentError,)),
-    "ros2-command": Target(_command, (MessageError, AskedError, TickMistakeError)),
+def _recording(path: Path) -> object:
+    """As the process apart reads it, and as its answer is used."""
+    drive = read_drive(path)
+    tree, arrays = pack(drive, RECORDED_DRIVE.check)
+    answer = unpack(tree, RECORDED_DRIVE.check, arrays)
+    assert drive_mistake(answer) == "", "a reader apart would be taken for a liar"
+    return cut_drive(answer, DriveCut(0.0, None, 120.0, moved=True))
+
+
+def _table(data: bytes) -> object:
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, "t.yaml")
+        path.write_bytes(data)
+        return load_table(str(path))
+
+
+TARGETS: dict[str, Target] = {
+    "ros2-command": Target(_command, (MessageError, UsageError)),
+    "ros2-recording": Target(of_file("r.mcap", _recording), (ValueError, UsageError), cost=30),
+    "ros2-table": Target(
+        _table,
+        (UsageError,),
+        shipped=tuple(sorted(FOLDER.glob("*.yaml"))),
+        lines_max=102,
+        cost=10,
+    ),
 }

@@ -20,6 +20,7 @@ _SPEED, _YAW_RATE, _STEERING = (
 
 _LABELS = {
     "car": 1,
+    "van": 1,
     "truck": 2,
     "bus": 3,
     "trailer": 4,
@@ -32,6 +33,15 @@ _LABELS = {
 
 _BOX, _ORIENTED = 0, 2
 
+# Largest length, width and height of a kind [m].
+_SIZES = (
+    ("pedestrian", 1.2, 1.2, 2.3),
+    ("bicycle", 2.4, 1.1, 2.3),
+    ("car", 5.3, 2.3, 1.9),
+    ("van", 6.5, 2.3, 3.0),
+    ("truck", 9.5, 3.0, 5.0),
+)
+
 Floats = NDArray[np.floating[Any]]
 
 
@@ -42,7 +52,7 @@ class TrueObject:
     name: str
     """The same in every message; ASCII."""
     kind: str
-    """``car``, ``truck``, ``bus``, ``motorcycle``, ``bicycle``, ``pedestrian`` or another word."""
+    """``car``, ``van``, ``truck``, ``bus``, ``bicycle``, ``pedestrian`` or another word."""
     position_m: tuple[float, float, float]
     """Middle of its box in the world."""
     rotation: Quaternion
@@ -51,6 +61,16 @@ class TrueObject:
     """Length, width and height."""
     speed_mps: float = 0.0
     """Along its own x."""
+
+
+def kind_of_size(size_m: Sequence[float]) -> str:
+    """Kind of an object of which only length, width and height are known; without them a car."""
+    if min(size_m[:2]) <= 0.0:
+        return "car"
+    fitting = (
+        kind for kind, *most in _SIZES if all(s <= m for s, m in zip(size_m, most, strict=True))
+    )
+    return next(fitting, "bus")
 
 
 class DriveMessages(SensorMessages):

@@ -6,20 +6,11 @@ import math
 from dataclasses import dataclass
 
 from twin.ros2.frames import of_angles
-from twin.ros2.motion import TrueObject
+from twin.ros2.motion import TrueObject, kind_of_size
 from viewer.playback.frames import MoverBox, PlayedTick, RecordedCase
 
 _SAME_M = 1e-3
 """Boxes whose sizes differ by more are different objects [m]."""
-
-# Largest length and width of a kind [m]; a recording keeps no names of kinds.
-_KINDS = (
-    ("pedestrian", 1.2, 1.2),
-    ("bicycle", 2.4, 1.1),
-    ("car", 5.8, 2.3),
-    ("truck", 9.5, 3.0),
-    ("bus", math.inf, math.inf),
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +61,7 @@ class _Followed:
                 name, last = before.pop(place)
                 speed_mps = _along(last, box) / period_s if period_s > 0.0 else 0.0
             self._boxes[name] = box
-            kind = _kind(box)
+            kind = kind_of_size(box.size_m)
             found.append(
                 TrueObject(name, kind, box.position_m, box.rotation, box.size_m, speed_mps)
             )
@@ -93,8 +84,3 @@ def _along(last: MoverBox, box: MoverBox) -> float:
     ahead = 1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)
     moved = [now - then for now, then in zip(box.position_m, last.position_m, strict=True)]
     return sum(a * m for a, m in zip(ahead, moved, strict=True))
-
-
-def _kind(box: MoverBox) -> str:
-    length_m, width_m, _ = box.size_m
-    return next(kind for kind, long, wide in _KINDS if length_m <= long and width_m <= wide)
