@@ -5,6 +5,7 @@ import os
 import sys
 from pathlib import Path
 
+import pyarrow.parquet as parquet
 import pytest
 from foreign_campaigns import campaign
 from processes import outcomes
@@ -112,6 +113,34 @@ def test_a_controller_behind_ros_has_the_bytes_that_it_has_on_the_drive_plane(
         assert found == expected, run_name
         (case,) = outcomes(out).values()
         assert case["outcome"] == "verdict"
+
+
+def test_the_node_of_the_page_drives(marked, interfaces, tmp_path):
+    """Its own lines, over a stand-in for rclpy: it holds 5 m/s until a picture's middle is dark."""
+    example = Path(__file__).parents[2] / "docs/examples/ros2_node.py"
+    assert len(example.read_text().splitlines()) <= 60
+    table = tmp_path / "table.yaml"
+    camera = '  - {topic: "/camera/{name}", source: camera}\n'
+    text = TABLE.replace("TYPE", "ackermann_msgs/msg/AckermannDriveStamped")
+    table.write_text(text.replace("commands:", f"{camera}commands:"))
+    names = Path(__file__).with_name("rclpy_names")
+    command = ["env", f"PYTHONPATH={names}", sys.executable, str(example), str(interfaces)]
+    out, _, _ = run(
+        *(marked, tmp_path, "page"),
+        {
+            "bridge": "ros2",
+            "command": command,
+            "files": [str(interfaces), str(names)],
+            "parameters": {"table": str(table)},
+        },
+        matrix={"time": ["12:00", "23:30"]},
+    )
+    speeds = {}
+    for kpi in out.glob("cases/*/attempt-1/kpi.parquet"):
+        speeds[kpi.parents[1].name] = parquet.read_table(kpi)["speed_mps"].to_pylist()
+    day, night = (next(v for k, v in speeds.items() if t in k) for t in ("1200", "2330"))
+    assert day[-1] == pytest.approx(5.0, abs=0.3)
+    assert night[-1] < 1.0
 
 
 FAULTS = {
