@@ -133,7 +133,7 @@ def test_the_node_of_the_page_drives(marked, interfaces, tmp_path):
             "files": [str(interfaces), str(names)],
             "parameters": {"table": str(table)},
         },
-        matrix={"time": ["12:00", "23:30"]},
+        matrix={"time_of_day": ["12:00", "23:30"]},
     )
     speeds = {}
     for kpi in out.glob("cases/*/attempt-1/kpi.parquet"):

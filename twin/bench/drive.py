@@ -16,7 +16,7 @@ import statistics
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -45,6 +45,10 @@ from twin.fabric.endpoint import LOOPBACK
 from twin.fabric.frames import FrameBuffer, FrameChannel, lay_out
 from twin.fabric.rig_folder import RigFolder, frames_socket
 from twin.fabric.zenoh_bus import open_bus
+from twin.sandbox.possible import why_not
+from twin.sandbox.reads import python_reads
+from twin.sandbox.start import spawn_inside
+from twin.sandbox.view import SandboxView
 
 TARGET_TICKS_PER_S = 300.0
 TARGET_RATIO = 20.0
@@ -58,6 +62,9 @@ PATIENCE_S = 60.0
 PERIOD_NS = 50_000_000
 NEEDED = ("socketio", "eventlet", "websockets")
 """Packages of the bridge and its script."""
+
+PEERS = ("shared", "loopback", "payload", "bridge", "ros2", "memory")
+"""What is measured, in the order of the figures."""
 
 CHANNEL_LIST = (
     FrameChannel("camera", (1, HEIGHT, WIDTH, 3), "|u1"),
@@ -86,7 +93,9 @@ class DriveFigures:
     bridge_ticks_per_s: float | None
     """Rate through the AutoDRIVE bridge; None: its packages are not installed."""
     ros2_ticks_per_s: float | None = None
-    """Rate through the bridge to ROS 2, to a node that comes by TLS; None: likewise."""
+    """Rate through the bridge to ROS 2, in a sandbox if there is one; None: likewise."""
+    ros2_memory_ticks_per_s: float | None = None
+    """The same with large messages in shared memory; None: no sandbox, or likewise."""
 
     @property
     def ratio(self) -> float | None:
@@ -123,11 +132,15 @@ def measure(ticks: int, rounds: int = ROUNDS) -> DriveFigures:
         bridge = None
         if all(importlib.util.find_spec(name) for name in NEEDED):
             bridge = stack.enter_context(_running(AUTODRIVE.implementation, shared=True))
-        ros2 = None
+        ros2 = memory = None
         if ROS2.name not in lacking_bridges():
             ros2 = stack.enter_context(_running(ROS2.implementation, shared=True, cameras=1))
-        peers = ("shared", "loopback", "payload", "bridge", "ros2")
-        rates: dict[str, list[float]] = {name: [] for name in peers}
+            if not why_not():
+                words = {"shared_memory": True}
+                memory = stack.enter_context(
+                    _running(ROS2.implementation, shared=True, cameras=1, parameters=words)
+                )
+        rates: dict[str, list[float]] = {name: [] for name in PEERS}
         for _ in range(rounds):
             rates["shared"].append(shared.rate(ticks))
             rates["loopback"].append(loopback.rate(ticks))
@@ -136,9 +149,10 @@ def measure(ticks: int, rounds: int = ROUNDS) -> DriveFigures:
                 rates["bridge"].append(bridge.rate(max(3, ticks // 100)))
             if ros2 is not None:
                 rates["ros2"].append(ros2.rate(max(3, ticks // 4)))
+            if memory is not None:
+                rates["memory"].append(memory.rate(max(3, ticks // 4)))
     median = {name: statistics.median(values) for name, values in rates.items() if values}
-    names = ("shared", "loopback", "payload", "bridge", "ros2")
-    return DriveFigures(*(median.get(name) for name in names))  # type: ignore[arg-type]
+    return DriveFigures(*(median.get(name) for name in PEERS))  # type: ignore[arg-type]
 
 
 def lines(found: DriveFigures) -> list[str]:
@@ -157,8 +171,11 @@ def lines(found: DriveFigures) -> list[str]:
     else:
         shown.append(
             f"{found.ros2_ticks_per_s:,.0f} ticks/s through the bridge to ROS 2 "
-            f"(target {TARGET_ROS2_TICKS_PER_S:.0f}); one picture, the node comes by TLS"
+            f"(target {TARGET_ROS2_TICKS_PER_S:.0f}); one picture, the node comes by "
+            f"{'TLS: there is no sandbox' if why_not() else 'TCP in its sandbox'}"
         )
+    if found.ros2_memory_ticks_per_s is not None:
+        shown.append(f"{found.ros2_memory_ticks_per_s:,.0f} ticks/s with shared_memory: true")
     if found.ratio is None:
         return [*shown, f"no ratio: the bridge needs {', '.join(NEEDED)}"]
     bridge = f"{found.bridge_ticks_per_s:,.1f} ticks/s through the AutoDRIVE bridge"
@@ -238,7 +255,14 @@ def _frame(
 
 
 @contextlib.contextmanager
-def _running(stack: str, *, shared: bool, tcp: bool = False, cameras: int = 2) -> Iterator[_Peer]:
+def _running(
+    stack: str,
+    *,
+    shared: bool,
+    tcp: bool = False,
+    cameras: int = 2,
+    parameters: Mapping[str, Any] | None = None,
+) -> Iterator[_Peer]:
     """A stack process that is ready, and its end afterwards."""
     rig = secrets.token_hex(4)
     folder = RigFolder()
@@ -259,8 +283,14 @@ def _running(stack: str, *, shared: bool, tcp: bool = False, cameras: int = 2) -
     if stack == ROS2.implementation:
         command = [sys.executable, "-m", "twin.bench.drive_node"]
         arguments += ["--foreign", json.dumps({"command": command, "bridge": ROS2.name})]
+        arguments += ["--parameters", json.dumps(parameters or {})]
     with tempfile.TemporaryFile() as log:
-        child = spawn([sys.executable, "-m", "devkit", "host", *arguments], log=log)
+        words = [sys.executable, "-m", "devkit", "host", *arguments]
+        if stack == ROS2.implementation and not why_not():
+            reads = [*python_reads(), folder.path]
+            child = spawn_inside(words, SandboxView(readable=reads, folder=Path.cwd()), log)
+        else:
+            child = spawn(words, log=log)
 
         def check() -> None:
             if (code := child.poll()) is not None:

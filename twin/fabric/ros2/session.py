@@ -7,6 +7,7 @@ that has left is known to have left after its last message, never before.
 from __future__ import annotations
 
 import queue
+import resource
 import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -40,6 +41,11 @@ WAITING_MAX = 10_000
 
 LINK_BYTES_MAX = 64 << 20
 """Largest message between any two nodes that the router puts together [bytes]."""
+
+
+POOL_BYTES_MAX = 32 << 20
+"""Most shared memory for messages to nodes; a message that does not fit takes the network
+[bytes]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,6 +129,9 @@ class Ros2Session:
             shared_memory=place.shared_memory,
             message_bytes_max=LINK_BYTES_MAX,
         )
+        if place.shared_memory:
+            path = "transport/shared_memory/transport_optimization/pool_size"
+            config.insert_json5(path, str(_pool_bytes()))
         # Nodes that are peers hear of each other from their router, as they do from rmw_zenoh's.
         config.insert_json5("scouting/gossip/enabled", "true")
         try:
@@ -266,6 +275,14 @@ class Publisher:
         self._sequence += 1
         attachment = Attachment(self._sequence, stamp_ns, self._gid)
         self._publisher.put(payload, attachment=attachment.encoded())
+
+
+def _pool_bytes() -> int:
+    """Shared memory that may be had: Zenoh locks it, and a larger one would not be used at all."""
+    limit, _ = resource.getrlimit(resource.RLIMIT_MEMLOCK)
+    if limit == resource.RLIM_INFINITY:
+        return POOL_BYTES_MAX
+    return max(1 << 20, min(POOL_BYTES_MAX, limit - (2 << 20)))
 
 
 def gid_of(token: str) -> bytes:
