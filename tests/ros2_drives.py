@@ -34,7 +34,8 @@ def mover(tick: int, number: int) -> list[float]:
     """A row of ``StateSample.movers``: the first is a car, the second somebody on foot."""
     if number == 0:
         return [230.0 + 0.4 * tick, 1.75, 0.0, math.pi, 2.25, 0.9, 1.46]
-    return [225.0, -6.0 + 0.1 * tick, 0.0, 0.5 * math.pi, 0.3, 0.3, 1.8]
+    # At last it is where the car has just been: nearer to that than to its own place before.
+    return [231.6, 1.28 + 0.1 * tick, 0.0, 0.5 * math.pi, 0.3, 0.3, 1.8]
 
 
 def movers(tick: int) -> list[list[float]]:

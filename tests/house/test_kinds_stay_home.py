@@ -60,7 +60,7 @@ HOMONYMS = {
     "storyboard": (
         *("twin/scenario/storyboard/native/compiler.py", "twin/play/report.py"),
         *("twin/bench/storyboard_traffic.py", "viewer/playing/story.py"),
-        "schemas/files/played_scenario.py",
+        *("schemas/files/played_scenario.py", "twin/drives/writing.py"),
     ),
     "autodrive": (
         *("schemas/sections/environment.py", "twin/world/sky/almanac.py"),
@@ -69,9 +69,9 @@ HOMONYMS = {
     ),
 }
 """Files in which a bridge or a stack says where each reading goes, in which columns have their
-public names, that measure how fast or how true a sensor is, or in which the same word means
-something else: the outermost element of a scenario file, weather families, rules of the planner,
-and the simulator of imported logs, which are called after AutoDRIVE, too."""
+public names, that measure how fast or how true a sensor is, that write a campaign file, or in which
+the same word means something else: the outermost element of a scenario file, weather families,
+rules of the planner, and the simulator of imported logs, which are called after AutoDRIVE, too."""
 
 
 def home(kind) -> str:
