@@ -62,6 +62,7 @@ HOMONYMS = {
         *("twin/bench/storyboard_traffic.py", "viewer/playing/story.py"),
         *("schemas/files/played_scenario.py", "twin/drives/writing.py"),
     ),
+    "ros2": ("viewer/playback/ros2_file.py",),
     "autodrive": (
         *("schemas/sections/environment.py", "twin/world/sky/almanac.py"),
         *("twin/world/sky/weather.py", "devkit/reference/planning.py"),

@@ -63,7 +63,7 @@ PERIOD_NS = 50_000_000
 NEEDED = ("socketio", "eventlet", "websockets")
 """Packages of the bridge and its script."""
 
-PEERS = ("shared", "loopback", "payload", "bridge", "ros2", "memory")
+PEERS = ("shared", "loopback", "payload", "bridge", "nodes", "memory")
 """What is measured, in the order of the figures."""
 
 CHANNEL_LIST = (
@@ -148,7 +148,7 @@ def measure(ticks: int, rounds: int = ROUNDS) -> DriveFigures:
             if bridge is not None:
                 rates["bridge"].append(bridge.rate(max(3, ticks // 100)))
             if ros2 is not None:
-                rates["ros2"].append(ros2.rate(max(3, ticks // 4)))
+                rates["nodes"].append(ros2.rate(max(3, ticks // 4)))
             if memory is not None:
                 rates["memory"].append(memory.rate(max(3, ticks // 4)))
     median = {name: statistics.median(values) for name, values in rates.items() if values}
