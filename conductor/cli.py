@@ -114,6 +114,7 @@ def run_command(
     from conductor.run.models import models_checked
     from conductor.run.places import parse_workers, where
     from conductor.run.source import chosen, load, with_drive
+    from schemas.kinds.bridge import bridges
 
     sees = None if render is None else render is OnOff.on
     plan = load(campaign, seed=seed, render=sees, weather=weather)
@@ -121,7 +122,7 @@ def run_command(
     loaded = plan.campaign
     if workers is None and loaded.clock == "realtime":
         workers = "1"  # two would take the processor from each other
-    if workers is None and loaded.autonomy.bridge != "none":
+    if workers is None and (bridge := bridges().get(loaded.autonomy.bridge)) and bridge.port:
         workers = "1"  # two would wait for each other at the port of their scripts
     if record_drive:
         plan = with_drive(plan)

@@ -161,7 +161,8 @@ def campaign_mistakes(campaign: Campaign) -> list[Mistake]:
     ):
         mistakes += _named_once(f"{where}.outputs", list(camera.outputs))
     seeing = [campaign.camera.name, *(c.name for c in campaign.cameras)] if campaign.render else []
-    mistakes += driver_mistakes(campaign.autonomy, campaign.sensors, seeing)
+    paced = campaign.clock == "realtime"
+    mistakes += driver_mistakes(campaign.autonomy, campaign.sensors, seeing, paced=paced)
     mistakes += _clock_mistakes(campaign)
     mistakes += _search_mistakes(campaign)
     mistakes += _named_once("lidars", [lidar.name for lidar in campaign.lidars])

@@ -33,6 +33,7 @@ from twin.dataset.command_options import (
     StreetsOption,
     VehicleOption,
 )
+from twin.drives.command import replay_log
 from twin.fabric.connection_options import InsecureOption, KeyOption, NamespaceOption
 from twin.fabric.endpoint import LATER, LOOPBACK, NAMESPACE
 from twin.play.command import play
@@ -66,6 +67,7 @@ app.add_typer(validate_app, name="validate")
 app.add_typer(bench_app, name="bench")
 app.command()(play)
 app.command()(driving)
+app.command("replay-log", hidden=True)(replay_log)
 
 Device = Annotated[str, typer.Option(help="Where to simulate: cpu or cuda:N.")]
 

@@ -182,19 +182,52 @@ def export(
     mcap: Annotated[
         Path | None, typer.Option(help="MCAP file to write, for Foxglove and the like.")
     ] = None,
+    ros2: Annotated[
+        bool,
+        typer.Option("--ros2", help="The MCAP file holds ROS 2 messages, of the drive's record."),
+    ] = False,
+    rosbag2: Annotated[
+        Path | None,
+        typer.Option(help="Folder of rosbag2 to write (metadata.yaml and MCAP); must not exist."),
+    ] = None,
+    table: Annotated[
+        str, typer.Option(help="Topics of ROS 2 messages: plain, nav2, autoware, or a .yaml file.")
+    ] = "plain",
+    truth: Annotated[
+        bool,
+        typer.Option(
+            "--truth",
+            help="With ROS 2: also where the ego and all that moves really were, below /truth.",
+        ),
+    ] = False,
 ) -> None:
-    """Write a recorded case as a film or an MCAP file; needs no graphics driver."""
+    """Write a recorded case as a film, an MCAP file or a rosbag2 folder; needs no graphics driver.
+
+    ROS 2 messages are those that a stack behind the bridge gets, byte for byte. They need the
+    drive's record (`conductor run --record-drive`); with --truth the recording as well.
+    """
     from viewer.playback.folder import find_recording
     from viewer.playback.frames import read_case
     from viewer.playback.mcap_file import write_mcap
     from viewer.playback.outputs import check_out
     from viewer.playback.video import write_film
 
-    if mp4 is None and mcap is None:
-        raise UsageError("say what to write: --mp4 FILE, --mcap FILE, or both")
+    if mp4 is None and mcap is None and rosbag2 is None:
+        raise UsageError("say what to write: --mp4 FILE, --mcap FILE, --rosbag2 FOLDER")
+    if ros2 and mcap is None:
+        raise UsageError("--ros2 says what an MCAP file holds; give --mcap FILE as well")
+    if (truth or table != "plain") and not (ros2 or rosbag2):
+        raise UsageError("--table and --truth are of ROS 2 messages; give --ros2 or --rosbag2")
     for out, suffix in ((mp4, ".mp4"), (mcap, ".mcap")):
         if out is not None:
             check_out(out, suffix)
+    if ros2 or rosbag2:
+        from viewer.playback.ros2_export import export_ros2
+
+        export_ros2(folder, case, mcap if ros2 else None, rosbag2, table, tell if truth else None)
+        mcap = None if ros2 else mcap
+        if mp4 is None and mcap is None:
+            return
     recording = find_recording(folder, case)
     recorded = read_case(recording.path)
     for line in recording.remarks():

@@ -50,8 +50,8 @@ RunFolder = Annotated[
 Workers = Annotated[
     str | None,
     typer.Option(
-        help="Local workers; default: one per core, at most 8; with clock realtime or a bridge "
-        "one. cuda: one on every GPU, 4xcuda: four on every GPU, each with cores of its own; "
+        help="Local workers; default: one per core, at most 8; with clock realtime or scripts at a "
+        "port one. cuda: one on every GPU, 4xcuda: four on every GPU, each with cores of its own; "
         "without a GPU, the default."
     ),
 ]

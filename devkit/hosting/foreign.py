@@ -83,6 +83,10 @@ class ForeignProcess:
         self._child: subprocess.Popen[bytes] | None = None
         self.name = os.path.basename(command[0])  # noqa: PTH119 - a word, not a file of ours
 
+    def tell(self, variables: Mapping[str, str]) -> None:
+        """Add variables to the environment in which it is started next."""
+        self._variables |= variables
+
     def start(self) -> None:
         """Start it, in a session of its own.
 

@@ -79,6 +79,20 @@ for _tag, _pattern, _first in (
 # The empty scalar ("key:") is null in YAML 1.2 as well.
 _Loader.add_implicit_resolver("tag:yaml.org,2002:null", re.compile(r"^$"), [""])
 
+
+class _Dumper(yaml.SafeDumper):
+    """Quotes what :class:`_Loader` would take for something else than text, as a digest such as
+    ``196784039e57``, besides what YAML 1.1 would."""
+
+
+_Dumper.yaml_implicit_resolvers = {
+    first: [*yaml.SafeDumper.yaml_implicit_resolvers.get(first, ()), *resolvers]
+    for first, resolvers in {
+        **yaml.SafeDumper.yaml_implicit_resolvers,
+        **_Loader.yaml_implicit_resolvers,
+    }.items()
+}
+
 _PREFIX = "tag:yaml.org,2002:"
 _TAGS = ("str", "int", "float", "bool", "null", "map", "seq")
 """Tags that a file may write; the others are types that no file of ours holds."""
@@ -182,4 +196,4 @@ def read_yaml_text(path: Path) -> str:
 
 def dump_yaml(data: Any, width: int = 100) -> str:
     """YAML text with keys in the given order, in lines of about ``width`` characters."""
-    return yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=width)
+    return yaml.dump(data, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=width)

@@ -40,6 +40,10 @@ class BridgeKind:
     """Sections of the vehicle's sensors that it sends."""
     cameras: tuple[str, ...] = ()
     """Names of the cameras whose pictures it sends."""
+    alone: str = ""
+    """Parameter without which it needs a command: with it, somebody else starts the script."""
+    unpaced: tuple[str, str] = ("", "")
+    """Parameter and its value with which it waits for nobody: only with ``clock: realtime``."""
 
     def lacking(self) -> tuple[str, ...]:
         """Packages of it that this installation has not."""
@@ -58,7 +62,21 @@ AUTODRIVE = BridgeKind(
 )
 """Scripts of the AutoDRIVE devkit."""
 
-KINDS = (AUTODRIVE,)
+ROS2_KEYS = "keys"
+"""Parameter of the bridge to ROS 2 that names a folder for keys."""
+
+ROS2 = BridgeKind(
+    name="ros2",
+    doc="the command is a ROS 2 node, or whatever starts some, on rmw_zenoh",
+    implementation="devkit.bridges.ros2:Ros2Bridge",
+    packages=("rosbags", "xxhash"),
+    installed_by="drivetwin[ros2]",
+    alone=ROS2_KEYS,
+    unpaced=("answer", "newest"),
+)
+"""Nodes of ROS 2."""
+
+KINDS = (AUTODRIVE, ROS2)
 """Bridges that are shipped."""
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from typing import Annotated, Literal
@@ -70,6 +70,18 @@ class GridLook(Struct, frozen=True):
     """Shown white."""
 
 
+@dataclass(frozen=True, slots=True)
+class Ros2Form:
+    """Standard ROS 2 message that a sensor's row, or its rows, become."""
+
+    type_name: str
+    """``sensor_msgs/msg/Imu``, ``sensor_msgs/msg/NavSatFix`` or ``radar_msgs/msg/RadarScan``: those
+    that :mod:`twin.ros2.sensing` makes."""
+    fields: Mapping[str, str]
+    """Field of the message, or of each return in it -> column. ``status``: of a fix, 1 where there
+    is one."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SensorKind:
     """Declaration of a sensor that gives rows of numbers, or a grid of them."""
@@ -103,6 +115,8 @@ class SensorKind:
     """With ``rows_max``: how viewers draw its rows; None: not at all."""
     picture: GridLook | None = None
     """With ``grid``: how viewers draw it; None: not at all."""
+    ros2: Ros2Form | None = None
+    """Its message of ROS 2; None: it has only one of the drive plane's arrays."""
     site: str = ""
     """With :attr:`points`: ``module:attribute`` of a function of a case and its vehicle that says
     where the sensor sits: x forward of the vehicle's reference point, y left, z up [m]; and its

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, Protocol
 import msgspec
 from msgspec import Meta, Struct
 
-from schemas.kinds.bridge import NONE, BridgeChoice, bridges
+from schemas.kinds.bridge import NONE, BridgeChoice, BridgeKind, bridges
 from schemas.names import Name
 from schemas.sections.foreign import (
     PASSWORD,
@@ -42,7 +42,8 @@ class Autonomy(Struct, frozen=True, forbid_unknown_fields=True):
     its environment."""
     bridge: BridgeChoice = NONE
     """``autodrive``: the command is a script of the AutoDRIVE devkit, which waits for the AutoDRIVE
-    Simulator; ``parameters`` are those of the bridge."""
+    Simulator. ``ros2``: it is a ROS 2 node on rmw_zenoh, or starts some. ``parameters`` are those
+    of the bridge."""
     repository: Repository | None = None
     """Git repository that holds the command."""
     image: ContainerImage | None = None
@@ -133,9 +134,10 @@ def driver(
     }
     plain = StackIdentity(identity.digest, identity.parts)
     source = StackSource(autonomy.files, plain, files)
-    if not autonomy.command:
-        return {"stack": autonomy.stack, "slots": autonomy.slots, "source": source}
     bridge = bridges().get(autonomy.bridge)
+    if not autonomy.command:
+        alone = {"stack": bridge.implementation, "slots": 1} if bridge is not None else {}
+        return {"stack": autonomy.stack, "slots": autonomy.slots, "source": source, **alone}
     return {
         "source": source,
         "stack": bridge.implementation if bridge is not None else "",
@@ -149,13 +151,16 @@ def driver(
     }
 
 
-def driver_mistakes(autonomy: Autonomy, sensors: Sensors, seeing: list[str]) -> list[Mistake]:
+def driver_mistakes(
+    autonomy: Autonomy, sensors: Sensors, seeing: list[str], *, paced: bool = False
+) -> list[Mistake]:
     """A stack is a class or a command, and a bridge has what its messages hold.
 
     Args:
         autonomy: how the cars are driven.
         sensors: the vehicle's own.
         seeing: names of the cameras that see; none: the campaign does not render.
+        paced: sim time follows the wall clock.
     """
     mistakes = []
     if len(set(autonomy.tell)) < len(autonomy.tell):
@@ -170,11 +175,13 @@ def driver_mistakes(autonomy: Autonomy, sensors: Sensors, seeing: list[str]) -> 
             mistakes.append(Mistake(f"autonomy.{name}", "needs the command that runs there"))
     if autonomy.repository is not None and holds_password(autonomy.repository.url):
         mistakes.append(Mistake("autonomy.repository.url", PASSWORD))
-    mistakes += _bridge_mistakes(autonomy, sensors, seeing)
+    mistakes += _bridge_mistakes(autonomy, sensors, seeing, paced=paced)
     return mistakes
 
 
-def _bridge_mistakes(autonomy: Autonomy, sensors: Sensors, seeing: list[str]) -> list[Mistake]:
+def _bridge_mistakes(
+    autonomy: Autonomy, sensors: Sensors, seeing: list[str], *, paced: bool
+) -> list[Mistake]:
     if autonomy.bridge == NONE:
         return []
     try:
@@ -183,7 +190,11 @@ def _bridge_mistakes(autonomy: Autonomy, sensors: Sensors, seeing: list[str]) ->
         return [Mistake("autonomy.bridge", str(error))]
     mistakes = []
     if not autonomy.command:
-        mistakes.append(Mistake("autonomy.bridge", "needs the command that starts the script"))
+        mistakes += _alone_mistakes(autonomy, bridge)
+    name, value = bridge.unpaced
+    if name and not paced and autonomy.parameters.get(name) == value:
+        said = f"given '{value}', which waits for nobody; it needs clock: realtime"
+        mistakes.append(Mistake(f"autonomy.parameters.{name}", said))
     if autonomy.slots > bridge.slots_max:
         allowed = f"given {autonomy.slots}, a bridge drives {bridge.slots_max}"
         mistakes.append(Mistake("autonomy.slots", allowed))
@@ -195,3 +206,16 @@ def _bridge_mistakes(autonomy: Autonomy, sensors: Sensors, seeing: list[str]) ->
         wanted = f"the bridge sends pictures of {' and '.join(bridge.cameras)}; add them"
         mistakes.append(Mistake("cameras", wanted))
     return mistakes
+
+
+def _alone_mistakes(autonomy: Autonomy, bridge: BridgeKind) -> list[Mistake]:
+    """A bridge without a command waits for what somebody else starts, where that can reach it."""
+    if not bridge.alone or not autonomy.parameters.get(bridge.alone):
+        alone = (
+            f", or parameters.{bridge.alone}, if somebody else starts it" if bridge.alone else ""
+        )
+        return [Mistake("autonomy.bridge", f"needs the command that starts the script{alone}")]
+    if autonomy.sandbox != "off":
+        said = "nobody outside reaches a bridge in a sandbox; set it to off, or give a command"
+        return [Mistake("autonomy.sandbox", said)]
+    return []

@@ -94,6 +94,8 @@ READ = [
     ("devkit", "detect", "yolov2-tiny-w25", "{tmp}/frame.png"),
     ("viewer", "strip", "{run}", "{case}", "--out", "{tmp}/strip.jpg", "--at", "1"),
     ("viewer", "export", "{run}", "{case}", "--mcap", "{tmp}/case.mcap"),
+    ("viewer", "export", "{run}", "{case}", "--mcap", "{tmp}/ros.mcap", "--ros2", "--truth"),
+    ("conductor", "replay-log", "{tmp}/ros.mcap", "-o", "{tmp}/replayed"),
     ("hpc", "render", "{file}", "--scheduler", "slurm", "--time", "10:00", "--workers", "1"),
     ("hpc", "doctor"),
 ]

@@ -31,6 +31,16 @@ from played_files import played
 from road_files import crossing
 from road_furniture import furniture_file
 from road_networks import composed_file, junction_file, shapes_file, turned_file
+from ros2_recordings import (
+    MAKE,
+    PERIOD_NS,
+    START_NS,
+    ahead,
+    circle_rows,
+    odometry,
+    transform,
+    write_bag,
+)
 from targets_assets import CFG, small_network
 from targets_wire import CONTROL, DRIVE, PART, STEERING, VIEW
 from test_compile_trajectories import follow, vertex
@@ -56,7 +66,7 @@ from schemas import SCHEMA_VERSION as V
 from schemas.files.drive_record import RecordAnswer, RecordHead, RecordSeen
 from schemas.files.kpi import KPI_COLUMNS
 from schemas.files.yaml_file import dump_yaml
-from schemas.messages import Command
+from schemas.messages import Command, Detection
 from schemas.wire.codec import encode
 from schemas.wire.delivery import SeenFolder
 from schemas.wire.interventions import (
@@ -69,16 +79,24 @@ from twin.dataset.recipe import parse_recipe
 from twin.fabric.discovery import ConductorFile
 from twin.fabric.keys.authority import make_keys
 from twin.fabric.keys.key_file import as_line
+from twin.fabric.ros2.attachment import Attachment
+from twin.fabric.ros2.names import Endpoint, Entity, RosNode, endpoint_token, node_token
 from twin.records.drive_record import RecordWriter, coded
 from twin.records.kpi_file import kpi_table
 from twin.rig.pipe import CaseDone, Progress, pack
 from twin.road.opendrive.reading.reader import read_network
+from twin.ros2.commands import write_plain
+from twin.ros2.parts import MessageParts
+from twin.ros2.store import type_store
+from twin.ros2.tables import COMMAND_TYPES
 from twin.scenario.storyboard.parsing import ProgramAnswer
 from twin.worker.spool import pack as spooled
 from twin.world.apart.checks import pack as packed
 from twin.world.apart.frames import write_frame
 from twin.world.meshes.apart import MESH_DATA
 from twin.world.meshes.mesh_file import MeshData, Part
+
+DETECTION = Detection("car", 0.9, 1.0, 2.0, 3.0, 4.0)
 
 
 def _write(target: str, name: str, data: bytes | str) -> None:
@@ -92,6 +110,27 @@ def _messages(target: str, types: Sequence[Any], messages: Sequence[Any]) -> Non
         kinds = [i for i, type_ in enumerate(types) if isinstance(message, type_)]
         data = bytes(kinds[:1]) + encode(message)
         _write(target, f"{type(message).__name__.lower()}-{index}", data)
+
+
+def _ros2_wire() -> None:
+    node, type_name = RosNode("ab", 0, "driver"), "geometry_msgs/msg/Twist"
+    endpoint = Endpoint(node, 1, Entity.publisher, "/drive", type_name, "RIHS01_" + "0" * 64)
+    _write("ros2-token", "node", node_token(0, node))
+    _write("ros2-token", "publisher", endpoint_token(0, endpoint))
+    _write("ros2-attachment", "good", Attachment(1, 2, bytes(16)).encoded())
+    store = type_store()
+    parts = MessageParts(store)
+    twist = store.make(type_name, linear=parts.vector(1.0), angular=parts.vector(z=0.1))
+    drive = store.make(
+        "ackermann_msgs/msg/AckermannDrive",
+        **dict.fromkeys(("steering_angle", "steering_angle_velocity"), 0.1),
+        **dict.fromkeys(("speed", "acceleration", "jerk"), 1.0),
+    )
+    gear = store.make("autoware_vehicle_msgs/msg/GearCommand", stamp=parts.time(0), command=2)
+    for message in (write_plain(store, 0, Command(0, 0, 7, 0.1, 0.0, 0.0)), twist, drive, gear):
+        index = COMMAND_TYPES.index(message.__msgtype__)
+        name = message.__msgtype__.rpartition("/")[2].lower()
+        _write("ros2-pedals", name, bytes([index]) + store.encode(message))
 
 
 def _wire() -> None:
@@ -386,11 +425,32 @@ def _scenarios(folder: Path) -> None:
     _write("openscenario-distribution", "normal", f"{head}{text}{tail}")
 
 
+def _ros2(folder: Path) -> None:
+    """A command of each type, and drives of odometry with objects and of transforms."""
+    store, command = type_store(), Command(0, 0, 3, 0.5, 0.0, 0.1, detections=[DETECTION])
+    _write("ros2-command", "drive", b"\0" + store.encode(write_plain(store, 7, command)))
+    fields = ("steering_angle", "steering_angle_velocity", "speed", "acceleration", "jerk")
+    wheel = store.make("ackermann_msgs/msg/AckermannDrive", **dict.fromkeys(fields, 0.5))
+    for message in (wheel, odometry(7, (1.0, 2.0, 0.5)).twist.twist):
+        number = COMMAND_TYPES.index(message.__msgtype__)
+        _write("ros2-command", f"type-{number}", bytes([number]) + store.encode(message))
+    times = [START_NS + tick * PERIOD_NS for tick in range(8)]
+    rows = [("/tf", t, transform(t, "map", "base_link", (t % 9.0, 0.0, 0.0))) for t in times]
+    seen = MAKE.detections(START_NS, "base_link", [ahead("a", "car", 9.0, 1.0)])
+    for name, told in (
+        ("odometry.mcap", circle_rows(8)),
+        ("transforms.mcap", [*rows, ("/seen", START_NS, seen)]),
+    ):
+        bag = write_bag(folder / name, told)
+        _write("ros2-recording", name, (bag / f"{name}.mcap").read_bytes())
+
+
 def main() -> None:
     """Write all."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         _wire()
+        _ros2_wire()
         _conductor_files(folder)
         _result_files(folder)
         _autodrive()
@@ -399,6 +459,7 @@ def main() -> None:
         _yaml()
         _roads()
         _scenarios(folder)
+        _ros2(folder)
 
 
 if __name__ == "__main__":

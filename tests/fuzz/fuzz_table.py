@@ -6,15 +6,19 @@ import targets_assets
 import targets_certificates
 import targets_files
 import targets_roads
+import targets_ros2
+import targets_ros2_wire
 import targets_scenarios
 import targets_wire
 from fuzz_target import Target
 
 TARGETS: dict[str, Target] = {
     **targets_wire.TARGETS,
+    **targets_ros2_wire.TARGETS,
     **targets_files.TARGETS,
     **targets_assets.TARGETS,
     **targets_roads.TARGETS,
+    **targets_ros2.TARGETS,
     **targets_certificates.TARGETS,
     **targets_scenarios.TARGETS,
 }

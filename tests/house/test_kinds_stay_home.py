@@ -37,7 +37,7 @@ SIGHTS_NAMED = {
     "network": (
         *("schemas/sections/perception.py", "conductor/report/autodrive/importing.py"),
         *("devkit/darknet/build.py", "devkit/darknet/variant.py"),
-        *("twin/sandbox/view.py", "twin/worker/protection.py"),
+        *("twin/sandbox/view.py", "twin/worker/protection.py", "devkit/bridges/ros2/bridge.py"),
     ),
 }
 """Files that join the types to one, say what a campaign has without any, or write a campaign file;
@@ -62,7 +62,9 @@ HOMONYMS = {
         *("twin/scenario/storyboard/native/compiler.py", "twin/play/report.py"),
         *("twin/bench/storyboard_traffic.py", "viewer/playing/story.py"),
         *("schemas/files/played_scenario.py", "twin/bench/trends/benches.py"),
+        "twin/drives/writing.py",
     ),
+    "ros2": ("viewer/playback/ros2_file.py",),
     "autodrive": (
         *("schemas/sections/environment.py", "twin/world/sky/almanac.py"),
         *("twin/world/sky/weather.py", "devkit/reference/planning.py"),
@@ -70,9 +72,9 @@ HOMONYMS = {
     ),
 }
 """Files in which a bridge or a stack says where each reading goes, in which columns have their
-public names, that measure how fast or how true a sensor is, or in which the same word means
-something else: the outermost element of a scenario file, weather families, rules of the planner,
-and the simulator of imported logs, which are called after AutoDRIVE, too."""
+public names, that measure how fast or how true a sensor is, that write a campaign file, or in which
+the same word means something else: the outermost element of a scenario file, weather families,
+rules of the planner, and the simulator of imported logs, which are called after AutoDRIVE, too."""
 
 
 def home(kind) -> str:

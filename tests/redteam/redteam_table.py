@@ -8,7 +8,7 @@ from attacks import ATTACKS, Attack, Found
 
 MODULES = (
     *("stack_rows", "stranger_rows", "member_rows", "route_rows", "run_rows", "input_rows"),
-    *("scenario_rows", "certificate_rows"),
+    *("scenario_rows", "recording_rows", "certificate_rows", "ros2_rows"),
 )
 BEGIN, END = "<!-- redteam: begin -->", "<!-- redteam: end -->"
 HEAD = ("Row", "Attack", "Who", "Rights", "Outcome", "By what")

@@ -17,9 +17,9 @@ _PACKAGES = ("schemas", "twin", "devkit")
 _LIBRARIES = (
     *("numpy", "warp-lang", "opencv-python-headless", "pillow", "trimesh"),
     *(*DECODERS, *RUNTIMES),
-    *("onnx", "lark"),
+    *("onnx", "lark", "rosbags"),
 )
-_SUFFIXES = {".py", ".yaml", ".xodr", ".cfg", ".names", ".onnx", ".integer"}
+_SUFFIXES = {".py", ".yaml", ".xodr", ".cfg", ".names", ".onnx", ".integer", ".msg"}
 
 
 def software_digest() -> str:

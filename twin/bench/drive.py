@@ -1,8 +1,9 @@
-"""Lockstep ticks per second of the drive plane, beside the AutoDRIVE bridge. No simulator.
+"""Lockstep ticks per second of the drive plane, beside the bridges. No simulator.
 
 One slot, two pictures of 640x360 and a sweep of 32 x 1024 points with every tick, a stack that
-looks at nothing. Both peers get the same sensors from the same end of the lockstep; the bridge
-turns them into JPEG, base64 and JSON, as its protocol wants it.
+looks at nothing. All peers get the same sensors from the same end of the lockstep; the AutoDRIVE
+bridge turns them into JPEG, base64 and JSON, as its protocol wants it, that to ROS 2 into CDR. The
+latter gets one picture, as is its target.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import statistics
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -23,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from schemas import SCHEMA_VERSION
-from schemas.kinds.bridge import AUTODRIVE
+from schemas.kinds.bridge import AUTODRIVE, ROS2, lacking_bridges
 from schemas.kinds.sensor import sensor_kinds
 from schemas.messages import (
     VEHICLE_COLUMNS,
@@ -44,9 +45,14 @@ from twin.fabric.endpoint import LOOPBACK
 from twin.fabric.frames import FrameBuffer, FrameChannel, lay_out
 from twin.fabric.rig_folder import RigFolder, frames_socket
 from twin.fabric.zenoh_bus import open_bus
+from twin.sandbox.possible import why_not
+from twin.sandbox.reads import python_reads
+from twin.sandbox.start import spawn_inside
+from twin.sandbox.view import SandboxView
 
 TARGET_TICKS_PER_S = 300.0
 TARGET_RATIO = 20.0
+TARGET_ROS2_TICKS_PER_S = 200.0
 ROUNDS = 3
 """Measurements of each peer, in turns; the median counts."""
 WIDTH, HEIGHT = 640, 360
@@ -56,6 +62,9 @@ PATIENCE_S = 60.0
 PERIOD_NS = 50_000_000
 NEEDED = ("socketio", "eventlet", "websockets")
 """Packages of the bridge and its script."""
+
+PEERS = ("shared", "loopback", "payload", "bridge", "nodes", "memory")
+"""What is measured, in the order of the figures."""
 
 CHANNEL_LIST = (
     FrameChannel("camera", (1, HEIGHT, WIDTH, 3), "|u1"),
@@ -83,6 +92,10 @@ class DriveFigures:
     """All of it over TCP, as from another host or to a stack that maps nothing."""
     bridge_ticks_per_s: float | None
     """Rate through the AutoDRIVE bridge; None: its packages are not installed."""
+    ros2_ticks_per_s: float | None = None
+    """Rate through the bridge to ROS 2, in a sandbox if there is one; None: likewise."""
+    ros2_memory_ticks_per_s: float | None = None
+    """The same with large messages in shared memory; None: no sandbox, or likewise."""
 
     @property
     def ratio(self) -> float | None:
@@ -99,6 +112,9 @@ class DriveFigures:
             misses.append(f"{self.shared_ticks_per_s:.0f} of {TARGET_TICKS_PER_S:.0f} ticks/s")
         if self.ratio is not None and self.ratio < TARGET_RATIO:
             misses.append(f"{self.ratio:.1f} of {TARGET_RATIO:.0f} times the bridge")
+        ros2 = self.ros2_ticks_per_s
+        if ros2 is not None and ros2 < TARGET_ROS2_TICKS_PER_S:
+            misses.append(f"{ros2:.0f} of {TARGET_ROS2_TICKS_PER_S:.0f} ticks/s to ROS 2")
         return misses
 
 
@@ -116,18 +132,27 @@ def measure(ticks: int, rounds: int = ROUNDS) -> DriveFigures:
         bridge = None
         if all(importlib.util.find_spec(name) for name in NEEDED):
             bridge = stack.enter_context(_running(AUTODRIVE.implementation, shared=True))
-        peers = ("shared", "loopback", "payload", "bridge")
-        rates: dict[str, list[float]] = {name: [] for name in peers}
+        ros2 = memory = None
+        if ROS2.name not in lacking_bridges():
+            ros2 = stack.enter_context(_running(ROS2.implementation, shared=True, cameras=1))
+            if not why_not():
+                words = {"shared_memory": True}
+                memory = stack.enter_context(
+                    _running(ROS2.implementation, shared=True, cameras=1, parameters=words)
+                )
+        rates: dict[str, list[float]] = {name: [] for name in PEERS}
         for _ in range(rounds):
             rates["shared"].append(shared.rate(ticks))
             rates["loopback"].append(loopback.rate(ticks))
             rates["payload"].append(payload.rate(ticks))
             if bridge is not None:
                 rates["bridge"].append(bridge.rate(max(3, ticks // 100)))
+            if ros2 is not None:
+                rates["nodes"].append(ros2.rate(max(3, ticks // 4)))
+            if memory is not None:
+                rates["memory"].append(memory.rate(max(3, ticks // 4)))
     median = {name: statistics.median(values) for name, values in rates.items() if values}
-    return DriveFigures(
-        median["shared"], median["loopback"], median["payload"], median.get("bridge")
-    )
+    return DriveFigures(*(median.get(name) for name in PEERS))  # type: ignore[arg-type]
 
 
 def lines(found: DriveFigures) -> list[str]:
@@ -141,6 +166,16 @@ def lines(found: DriveFigures) -> list[str]:
         f"the socket has {socket:.2f} times as many",
         f"{found.payload_ticks_per_s:,.0f} ticks/s as payload over TCP",
     ]
+    if found.ros2_ticks_per_s is None:
+        shown.append(f"no rate to ROS 2: {lacking_bridges().get(ROS2.name, 'not asked for')}")
+    else:
+        shown.append(
+            f"{found.ros2_ticks_per_s:,.0f} ticks/s through the bridge to ROS 2 "
+            f"(target {TARGET_ROS2_TICKS_PER_S:.0f}); one picture, the node comes by "
+            f"{'TLS: there is no sandbox' if why_not() else 'TCP in its sandbox'}"
+        )
+    if found.ros2_memory_ticks_per_s is not None:
+        shown.append(f"{found.ros2_memory_ticks_per_s:,.0f} ticks/s with shared_memory: true")
     if found.ratio is None:
         return [*shown, f"no ratio: the bridge needs {', '.join(NEEDED)}"]
     bridge = f"{found.bridge_ticks_per_s:,.1f} ticks/s through the AutoDRIVE bridge"
@@ -150,14 +185,19 @@ def lines(found: DriveFigures) -> list[str]:
 def as_json(found: DriveFigures) -> dict[str, Any]:
     """Figures for ``--output json``."""
     targets = {"target_ticks_per_s": TARGET_TICKS_PER_S, "target_ratio": TARGET_RATIO}
+    targets["target_ros2_ticks_per_s"] = TARGET_ROS2_TICKS_PER_S
     return {**asdict(found), "ratio": found.ratio, **targets}
 
 
 class _Peer:
     """Our end of a rig without a simulator."""
 
-    def __init__(self, end: SimulatorEnd, buffer: FrameBuffer | None, check: Any) -> None:
+    def __init__(
+        self, end: SimulatorEnd, buffer: FrameBuffer | None, check: Any, cameras: int
+    ) -> None:
         self._end, self._check = end, check
+        self._channels = CHANNEL_LIST if cameras == 2 else CHANNEL_LIST[::2]
+        self._cameras = cameras
         rng = np.random.default_rng(1)
         self._offsets, _ = lay_out(CHANNEL_LIST)
         self._bytes = {}
@@ -187,9 +227,9 @@ class _Peer:
             "tick": [seq],
             "sim_time_ns": [seq * PERIOD_NS],
         }
-        sensors = [self._large(channel, stamp) for channel in CHANNEL_LIST]
+        sensors = [self._large(channel, stamp) for channel in self._channels]
         sensors += [_small(name, *form, stamp) for name, form in SMALL.items()]
-        episodes = [_episode()] if seq == 0 else []
+        episodes = [_episode(self._cameras)] if seq == 0 else []
         tick = Tick(**stamp, sensors=[s.name for s in sensors], episodes=len(episodes))
         self._end.exchange(seq, tick, sensors, episodes, self._check)
         self._seq += 1
@@ -215,7 +255,14 @@ def _frame(
 
 
 @contextlib.contextmanager
-def _running(stack: str, *, shared: bool, tcp: bool = False) -> Iterator[_Peer]:
+def _running(
+    stack: str,
+    *,
+    shared: bool,
+    tcp: bool = False,
+    cameras: int = 2,
+    parameters: Mapping[str, Any] | None = None,
+) -> Iterator[_Peer]:
     """A stack process that is ready, and its end afterwards."""
     rig = secrets.token_hex(4)
     folder = RigFolder()
@@ -233,8 +280,17 @@ def _running(stack: str, *, shared: bool, tcp: bool = False) -> Iterator[_Peer]:
         command = [sys.executable, script, str(port)]
         arguments += ["--foreign", json.dumps({"command": command, "bridge": AUTODRIVE.name})]
         arguments += ["--parameters", json.dumps({"port": port})]
+    if stack == ROS2.implementation:
+        command = [sys.executable, "-m", "twin.bench.drive_node"]
+        arguments += ["--foreign", json.dumps({"command": command, "bridge": ROS2.name})]
+        arguments += ["--parameters", json.dumps(parameters or {})]
     with tempfile.TemporaryFile() as log:
-        child = spawn([sys.executable, "-m", "devkit", "host", *arguments], log=log)
+        words = [sys.executable, "-m", "devkit", "host", *arguments]
+        if stack == ROS2.implementation and not why_not():
+            reads = [*python_reads(), folder.path]
+            child = spawn_inside(words, SandboxView(readable=reads, folder=Path.cwd()), log)
+        else:
+            child = spawn(words, log=log)
 
         def check() -> None:
             if (code := child.poll()) is not None:
@@ -243,7 +299,7 @@ def _running(stack: str, *, shared: bool, tcp: bool = False) -> Iterator[_Peer]:
         try:
             link = SimulatorEnd(bus, rig, 1, buffer, resend_s=PATIENCE_S)
             link.handshake(check)
-            yield _Peer(link, buffer, check)
+            yield _Peer(link, buffer, check, cameras)
         finally:
             end(child)
             bus.close()
@@ -252,9 +308,9 @@ def _running(stack: str, *, shared: bool, tcp: bool = False) -> Iterator[_Peer]:
             folder.close()
 
 
-def _episode() -> Episode:
-    names = {"front_right": "camera", "front_left": "camera.front_left"}
-    cameras = [
+def _episode(cameras: int) -> Episode:
+    messages = {"front_right": "camera", "front_left": "camera.front_left"}
+    sites = [
         CameraSite(
             name=name,
             message=message,
@@ -266,7 +322,7 @@ def _episode() -> Episode:
             rotation_deg=[0.0, 0.0, 0.0],
             lens=Lens(),
         )
-        for name, message in names.items()
+        for name, message in list(messages.items())[:cameras]
     ]
     lidar = LidarSite(
         name="roof",
@@ -292,6 +348,6 @@ def _episode() -> Episode:
         height=HEIGHT,
         hfov_deg=70.0,
         control_period_ns=PERIOD_NS,
-        cameras=cameras,
+        cameras=sites,
         lidars=[lidar],
     )

@@ -1,4 +1,4 @@
-"""The bus over Zenoh: the only module that imports zenoh, and the one place for its options."""
+"""The bus over Zenoh, and the one place for its options."""
 
 from __future__ import annotations
 
@@ -76,27 +76,25 @@ def open_bus(
             with contextlib.suppress(UnreachableError):
                 greet(endpoint, key)
     listening = [*listen, *([] if role_socket is None else [f"{SOCKET}/{role_socket[0]}"])]
-    config = _config(mode, listening, connect, namespace, shared_memory, connect_timeout_s)
-    config.insert_json5("transport/link/rx/max_message_size", json.dumps(message_bytes_max))
-    if key is not None:
-        config.insert_json5("transport/link/tls", json.dumps(_tls(key)))
-        plain = "tcp" in json.loads(config.get_json("transport/link/protocols"))
-        through = {SOCKET: role_socket[1]} if role_socket is not None else {}
-        allowed = access_control(key.fabric, namespace, plain=plain, through=through)
-        config.insert_json5("access_control", json.dumps(allowed))
-    elif any(map(is_socket, listen)):
-        allowed = access_control("", namespace, through={SOCKET: Role.stack})
-        config.insert_json5("access_control", json.dumps(allowed))
+    config = session_config(
+        mode,
+        listen=listening,
+        connect=connect,
+        namespace=namespace,
+        key=key,
+        shared_memory=shared_memory,
+        connect_timeout_s=connect_timeout_s,
+        message_bytes_max=message_bytes_max,
+    )
+    _restrict(config, listen, namespace, key, role_socket)
     if not connect_required:
         config.insert_json5("connect/timeout_ms", "0")
         config.insert_json5("connect/exit_on_failure", "false")
-    before = set(_listening())
     try:
-        session = zenoh.open(config)
+        session, endpoints = open_session(config, listen)
     except zenoh.ZError as error:
         raise _explain(error, listen, connect, key, connect_timeout_s) from None
-    opened = [port for port in _listening() if port not in before]
-    return _ZenohBus(session, [_with_port(e, opened) for e in listen], key)
+    return _ZenohBus(session, endpoints, key)
 
 
 def join(target: Target, connect_timeout_s: float, mode: Mode = "client") -> Bus:
@@ -126,14 +124,54 @@ def log_refusals() -> None:
     zenoh.init_log_from_env_or("off,zenoh_link_tls=warn")
 
 
-def _config(
-    mode: Mode,
+def _restrict(
+    config: zenoh.Config,
     listen: Sequence[str],
-    connect: Sequence[str],
     namespace: str,
-    shared_memory: bool,
-    connect_timeout_s: float,
+    key: MemberKey | None,
+    role_socket: tuple[str, Role] | None,
+) -> None:
+    """Let each of those who come do what its role may, and nothing else."""
+    if key is not None:
+        plain = "tcp" in json.loads(config.get_json("transport/link/protocols"))
+        through = {SOCKET: role_socket[1]} if role_socket is not None else {}
+        allowed = access_control(key.fabric, namespace, plain=plain, through=through)
+        config.insert_json5("access_control", json.dumps(allowed))
+    elif any(map(is_socket, listen)):
+        allowed = access_control("", namespace, through={SOCKET: Role.stack})
+        config.insert_json5("access_control", json.dumps(allowed))
+
+
+def open_session(config: zenoh.Config, listen: Sequence[str]) -> tuple[zenoh.Session, list[str]]:
+    """A session, and where it listens, with real port numbers.
+
+    Raises:
+        zenoh.ZError: it cannot listen or connect.
+    """
+    before = set(_listening())
+    session = zenoh.open(config)
+    opened = [port for port in _listening() if port not in before]
+    return session, [_with_port(endpoint, opened) for endpoint in listen]
+
+
+def session_config(
+    mode: Mode,
+    *,
+    listen: Sequence[str] = (),
+    connect: Sequence[str] = (),
+    namespace: str = "",
+    key: MemberKey | None = None,
+    shared_memory: bool = False,
+    connect_timeout_s: float = 10.0,
+    message_bytes_max: int = 1 << 30,
+    protocols: Sequence[str] = (),
 ) -> zenoh.Config:
+    """Zenoh's options of a session of ours; see :func:`open_bus` for those of them that vary.
+
+    Args:
+        namespace: empty: keys are seen as they are.
+        protocols: that are spoken beside those of the endpoints.
+    """
     config = zenoh.Config()
     options: dict[str, Any] = {
         "mode": mode,
@@ -147,21 +185,23 @@ def _config(
             "period_max_ms": 500,
             "period_increase_factor": 2,
         },
-        "namespace": namespace,
+        **({"namespace": namespace} if namespace else {}),
+        "transport/link/rx/max_message_size": message_bytes_max,
+        **({} if key is None else {"transport/link/tls": _tls(key)}),
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
         # A router waits this long for scouting, which is off.
         "scouting/delay": 0,
         "transport/link/protocols": sorted(
-            {endpoint.partition("/")[0] for endpoint in (*listen, *connect)}
+            {*protocols, *(endpoint.partition("/")[0] for endpoint in (*listen, *connect))}
         ),
         "transport/shared_memory/enabled": shared_memory,
         # A peer that is frozen or cut off is noticed after the transport lease (default 10 s).
         "transport/link/tx/lease": 4000,
         "transport/unicast/accept_timeout": int(ACCEPT_S * 1000),
     }
-    for key, value in options.items():
-        config.insert_json5(key, json.dumps(value))
+    for path, value in options.items():
+        config.insert_json5(path, json.dumps(value))
     return config
 
 

@@ -9,6 +9,9 @@ import resource
 INSIDE_VARIABLE = "TWIN_SANDBOX"
 """Environment variable of a process in a sandbox: it limits itself before it loads a stack."""
 
+SHARES_VARIABLE = "TWIN_SANDBOX_SHARES"
+"""Environment variable of such a process: what its sandbox shares with the host, with commas."""
+
 TASKS_MAX = 1024
 """Most processes and threads of a stack. Linux counts them per user namespace since 5.14, and
 not at all for root, where the worker counts."""
@@ -34,6 +37,12 @@ LIMITS = {
 def is_inside() -> bool:
     """Whether this process is in a sandbox."""
     return os.environ.get(INSIDE_VARIABLE, "") == "1"
+
+
+def has_own(kind: str) -> bool:
+    """Whether this process is in a sandbox that does not share ``network`` or ``ipc``: no process
+    outside reaches its loopback, or its ``/dev/shm``, which goes with it."""
+    return is_inside() and kind not in os.environ.get(SHARES_VARIABLE, kind).split(",")
 
 
 def limit_self() -> None:

@@ -13,7 +13,7 @@ from types import TracebackType
 from typing import IO, NoReturn, Self
 
 from twin.base.process import PARENT_VARIABLE, UNKNOWN, spawn
-from twin.sandbox.inside import INSIDE_VARIABLE, PROCESSES_MAX
+from twin.sandbox.inside import INSIDE_VARIABLE, PROCESSES_MAX, SHARES_VARIABLE
 from twin.sandbox.system_calls import filter_of
 from twin.sandbox.view import SandboxView, arguments, environment
 
@@ -43,6 +43,7 @@ class Sandboxed:
             **environment(view, os.environ),
             PARENT_VARIABLE: UNKNOWN if "processes" in view.shared else FIRST_PROCESS,
             INSIDE_VARIABLE: "1",
+            SHARES_VARIABLE: ",".join(view.shared),
         }
         """All variables of the process."""
 

@@ -81,11 +81,7 @@ def recording_of(folder: Path, case: str, names: list[str], committed: str) -> F
     Raises:
         UsageError: no such case, or it was not recorded.
     """
-    attempts = _attempts(folder, case, committed)
-    if not attempts:
-        close = difflib.get_close_matches(case, names, n=1)
-        hint = f"did you mean '{close[0]}'?" if close else f"it has e.g. {', '.join(names[:3])}"
-        raise UsageError(f"{folder}: no case '{case}'; {hint}")
+    attempts = _attempts_there(folder, case, names, committed)
     for attempt in attempts:
         path = attempt / naming.RECORDING_FILE
         if _is_recorded(folder, path):
@@ -182,6 +178,25 @@ def _rows(recording: FoundRecording) -> list[Row]:
         frames = read_case(recording.path).frames
         return [(frame.sim_time_ns, bool(frame.aeb), frame.dtc_m) for frame in frames]
     return list(zip(*(columns[name] for name in names), strict=True))
+
+
+def attempts_of(folder: Path, case: str) -> list[Path]:
+    """Attempt folders of a case: the committed one first, then the latest.
+
+    Raises:
+        UsageError: no such folder or case.
+    """
+    names = case_names(folder)
+    return _attempts_there(folder, case, names, committed_attempts(folder).get(case, ""))
+
+
+def _attempts_there(folder: Path, case: str, names: list[str], committed: str) -> list[Path]:
+    attempts = _attempts(folder, case, committed)
+    if not attempts:
+        close = difflib.get_close_matches(case, names, n=1)
+        hint = f"did you mean '{close[0]}'?" if close else f"it has e.g. {', '.join(names[:3])}"
+        raise UsageError(f"{folder}: no case '{case}'; {hint}")
+    return attempts
 
 
 def _attempts(folder: Path, case: str, committed: str) -> list[Path]:

@@ -43,6 +43,18 @@ class Mark:
 
 
 @dataclass(frozen=True, slots=True)
+class MoverBox:
+    """Box of an object that moves."""
+
+    position_m: tuple[float, float, float]
+    """Its middle in the world."""
+    rotation: tuple[float, float, float, float]
+    """x, y, z, w: world from object."""
+    size_m: tuple[float, float, float]
+    """Length, width and height."""
+
+
+@dataclass(frozen=True, slots=True)
 class LogEvent:
     """A line of the case's log."""
 
@@ -77,6 +89,8 @@ class PlayedTick:
     trigger: Mark | None = None
     """The detection that emergency braking began for in this tick, if the stack says which."""
     truth: list[Mark] | None = None
+    movers: list[MoverBox] | None = None
+    """Objects that move; None: there were none."""
     readings: dict[str, dict[str, float]] = field(default_factory=dict)
     """Readings of the sensors with a row of numbers that were due: name -> column -> value."""
     points: dict[str, PointRows] = field(default_factory=dict)
@@ -256,6 +270,8 @@ def _values(path: str, batch: pa.RecordBatch) -> Iterator[dict[str, Any]]:
         yield from _named("trigger", [row[0] if row else None for row in _marks(batch)])
     elif path == naming.TRUTH:
         yield from _named("truth", _marks(batch))
+    elif path == naming.MOVERS:
+        yield from _named("movers", _movers(batch))
     elif path == naming.EGO:
         yield from _poses(batch)
 
@@ -312,6 +328,20 @@ def _marks(batch: pa.RecordBatch) -> list[list[Mark] | None]:
             ]
         )
     return marks
+
+
+def _movers(batch: pa.RecordBatch) -> list[list[MoverBox] | None]:
+    names = ("centers", "half_sizes", "quaternions")
+    columns = [_column(batch, f"Boxes3D:{name}") for name in names]
+    return [
+        None
+        if any(part is None for part in row)
+        else [
+            MoverBox((x, y, z), tuple(turn), (2 * half_x, 2 * half_y, 2 * half_z))
+            for (x, y, z), (half_x, half_y, half_z), turn in zip(*row, strict=True)
+        ]
+        for row in zip(*columns, strict=True)
+    ]
 
 
 def _poses(batch: pa.RecordBatch) -> Iterator[dict[str, Any]]:

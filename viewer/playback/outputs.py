@@ -31,8 +31,8 @@ def write_whole(out: Path, data: bytes) -> None:
         raise UsageError(f"{out}: {error.strerror}") from None
 
 
-def needed(module: str, option: str) -> Any:
-    """A module of the optional group ``export``.
+def needed(module: str, option: str, extra: str = "export") -> Any:
+    """A module of the optional group ``extra``.
 
     Raises:
         UsageError: it is not installed.
@@ -42,5 +42,5 @@ def needed(module: str, option: str) -> Any:
     except ImportError:
         raise UsageError(
             f"{option} needs the package {module.partition('.')[0]}; "
-            "install it with: pip install 'drivetwin[export]'"
+            f"install it with: pip install 'drivetwin[{extra}]'"
         ) from None

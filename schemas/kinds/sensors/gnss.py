@@ -6,7 +6,14 @@ from typing import Annotated
 
 from msgspec import Meta, field
 
-from schemas.kinds.sensor import CorrelationTime, MadeUpDrive, Point, SensorConfig, SensorKind
+from schemas.kinds.sensor import (
+    CorrelationTime,
+    MadeUpDrive,
+    Point,
+    Ros2Form,
+    SensorConfig,
+    SensorKind,
+)
 
 COLUMNS = ("latitude_deg", "longitude_deg", "altitude_m", "fix")
 """Columns of the satellite receiver, float64 [S, 4]: WGS-84, altitude above the ellipsoid; fix is
@@ -61,5 +68,14 @@ KIND = SensorKind(
     dtype="<f8",
     implementation="twin.sensors.gnss.receiver:SatelliteReceiver",
     no_axes=("antenna_m",),
+    ros2=Ros2Form(
+        "sensor_msgs/msg/NavSatFix",
+        {
+            "latitude": "latitude_deg",
+            "longitude": "longitude_deg",
+            "altitude": "altitude_m",
+            "status": "fix",
+        },
+    ),
     made_up=_made_up,
 )

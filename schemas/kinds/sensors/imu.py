@@ -6,7 +6,14 @@ from typing import Annotated
 
 from msgspec import Meta
 
-from schemas.kinds.sensor import CorrelationTime, MadeUpDrive, SensorConfig, SensorKind, Share
+from schemas.kinds.sensor import (
+    CorrelationTime,
+    MadeUpDrive,
+    Ros2Form,
+    SensorConfig,
+    SensorKind,
+    Share,
+)
 
 COLUMNS = (
     "accel_x_mps2",
@@ -62,5 +69,12 @@ KIND = SensorKind(
     columns_name="IMU_COLUMNS",
     dtype="<f8",
     implementation="twin.sensors.imu.unit:InertialUnit",
+    ros2=Ros2Form(
+        "sensor_msgs/msg/Imu",
+        {
+            **{f"linear_acceleration.{axis}": f"accel_{axis}_mps2" for axis in "xyz"},
+            **{f"angular_velocity.{axis}": f"rate_{axis}_radps" for axis in "xyz"},
+        },
+    ),
     made_up=_made_up,
 )

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from msgspec import Meta
 
-from schemas.kinds.sensor import MadeUpDrive, Point, PointsLook, SensorConfig, SensorKind
+from schemas.kinds.sensor import MadeUpDrive, Point, PointsLook, Ros2Form, SensorConfig, SensorKind
 
 COLUMNS = (
     "range_m",
@@ -77,5 +77,15 @@ KIND = SensorKind(
     ),
     memory="twin.sensors.radar.unit:bytes_of",
     site="twin.sensors.radar.unit:site_of",
+    ros2=Ros2Form(
+        "radar_msgs/msg/RadarScan",
+        {
+            "range": "range_m",
+            "azimuth": "azimuth_rad",
+            "elevation": "elevation_rad",
+            "doppler_velocity": "radial_speed_mps",
+            "amplitude": "snr_db",
+        },
+    ),
     made_up=_made_up,
 )

@@ -301,4 +301,5 @@ check(bridge="raft")
     assert lines[2] == "no package no_such_package: pip install 'other[tug]'"
     assert lines[3] == "autonomy.slots: given 4, a bridge drives 3"
     assert lines[4].startswith("autonomy.bridge: other 1.5: entry point 'wreck' of")
-    assert lines[5].startswith("autonomy.bridge: given 'raft', allowed: autodrive, none, tugboat")
+    allowed = "autodrive, none, ros2, tugboat"
+    assert lines[5].startswith(f"autonomy.bridge: given 'raft', allowed: {allowed}")

@@ -12,6 +12,7 @@ from twin.scenario.storyboard.native.bodies import WALKERS
 from twin.scenario.storyboard.native.curves import curve_trajectory, curve_way, place_after
 from twin.scenario.storyboard.native.ground import NativeMistakes, ScenarioGround, SpotError
 from twin.scenario.storyboard.native.orders import ActorOrders, ArriveOrder, KeepOrder, LampOrders
+from twin.scenario.storyboard.native.recorded import recorded_trajectory, start_speed_mps
 from twin.scenario.storyboard.native.sections import (
     ActorStart,
     EgoStart,
@@ -135,6 +136,8 @@ class ActionCompiler:
             if start.curve is not None:
                 follow = self.mistakes.attempt(path, partial(self._curve, name, start.curve))
                 actions += [follow] if follow else []
+            if start.poses is not None:
+                actions[1:] = self._recorded(name, start.poses, place)
             if start.behaviour == "idm":
                 self._check_driver(f"{path}.behaviour", start)
                 actions.append(self._model(path, start))
@@ -169,6 +172,24 @@ class ActionCompiler:
         if orders.speed_mps or orders.arrive or orders.keep or orders.behaviour == "idm":
             self.courses[name].moves = True
         return actions
+
+    def _recorded(
+        self, name: str, poses: list[list[float]], place: StartPlace
+    ) -> list[PrivateAction]:
+        """Goes as it was recorded, by the scenario's time."""
+        places = list(place.recorded)
+        speed_mps = start_speed_mps(poses, places)
+        self.trajectories.append(recorded_trajectory(f"{name} poses", poses, places))
+        follow = records.FollowTrajectoryAction(
+            trajectory=len(self.trajectories) - 1,
+            timed=True,
+            absolute_time=True,
+            time_scale=1.0,
+            time_offset_s=0.0,
+            follow=False,
+            initial_distance_m=0.0,
+        )
+        return [records.SpeedAction(AT_ONCE, -1, speed_mps), follow]
 
     def _start(self, name: str) -> EgoStart | ActorStart:
         return self.scenario.ego if name == "ego" else self.scenario.actors[name]

@@ -20,6 +20,8 @@ ACTORS_MAX = 63
 """Most actors of a scenario, beside the ego."""
 EVENTS_MAX = 256
 """Most events of a scenario."""
+POSES_MAX = 20_000
+"""Most poses of a recorded actor."""
 
 ActorName = Annotated[str, Meta(pattern="^[a-z][a-z0-9_]{0,31}$")]
 Station = Annotated[float, Meta(ge=0, le=1e5)]
@@ -29,6 +31,9 @@ LaneNumber = Annotated[int, Meta(ge=1, le=20)]
 SignalStateName = Literal["off", "red", "red_amber", "amber", "green"]
 Side = Literal["left", "right"]
 Turn = Literal["left", "straight", "right"]
+Poses = Annotated[list[list[float]], Meta(max_length=POSES_MAX)]
+"""Rows of time [s], x, y [m] and heading [deg] in the world of the road file; see
+:mod:`twin.scenario.storyboard.native.recorded`."""
 KindName = Literal[
     "car",
     "van",
@@ -73,10 +78,14 @@ class IdmSettings(_Section, frozen=True, kw_only=True):
 class EgoStart(_Section, frozen=True, kw_only=True):
     """Where the ego begins."""
 
-    lane: LaneNumber
+    lane: LaneNumber | None = None
     """Lane, counted from the right."""
-    s_m: Station
+    s_m: Station | None = None
     """Place along the road [m]."""
+    poses: Poses | None = None
+    """In place of both: where its origin (of vehicles with four wheels: the middle of the rear
+    axle) was in a recorded drive, rows of time [s], x, y [m] and heading [deg]. A stack starts at
+    the first; a robot (`scenario.driver`) drives all of them."""
     road: str = ""
     """Id or name of the road; not given: the first of the file."""
     oncoming: bool = False
@@ -97,6 +106,10 @@ class EgoStart(_Section, frozen=True, kw_only=True):
     idm: IdmSettings | None = None
 
     def __post_init__(self) -> None:
+        if self.poses is not None:
+            _poses_alone(self, ("lane", "s_m"))
+        elif self.lane is None or self.s_m is None:
+            raise ValueError("needed: lane and s_m, or the poses of a recorded drive")
         _curve_alone(self, ("turns", "behaviour"))
         _check_idm(self)
 
@@ -127,6 +140,10 @@ class ActorStart(_Section, frozen=True, kw_only=True):
     """Along: gap behind `of` [m]."""
     of: str = "ego"
     """Whom `ahead_m`, `ahead_s` and `behind_m` count from: the ego or an actor."""
+    poses: Poses | None = None
+    """In place of both parts: where the middle of its box was in a recorded drive, rows of time
+    [s], x, y [m] and heading [deg]. It is there with the first and stays at the last; an event
+    makes it `visible`."""
     towed_by: str = ""
     """Of a trailer: who tows it, the ego or an actor; it begins straight behind."""
     road: str = ""
@@ -161,6 +178,10 @@ class ActorStart(_Section, frozen=True, kw_only=True):
     def __post_init__(self) -> None:
         if self.towed_by:
             _only_behind(self)
+            return
+        if self.poses is not None:
+            places = ("lane", "footway", "parked", "shoulder", "lateral_m")
+            _poses_alone(self, (*places, "s_m", "ahead_m", "ahead_s", "behind_m", "heading_deg"))
             return
         _exactly_one(self, ("lane", "footway", "parked", "shoulder", "lateral_m"))
         _exactly_one(self, ("s_m", "ahead_m", "ahead_s", "behind_m"))
@@ -251,6 +272,13 @@ def _curve_alone(start: EgoStart | ActorStart, names: tuple[str, ...]) -> None:
     for name in names:
         if start.curve is not None and getattr(start, name):
             raise ValueError(f"given curve and {name}: give one")
+
+
+def _poses_alone(start: EgoStart | ActorStart, names: tuple[str, ...]) -> None:
+    """Poses say where it is, and how it goes."""
+    for name in (*names, "curve", "turns", "behaviour", "idm", "offset_m", "road", "oncoming"):
+        if getattr(start, name) not in (None, "", [], 0.0, False):
+            raise ValueError(f"{name} has no effect beside poses: leave it out")
 
 
 def _check_idm(start: EgoStart | ActorStart) -> None:

@@ -10,6 +10,7 @@ import msgspec
 from schemas.validation import suggest
 from twin.scenario.storyboard.native.bodies import BODIES, ActorBody, body_of
 from twin.scenario.storyboard.native.ground import NativeMistakes, ScenarioGround, SpotError
+from twin.scenario.storyboard.native.recorded import body_ahead_m, recorded_places
 from twin.scenario.storyboard.native.sections import ActorStart, EgoStart, NativeScenario
 from twin.scenario.storyboard.native.watches import ScenarioSpot
 from twin.scenario.storyboard.program.places import FixedPosition
@@ -33,6 +34,8 @@ class StartPlace:
     middle: FixedPosition
     origin: FixedPosition
     """Of its origin, which may lie on the rear axle."""
+    recorded: tuple[FixedPosition, ...] = ()
+    """Of its origin at each of its recorded poses."""
 
     @property
     def half_m(self) -> float:
@@ -64,7 +67,7 @@ def places_of(
         ready = [
             name
             for name, start in waiting.items()
-            if start.s_m is not None or _before(start) not in waiting
+            if start.s_m is not None or start.poses is not None or _before(start) not in waiting
         ]
         if not ready:
             for name, start in waiting.items():
@@ -89,6 +92,9 @@ def _attempt(
     mistakes: NativeMistakes,
 ) -> StartPlace | None:
     path, other = f"actors.{name}", _before(start)
+    if start.poses is not None:
+        poses, kind = start.poses, body_of(start)
+        return mistakes.attempt(path, lambda: _recorded_place(name, poses, kind, ground))
     if start.s_m is None and other != "ego" and other not in scenario.actors:
         names = suggest(other, ["ego", *scenario.actors])
         mistakes.add(f"{path}.{_key(start)}", f"no actor '{other}'; {names}")
@@ -144,9 +150,25 @@ def _towed_place(
 
 
 def _ego_place(start: EgoStart, body: ActorBody, ground: ScenarioGround) -> StartPlace:
+    if start.poses is not None:
+        return _recorded_place("ego", start.poses, body, ground)
+    assert start.lane is not None
+    assert start.s_m is not None
     road, sign = ground.road_number(start.road), -1 if start.oncoming else 1
     lane = ground.lane(road, start.s_m, sign, start.lane)
     return _place("ego", body, ground, road, lane, start.s_m, start.offset_m * sign, sign)
+
+
+def _recorded_place(
+    name: str, poses: list[list[float]], body: ActorBody, ground: ScenarioGround
+) -> StartPlace:
+    """Where it was recorded first: on no lane, since it follows none."""
+    places = recorded_places(poses, body_ahead_m(body, name == "ego"), ground)
+    first = places[0]
+    road = max(first.road, 0)
+    return StartPlace(
+        name, body, road, 0, first.s_m, first.t_m, 1, first, first, recorded=tuple(places)
+    )
 
 
 def _actor_place(
@@ -266,7 +288,9 @@ def _check_room(
     names = list(places)
     for index, name in enumerate(names):
         for other in names[:index]:
-            if overlap(places[name], places[other]):
+            # Trackers tell of one body twice, and of bodies where another one was before.
+            recorded = places[name].recorded or places[other].recorded
+            if not recorded and overlap(places[name], places[other]):
                 mistakes.add(
                     f"actors.{name}" if name in scenario.actors else name,
                     f"starts in the same place as '{other}': move one of them",
