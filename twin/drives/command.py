@@ -6,13 +6,17 @@ import json
 import shutil
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from schemas.words import counted
 from twin.base.cli import Output, OutputOption
 from twin.base.errors import UsageError, storage_error
+
+if TYPE_CHECKING:
+    from twin.drives.drive import RecordedDrive
+    from twin.drives.scenario import CutDrive
 
 STEPS = 3
 """Steps that the bar counts: reading, cutting and writing, checking."""
@@ -72,8 +76,14 @@ def replay_log(
             shutil.rmtree(folder, ignore_errors=True)  # the same command may be given again
             raise
         told(STEPS, STEPS)
+    _say(folder, files, drive, cut, as_json=output is Output.json)
+
+
+def _say(
+    folder: Path, files: list[Path], drive: RecordedDrive, cut: CutDrive, *, as_json: bool
+) -> None:
     notes = [*drive.notes, *cut.notes]
-    if output is Output.json:
+    if as_json:
         answer = {
             "folder": str(folder),
             "files": [str(path) for path in files],
