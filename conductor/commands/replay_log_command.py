@@ -20,11 +20,15 @@ def replay_log_command(
     ] = None,
     from_s: Annotated[
         float,
-        typer.Option("--from", min=0.0, help="The stack has the ego from this second on [s]."),
+        typer.Option(
+            "--from", min=0.0, max=86_400.0, help="The stack has the ego from this second on [s]."
+        ),
     ] = 0.0,
     to_s: Annotated[
         float | None,
-        typer.Option("--to", min=0.0, help="The scenario ends then [s]; default: with the ego."),
+        typer.Option(
+            "--to", min=0.0, max=86_400.0, help="The scenario ends then [s]; default: with the ego."
+        ),
     ] = None,
     ego: Annotated[
         str,

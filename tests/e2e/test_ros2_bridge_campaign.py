@@ -2,14 +2,16 @@
 
 import json
 import os
+import subprocess
 import sys
 from pathlib import Path
 
 import pyarrow.parquet as parquet
 import pytest
 from foreign_campaigns import campaign
-from processes import outcomes
+from processes import outcomes, wait_for
 from ros2_interfaces import write_interfaces
+from waiting import PATIENCE_S
 
 from twin.sandbox.possible import why_not
 
@@ -187,6 +189,37 @@ def test_a_command_of_another_type_is_told_by_name(marked, interfaces, tmp_path)
         "node /driver publishes /drivetwin/command as std_msgs/msg/String, but it is "
         "drivetwin_msgs/msg/DriveCommand: no message passes"
     ) in case["reasons"][0]
+
+
+def test_a_node_that_somebody_else_starts_drives_with_the_rigs_key(
+    marked, interfaces, tmp_path, monkeypatch
+):
+    """In real time, too: the newest command counts, and the results say that they do not repeat."""
+    home = tmp_path / "home"
+    home.mkdir(mode=0o700)
+    monkeypatch.setenv("DRIVETWIN_HOME", str(home))
+    parameters = {"keys": "mine", "answer": "newest"}
+    autonomy = {"bridge": "ros2", "sandbox": "off", "parameters": parameters}
+    path = campaign(tmp_path, "outside", autonomy, clock="realtime")
+    out, settings = tmp_path / "run", home / "ros2/mine/node.env"
+    child = marked.start("conductor", "run", str(path), "--out", str(out))
+    try:
+        wait_for(lambda: settings.exists() or child.poll() is not None, "settings for nodes")
+        words = f"source {settings} && exec {sys.executable} {NODE} {interfaces} gap"
+        with (tmp_path / "node.log").open("w") as log:
+            node = subprocess.Popen(["bash", "-c", words], stdout=log, stderr=log)
+        try:
+            _, said = child.communicate(timeout=PATIENCE_S)
+        finally:
+            node.kill()
+            node.wait()
+    finally:
+        child.kill()
+        child.wait()
+    assert child.returncode in (0, 1), said
+    (case,) = outcomes(out).values()
+    assert case["outcome"] == "verdict"
+    assert "realtime" in case["reasons"][-1]
 
 
 @pytest.mark.skipif(bool(why_not()), reason=why_not() or "there is a sandbox")

@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import json
+import shutil
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from schemas.words import counted
 from twin.base.cli import Output, OutputOption
 from twin.base.errors import UsageError, storage_error
+
+if TYPE_CHECKING:
+    from twin.drives.drive import RecordedDrive
+    from twin.drives.scenario import CutDrive
 
 STEPS = 3
 """Steps that the bar counts: reading, cutting and writing, checking."""
@@ -22,9 +27,12 @@ def replay_log(
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="Folder to write; default: its name.")
     ] = None,
-    from_s: Annotated[float, typer.Option("--from", min=0.0, help="Begin then [s].")] = 0.0,
+    from_s: Annotated[
+        float, typer.Option("--from", min=0.0, max=86_400.0, help="Begin then [s].")
+    ] = 0.0,
     to_s: Annotated[
-        float | None, typer.Option("--to", min=0.0, help="End then [s]; default: with the ego.")
+        float | None,
+        typer.Option("--to", min=0.0, max=86_400.0, help="End then [s]; default: with the ego."),
     ] = None,
     ego: Annotated[str, typer.Option(help="Topic of odometry, or a frame of /tf.")] = "",
     objects: Annotated[str, typer.Option(help="Topic of objects, or beginning of frames.")] = "",
@@ -62,10 +70,20 @@ def replay_log(
         except OSError as error:
             raise storage_error(error, str(folder)) from None
         told(2, STEPS)
-        check_scenario(folder / SCENARIO_FILE)
+        try:
+            check_scenario(folder / SCENARIO_FILE)
+        except UsageError:
+            shutil.rmtree(folder, ignore_errors=True)  # the same command may be given again
+            raise
         told(STEPS, STEPS)
+    _say(folder, files, drive, cut, as_json=output is Output.json)
+
+
+def _say(
+    folder: Path, files: list[Path], drive: RecordedDrive, cut: CutDrive, *, as_json: bool
+) -> None:
     notes = [*drive.notes, *cut.notes]
-    if output is Output.json:
+    if as_json:
         answer = {
             "folder": str(folder),
             "files": [str(path) for path in files],

@@ -126,7 +126,8 @@ class Ros2Bridge(ScriptBridge):
         self._cases += 1
         period_s = episode.control_period_ns * 1e-9
         self._sender = TableSender(self._table, episode, self._store)
-        self._driver = RosDriver(self._control, period_s, self._given.aeb_brake)
+        exact = self._given.answer == "stamp"
+        self._driver = RosDriver(self._control, period_s, self._given.aeb_brake, exact=exact)
         self._lockstep = Lockstep(self._given.answer)
         self._speed_mps, self._tick = 0.0, 0
         self._wait(self._is_ready, self._given.start_s, self._missing)

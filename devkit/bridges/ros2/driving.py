@@ -46,15 +46,20 @@ def stamp_of(demand: Demand) -> int | None:
 class RosDriver:
     """Makes commands of one case."""
 
-    def __init__(self, control: MotionControl, period_s: float, aeb_brake: float) -> None:
+    def __init__(
+        self, control: MotionControl, period_s: float, aeb_brake: float, *, exact: bool = True
+    ) -> None:
         """A case begins.
 
         Args:
             control: parameters of the controller.
             period_s: control period [s].
             aeb_brake: brake that counts as emergency braking, where a command does not say it.
+            exact: a plain command has to be for the tick that is answered; false: it is in force
+                until another comes.
         """
         self._control, self._period_s, self._aeb_brake = control, period_s, aeb_brake
+        self._exact = exact
         self._integral = 0.0
 
     def command(self, main: str, demands: Mapping[str, Demand], now: AskedTick) -> Command:
@@ -92,11 +97,11 @@ class RosDriver:
         )
 
     def _plain(self, command: Command, now: AskedTick) -> Command:
-        if command.tick != now.tick:
+        if self._exact and command.tick != now.tick:
             raise TickMistakeError(
                 f"the command with the stamp of tick {now.tick} says it is for tick {command.tick}"
             )
-        return msgspec.structs.replace(command, slot=now.slot, token=now.token)
+        return msgspec.structs.replace(command, slot=now.slot, token=now.token, tick=now.tick)
 
 
 def motion_of(demand: Any) -> AskedMotion:

@@ -142,6 +142,9 @@ def test_a_plain_command_is_passed_on_bit_for_bit():
     assert (command.throttle, command.brake, command.steering_rad) == (0.1 + 0.2, 1e-300, -0.1)
     with pytest.raises(TickMistakeError, match="of tick 8 says it is for tick 7"):
         driver.command("/x", {"/x": PlainDrive(0, asked)}, AskedTick(3, 9, 8, 0.0))
+    held = RosDriver(CONTROL, PERIOD_S, 1.0, exact=False)
+    later = held.command("/x", {"/x": PlainDrive(0, asked)}, AskedTick(3, 9, 8, 0.0))
+    assert (later.tick, later.throttle) == (8, 0.1 + 0.2)
 
 
 def test_a_twist_asks_for_speed_and_yaw_rate():
