@@ -81,7 +81,24 @@ PBS = BatchSystemKind(
 )
 """PBS Pro and OpenPBS."""
 
-KINDS = (SLURM, PBS)
+KUBERNETES = BatchSystemKind(
+    name="kubernetes",
+    title="Kubernetes",
+    implementation="hpc.kubernetes.commands:Kubernetes",
+    constraint="label=value of nodes",
+    job_variable="DRIVETWIN_JOB",
+    job_ids=r"[a-z0-9-]+/[a-z0-9-]+@\S+",
+    script="job.yaml",
+    afterwards=(
+        ("queue", "hpc status {folder}"),
+        ("results", "hpc pull {folder}"),
+        ("cancel", "hpc cancel {folder}"),
+    ),
+)
+"""Kubernetes, over its API; used only where it is named: a `kubectl` says nothing about a cluster
+that is meant."""
+
+KINDS = (SLURM, PBS, KUBERNETES)
 """Batch systems in the order in which they are looked for. The first is the one that `hpc render`
 writes for where nothing else is said."""
 
