@@ -297,6 +297,7 @@ class _Handler(BaseHTTPRequestHandler):
         seen = int(options.get("resourceVersion", "0"))
         self.send_response(200)
         self.send_header("Content-Type", "application/json")
+        self.send_header("Transfer-Encoding", "chunked")
         self.send_header("Connection", "close")
         self.end_headers()
         self.close_connection = True
@@ -308,11 +309,12 @@ class _Handler(BaseHTTPRequestHandler):
                 seen = len(store.history)
             for event, plural, found in changes:
                 if plural == match["plural"]:
-                    line = json.dumps({"type": event, "object": found}) + "\n"
+                    line = json.dumps({"type": event, "object": found}).encode() + b"\n"
                     try:
-                        self.wfile.write(line.encode())
+                        self.wfile.write(b"%x\r\n%s\r\n" % (len(line), line))
                     except OSError:
                         return
+        self.wfile.write(b"0\r\n\r\n")
 
     def _exec(self, path: str, query: dict[str, list[str]]) -> None:
         """A command in a pod, over a web socket (RFC 6455, subprotocol v4.channel.k8s.io)."""

@@ -252,7 +252,7 @@ def test_a_cancelled_run_goes_on_with_what_it_had(site, kube, here, tmp_path):
     run = site.submitted()
     began = kube.claim(run) / "run" / "conductor.db"
     wait_for(began.exists, "a journal")
-    frozen = held(kube, 1)
+    frozen = held(kube, 2)
     done = site.submit()
     assert done.returncode == 2
     assert "works here; `hpc cancel" in done.stderr
