@@ -99,15 +99,6 @@ def thaw(pids):
         os.kill(pid, signal.SIGCONT)
 
 
-def freeze(kube, component):
-    """Stop the processes of a component's containers; what to continue."""
-    found = [kube.running[pod["metadata"]["uid"]] for pod in kube.pods(component, "Running")]
-    pids = [running.pid for running in found if running.pid]
-    for pid in pids:
-        os.kill(pid, signal.SIGSTOP)
-    return pids
-
-
 def test_a_run_from_its_submission_to_its_results(site, kube, here, tmp_path):
     run = site.submitted()
     assert (site.out / "job.yaml").read_text().startswith("# Objects of Kubernetes")
@@ -140,8 +131,7 @@ def test_a_run_from_its_submission_to_its_results(site, kube, here, tmp_path):
 
 def test_what_a_container_may_do_on_its_node(site, kube):
     run = site.submitted(workers=1)
-    wait_for(lambda: kube.pods("worker", "Running"), "a worker")
-    frozen = freeze(kube, "conductor")
+    frozen = held(kube, 1)
     name = kube.pods("worker")[0]["metadata"]["name"]
     tries = (
         ("id -u", "10001\n"),
