@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import twin.base.start  # noqa: F401 - before anything that takes long to load
+from schemas.sections.view_mode import ViewMode
 from schemas.words import counted
 
 # isort: split
@@ -370,6 +371,9 @@ def validate(
             "deadline_s": loaded.deadline_s,
             "placement": loaded.autonomy.placement,
             "commands": bool(loaded.autonomy.command),
+            "records": loaded.recording.drive != "none"
+            or (ViewMode(loaded.view).records and loaded.recording.keep != "none"),
+            "files": sorted(loaded.files),
         }
         print(json.dumps(facts))
         return

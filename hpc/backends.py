@@ -29,7 +29,13 @@ def backend(name: str) -> Scheduler:
 
 def present() -> BatchSystemKind | None:
     """The first batch system whose commands are on this host, or None."""
-    return next((kind for kind in batch_systems().declared if exists(kind.submits)), None)
+    kinds = batch_systems().declared
+    return next((kind for kind in kinds if kind.submits and exists(kind.submits)), None)
+
+
+def programs() -> list[str]:
+    """The commands by which batch systems are found."""
+    return [kind.submits for kind in batch_systems().declared if kind.submits]
 
 
 def scheduler(name: str) -> Scheduler:
@@ -40,10 +46,11 @@ def scheduler(name: str) -> Scheduler:
         InfrastructureError: its commands are not there.
     """
     if name == AUTO:
-        system, submits = present(), [kind.submits for kind in batch_systems().declared]
+        system, submits = present(), programs()
     else:
         declared = _declared(name)
-        system, submits = declared if exists(declared.submits) else None, [declared.submits]
+        here = not declared.submits or exists(declared.submits)
+        system, submits = declared if here else None, [declared.submits]
     if system is None:
         raise InfrastructureError(
             f"{none_of(submits)} on this host, so nothing can be submitted from here; log in to a "

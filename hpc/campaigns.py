@@ -24,6 +24,10 @@ class CampaignFacts:
     """Longest time without progress before an attempt is given up [s]."""
     remote_stacks: bool
     """Simulators and stacks run on different nodes."""
+    records: bool = False
+    """Whether attempts leave recordings, of the view or of what the stack saw."""
+    files: tuple[str, ...] = ()
+    """Files beside the campaign file that it names; none for a shipped campaign."""
     commands: bool = False
     """Whether its stack is a command, which hosts on other nodes start only if they are told to."""
 
@@ -51,5 +55,7 @@ def checked(campaign: str) -> CampaignFacts:
         cases=tuple(answer["cases"]),
         deadline_s=answer["deadline_s"],
         remote_stacks=answer["placement"] == "node",
+        records=answer["records"],
+        files=tuple(answer["files"]) if is_file else (),
         commands=answer["commands"],
     )

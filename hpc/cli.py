@@ -45,7 +45,7 @@ Which = Annotated[SchedulerName, typer.Option("--scheduler", help="Batch system 
 
 
 _AUTO = SchedulerName(AUTO)
-_OPENS = ", ".join(f"`{kind.opens}`" for kind in batch_systems().declared)
+_OPENS = ", ".join(f"`{kind.opens}`" for kind in batch_systems().declared if kind.opens)
 
 
 @app.command()
@@ -56,6 +56,10 @@ def render(
         bool,
         typer.Option("--array", help="For comparison: a job array with one case per index."),
     ] = False,
+    into: Annotated[
+        Path | None,
+        typer.Option(help="Folder to write instead, where a batch system takes several files."),
+    ] = None,
     *,
     options: Options,
 ) -> None:
@@ -68,6 +72,11 @@ def render(
     site = _site(options)
     system = backend(_scheduler_name(options, site))
     facts, request = _checked(campaign, options, site)
+    if into is not None:
+        from hpc.submit import write_files
+
+        print("\n".join(map(str, write_files(system, request, into, array=array))))
+        return
     text = system.render_array(request, facts.cases) if array else system.render(request)
     print(text, end="")
 
@@ -87,14 +96,9 @@ def submit(campaign: Campaign, output: OutputOption = Output.human, *, options: 
     system = scheduler(_scheduler_name(options, site))
     facts, request = _checked(campaign, options, site)
     done = submit_job(request, system, facts.deadline_s)
-    folder = shlex.quote(_short(done.out))
-    commands = {
-        "queue": f"hpc status {folder}",
-        "watch": f"conductor status --state {folder} --watch",
-        "log": f"tail -F {shlex.quote(_short(done.log))}",
-        "view": f"viewer live --run {folder}",
-        "cancel": f"hpc cancel {folder}",
-    }
+    places = {"folder": shlex.quote(_short(done.out)), "log": shlex.quote(_short(done.log))}
+    kind = batch_systems().find(done.scheduler)
+    commands = {word: command.format(**places) for word, command in kind.afterwards}
     if output is Output.json:
         print(json.dumps(dataclasses.asdict(done) | {"commands": commands}))
         return
@@ -176,9 +180,16 @@ def pull(
     source: Annotated[str, typer.Argument(help="HOST:RUN, e.g. login1:work/runs/aeb-256.")],
     folder: Annotated[Path | None, typer.Argument(help="Where to; default runs/RUN, here.")] = None,
 ) -> None:
-    """Copy a run folder from the cluster to this machine, over ssh; again: only what is new."""
-    from hpc.pull import pull as pull_run
+    """Copy a run folder from the cluster to this machine, over ssh; again: only what is new.
 
+    A RUN of a job that sees no folder of this machine is copied out of the job's own storage.
+    """
+    from hpc.pull import pull as pull_run
+    from hpc.pull import pull_job
+
+    if pulled := pull_job(Path(source), folder):
+        print(pulled)
+        return
     print(pull_run(source, folder))
 
 
@@ -235,7 +246,13 @@ def _checked(campaign: str, options: Options, site: Site) -> tuple[CampaignFacts
 
     facts = checked(campaign)
     request = _request(campaign, options, site, remote_stacks=facts.remote_stacks)
-    return facts, dataclasses.replace(request, campaign=facts.name, remote_commands=facts.commands)
+    return facts, dataclasses.replace(
+        request,
+        campaign=facts.name,
+        remote_commands=facts.commands,
+        records=facts.records,
+        own_files=facts.files,
+    )
 
 
 def _request(campaign: str, options: Options, site: Site, *, remote_stacks: bool) -> JobRequest:
@@ -295,13 +312,18 @@ def _job(job: str, which: SchedulerName) -> tuple[Scheduler, str]:
     submitted = job_of(Path(job))
     if submitted is not None:
         return scheduler(submitted[0]), submitted[1]
-    systems = [kind for kind in batch_systems().declared if which in (AUTO, kind.name)]
-    if not any(re.fullmatch(kind.job_ids, job) for kind in systems):
+    systems = [
+        kind
+        for kind in batch_systems().declared
+        if which in (AUTO, kind.name) and re.fullmatch(kind.job_ids, job)
+    ]
+    if not systems:
         raise UsageError(
             f"{job}: no run folder with a {JOB_FILE}; give a folder that `hpc submit` has used, "
             "or a job's id"
         )
-    return scheduler(which), job
+    # One that is only used where it is named is named by its job's id.
+    return scheduler(which if systems[0].submits else systems[0].name), job
 
 
 def _meaning(code: int) -> str:

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import psutil
 
-from hpc.backends import backend, present
+from hpc.backends import backend, present, programs
 from hpc.commands import call, exists
 from hpc.doctor import Address, Facts
 from hpc.scheduler import Partitions
@@ -34,7 +34,7 @@ def look(folder: Path, site: Path | None) -> Facts:
     used = site or usual_path()
     return Facts(
         scheduler=system.name if system is not None else "",
-        looked_for=tuple(kind.submits for kind in batch_systems().declared),
+        looked_for=tuple(programs()),
         unusable=tuple(batch_systems().broken.values()),
         version=_version(system),
         answers=offered.trouble,

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from hpc.backends import backend
 from hpc.commands import exists, watch
+from hpc.scheduler import RemoteScheduler
+from hpc.submit import job_of
 from twin.base.errors import InfrastructureError, UsageError
 
 LEFT_THERE = (".*.tmp", "spool", "rigs", "conductor.json", "conductor.owner", "/keys")
@@ -48,4 +51,26 @@ def pull(source: str, folder: Path | None) -> Path:
         raise InfrastructureError(
             f"{source}: {program} ended with {code}, see above; the same command goes on"
         )
+    return target
+
+
+def pull_job(run: Path, folder: Path | None) -> Path | None:
+    """Copy the results of the job of a run folder of this machine; into ``folder``, else beside
+    what says which job it is. None: ``run`` has no job that keeps its results elsewhere.
+
+    Raises:
+        TwinError: they cannot be had, or not be written.
+    """
+    submitted = job_of(run)
+    if submitted is None:
+        return None
+    system = backend(submitted[0])
+    if not isinstance(system, RemoteScheduler):
+        return None
+    target = folder or run
+    try:
+        target.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UsageError(f"{target}: {error.strerror}") from None
+    system.pull(submitted[1], target)
     return target

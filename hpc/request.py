@@ -32,7 +32,7 @@ _SITE_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.,@+/:-]{0,199}")
 _ADDRESS = re.compile(r"([A-Za-z0-9][A-Za-z0-9.-]{0,252}|\[[0-9A-Fa-f:.]{2,45}\])")
 _CONTROL = re.compile(r"[\x00-\x1f\x7f]")
 _MODULE = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.+/:=@-]{0,199}")
-_CONSTRAINT = re.compile(r"[A-Za-z0-9_\[(][A-Za-z0-9_.,:=*&|()\[\]!-]{0,199}")
+_CONSTRAINT = re.compile(r"[A-Za-z0-9_\[(][A-Za-z0-9_.,:=*&|()\[\]!/-]{0,199}")
 _SCRATCH = re.compile(r"(\$[A-Za-z_]\w*|\$\{[A-Za-z_]\w*\}|/)[A-Za-z0-9_./${}+-]{0,400}")
 _INTERFACE = re.compile(
     r"[A-Za-z][A-Za-z0-9_.@:-]{0,31}|[0-9]{1,3}(\.[0-9]{1,3}){3}(/([0-9]|[12][0-9]|3[0-2]))?"
@@ -103,6 +103,10 @@ class JobRequest:
     tasks of the workers fill theirs."""
     remote_commands: bool = False
     """Whether stacks on other nodes are commands."""
+    records: bool = False
+    """Whether the campaign leaves recordings."""
+    own_files: tuple[str, ...] = ()
+    """Files beside the campaign file that it names."""
 
     def __post_init__(self) -> None:
         self._check_paths()
@@ -149,7 +153,7 @@ class JobRequest:
         if self.constraint and not _CONSTRAINT.fullmatch(self.constraint):
             raise UsageError(
                 f"--constraint {self.constraint!r}: allowed are letters, digits and any of "
-                "_ . , : = * & | ( ) [ ] ! -"
+                "_ . , : = * & | ( ) [ ] ! / -"
             )
         for module in self.modules:
             if not _MODULE.fullmatch(module):

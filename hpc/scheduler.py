@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, Protocol
+from typing import Literal, Protocol, runtime_checkable
 
 from hpc.request import JobRequest
 
@@ -87,3 +87,19 @@ class Scheduler(Protocol):
 
     def partitions(self, wait_s: float) -> Partitions:
         """What may be asked for here; ``wait_s``: longest wait for a program [s]."""
+
+
+@runtime_checkable
+class FolderScheduler(Protocol):
+    """A batch system that takes more than one file."""
+
+    def files(self, request: JobRequest) -> Mapping[str, str]:
+        """Texts by file name: what ``hpc render --into FOLDER`` writes."""
+
+
+@runtime_checkable
+class RemoteScheduler(Protocol):
+    """A batch system whose jobs do not see the run folder of this machine."""
+
+    def pull(self, job: str, target: Path) -> None:
+        """Copy the results of a job into ``target``; called again, what is newer there."""

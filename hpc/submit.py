@@ -12,13 +12,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from hpc.request import SIGNAL_SLACK_S, JobRequest, hours_minutes
-from hpc.scheduler import Scheduler
+from hpc.scheduler import FolderScheduler, Scheduler
 from schemas.kinds.batch_system import batch_systems
 from twin.base.errors import InfrastructureError, TwinError, UsageError, storage_error
 from twin.base.files import write_atomic
 
-SCRIPT = "job.sh"
-"""Name of the job script in the run folder."""
 JOB_FILE = "job.id"
 """Name of the file in the run folder that says which job runs it: ``slurm 12``."""
 PROBE_BYTES = 1 << 20
@@ -49,9 +47,9 @@ def submit(request: JobRequest, scheduler: Scheduler, deadline_s: float) -> Subm
     with _undone_on_failure(folder) as undo:
         probe(folder)
         scheduler.check(text, request)
-        script = folder / SCRIPT
+        script = folder / batch_systems().find(scheduler.name).script
         undo.file(script)
-        _write(script, text)
+        _write(script, text, mode=0o755)
         job = scheduler.submit(script, folder)
         try:
             _write(folder / JOB_FILE, f"{scheduler.name} {job}\n")
@@ -60,6 +58,28 @@ def submit(request: JobRequest, scheduler: Scheduler, deadline_s: float) -> Subm
             raise type(error)(f"{error}; job {job} was cancelled again") from None
     log = folder / scheduler.log(job, request)
     return SubmittedJob(scheduler.name, job, str(folder), str(script), str(log))
+
+
+def write_files(
+    scheduler: Scheduler, request: JobRequest, folder: Path, *, array: bool = False
+) -> list[Path]:
+    """Write what a batch system takes, several files, into ``folder``; their paths.
+
+    Raises:
+        UsageError: it takes one script, or a file cannot be written.
+        InfrastructureError: the disk is full or broken.
+    """
+    if array or not isinstance(scheduler, FolderScheduler):
+        what = "--array" if array else batch_systems().find(scheduler.name).title
+        raise UsageError(f"--into {folder}: {what} takes one script; leave --into away")
+    texts = scheduler.files(request)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise storage_error(error, str(folder)) from None
+    for name, text in texts.items():
+        _write(folder / name, text)
+    return [folder / name for name in texts]
 
 
 def check_walltime(request: JobRequest, deadline_s: float, case_s: float | None) -> None:
@@ -141,11 +161,10 @@ def probe(folder: Path) -> None:
             path.unlink(missing_ok=True)
 
 
-def _write(path: Path, text: str) -> None:
+def _write(path: Path, text: str, mode: int = 0o644) -> None:
     try:
         write_atomic(path, text.encode())
-        if path.name == SCRIPT:
-            path.chmod(0o755)
+        path.chmod(mode)
     except OSError as error:
         raise storage_error(error, str(path)) from None
 

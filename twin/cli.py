@@ -50,6 +50,7 @@ from twin.worker.command_options import (
     MemoryGbOption,
     SlotsOption,
     SpoolOption,
+    StartedAgainOption,
     StateOption,
     TagOption,
     UntilDoneOption,
@@ -88,6 +89,7 @@ def worker(
     join_dir: JoinDirOption = "",
     view: ViewOption = None,
     until_done: UntilDoneOption = False,
+    started_again: StartedAgainOption = False,
     drain_s: DrainSOption = 0.0,
     walltime_s: WalltimeSOption = None,
     memory_gb: MemoryGbOption = None,
@@ -119,8 +121,7 @@ def worker(
         told = await_start(loading)
         connect, slots, share = told.connect, told.slots, told.share
         key = Path(told.key) if told.key else None
-    if state is not None and not connect:
-        spool = spool or state / "spool"
+    spool = spool or (state / "spool" if state is not None and not connect else None)
     target = _conductor(connect, state, wait, namespace, key)
     fit = slots is None and device.startswith("cuda")
     options = WorkerOptions(
@@ -134,6 +135,7 @@ def worker(
         join_dir=join_dir,
         view=view,
         until_done=until_done,
+        started_again=started_again,
         drain_s=drain_s,
         walltime_s=walltime_s,
         memory_gb=memory_gb,
@@ -148,12 +150,15 @@ def _conductor(
     connect: str, state: Path | None, wait_s: float, namespace: str, key: Path | None
 ) -> Target:
     """The conductor to work for; the one of a state folder may still be on its way."""
-    from twin.fabric.discovery import await_conductor, choose_target
+    from twin.fabric.discovery import await_conductor, await_endpoint, choose_target
     from twin.fabric.keys.roles import Role
 
     if state is not None and not connect:
         return await_conductor(state, wait_s, Role.worker, key)
-    return choose_target(connect, None, namespace, key, Role.worker)
+    target = choose_target(connect, None, namespace, key, Role.worker)
+    if wait_s:
+        await_endpoint(target, wait_s)
+    return target
 
 
 @app.command()

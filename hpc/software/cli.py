@@ -28,6 +28,7 @@ def add_commands(app: typer.Typer) -> None:
         rich_markup_mode=None,
     )
     image.command("build")(build_image)
+    image.command("context")(write_image_context)
     app.add_typer(image)
     app.command("bundle")(bundle)
     app.command("enter", context_settings={"allow_interspersed_args": False})(enter)
@@ -76,6 +77,29 @@ def build_image(
         return
     build(source_folder(source), out, start, wheels)
     print(out.absolute())
+
+
+def write_image_context(
+    out: Annotated[Path, typer.Argument(help="New folder to write.")],
+    wheels: Annotated[
+        Path | None,
+        typer.Option(help="Folder of wheels (of `hpc bundle`); default: built and downloaded."),
+    ] = None,
+    base: Annotated[
+        str,
+        typer.Option(help="Image with Python to start from; default: this Python's official one."),
+    ] = "",
+    source: Source = None,
+) -> None:
+    """Write what an OCI image is built from: a Containerfile and wheels.
+
+    `podman build` or `docker build` makes the image, for clusters whose nodes pull images.
+    """
+    from hpc.software.image import default_base, write_context
+    from hpc.software.wheels import source_folder
+
+    write_context(source_folder(source), out, base or default_base(), wheels)
+    print(f"{out.absolute()}; then: podman build --tag NAME {out.absolute()}")
 
 
 def bundle(

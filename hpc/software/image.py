@@ -1,4 +1,5 @@
-"""``hpc image build``: an Apptainer image with this project, its dependencies, and nothing else.
+"""``hpc image``: images with this project, its dependencies, and nothing else. Apptainer builds one
+here; for nodes that pull images, podman or Docker build one from what is written here.
 
 The definition copies a folder of wheels and installs from it without a network, so an image built
 twice from one folder holds the same versions, and a base that is a file needs no registry.
@@ -18,6 +19,10 @@ from hpc.software.wheels import LOCK_FILE, call, fill_wheels, own_wheel
 from twin.base.errors import UsageError
 
 DEFINITION_FILE = "drivetwin.def"
+CONTAINER_FILE = "Containerfile"
+IMAGE_USER = "10001:10001"
+"""User and group of an OCI image, which are nobody's."""
+_OCI_NAME = re.compile(r"[a-z0-9][a-z0-9._/:@-]*")
 _REFERENCE = re.compile(r"([a-z][a-z-]*)://(\S+)")
 _INSTALLED = BIN_FOLDER.rpartition("/")[0]
 
@@ -91,6 +96,69 @@ From: {name}
     {BIN_FOLDER}/conductor --version
     {BIN_FOLDER}/twin --version
 """
+
+
+def containerfile(base: str) -> str:
+    """What an OCI image is built from, with ``wheels/`` and the lock file beside it. Pure.
+
+    Args:
+        base: name of an image with Python and ``venv``, e.g. ``python:3.11-slim``.
+
+    Raises:
+        UsageError: the base cannot be used.
+    """
+    name = base.removeprefix("docker://")
+    if not _OCI_NAME.fullmatch(name):
+        raise UsageError(
+            f"--base {base!r}: give the name of an image, e.g. "
+            f"{default_base().removeprefix('docker://')}"
+        )
+    return f"""\
+# Written by `hpc image context`: podman build --tag NAME FOLDER, or docker build.
+FROM {name}
+RUN --mount=type=bind,source=wheels,target=/wheels \\
+    --mount=type=bind,source={LOCK_FILE},target=/{LOCK_FILE} \\
+    python3 -m venv {_INSTALLED} \\
+    && {BIN_FOLDER}/python -m pip install --no-index --no-cache-dir --disable-pip-version-check \\
+        --find-links=/wheels --constraint=/{LOCK_FILE} drivetwin \\
+    && chmod -R a+rX {_INSTALLED} \\
+    && {BIN_FOLDER}/conductor --version
+ENV PATH={BIN_FOLDER}:$PATH PYTHONNOUSERSITE=1
+USER {IMAGE_USER}
+"""
+
+
+def write_context(source: Path, out: Path, base: str, wheels: Path | None) -> None:
+    """Write the folder from which an OCI image is built.
+
+    Args:
+        source: the project's checkout.
+        out: a new folder; complete or absent, also when this is killed.
+        base: see :func:`containerfile`.
+        wheels: folder of wheels, which are copied; None: they are built and downloaded.
+
+    Raises:
+        UsageError: ``out`` exists, or the base or the wheels cannot be used.
+        InfrastructureError: pip failed.
+    """
+    text = containerfile(base)
+    out = out.absolute()
+    if out.exists():
+        raise UsageError(f"{out}: exists already; remove it or choose another --out")
+    if wheels is not None:
+        own_wheel(wheels)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=f".{out.name}.", dir=out.parent) as name:
+        folder = Path(name) / out.name
+        folder.mkdir()
+        (folder / CONTAINER_FILE).write_text(text)
+        shutil.copy(source / LOCK_FILE, folder)
+        if wheels is None:
+            (folder / "wheels").mkdir()
+            fill_wheels(source, folder / "wheels")
+        else:
+            shutil.copytree(wheels, folder / "wheels")
+        folder.rename(out)
 
 
 def build(source: Path, out: Path, base: str, wheels: Path | None) -> None:

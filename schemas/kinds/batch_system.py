@@ -28,12 +28,13 @@ class BatchSystemKind:
     """The name in sentences, e.g. ``Slurm``."""
     implementation: str
     """``module:attribute`` of its :class:`hpc.scheduler.Scheduler`, a class without arguments."""
-    submits: str
-    """Program that submits a job; where it is on the PATH, the batch system is here."""
-    version: tuple[str, ...]
+    submits: str = ""
+    """Program that submits a job; where it is on the PATH, the batch system is here. Empty: a
+    library of its own asks it, and it is used only where it is named."""
+    version: tuple[str, ...] = ()
     """Command that prints its version in one line."""
-    opens: str
-    """Command that opens an interactive allocation, for ``--help``."""
+    opens: str = ""
+    """Command that opens an interactive allocation, for ``--help``; empty: none does."""
     constraint: str
     """What ``--constraint`` means, for ``--help``."""
     job_variable: str
@@ -42,6 +43,17 @@ class BatchSystemKind:
     """Environment variable that holds how often the job was started again; empty: none does."""
     job_ids: str = r"[0-9].*"
     """Pattern of its jobs' ids."""
+    script: str = "job.sh"
+    """Name of the file in the run folder that is submitted."""
+    afterwards: tuple[tuple[str, str], ...] = (
+        ("queue", "hpc status {folder}"),
+        ("watch", "conductor status --state {folder} --watch"),
+        ("log", "tail -F {log}"),
+        ("view", "viewer live --run {folder}"),
+        ("cancel", "hpc cancel {folder}"),
+    )
+    """What a user may do with a submitted job: a word and a command each, with the run folder and
+    the log in place of ``{folder}`` and ``{log}``."""
 
 
 SLURM = BatchSystemKind(
@@ -69,7 +81,24 @@ PBS = BatchSystemKind(
 )
 """PBS Pro and OpenPBS."""
 
-KINDS = (SLURM, PBS)
+KUBERNETES = BatchSystemKind(
+    name="kubernetes",
+    title="Kubernetes",
+    implementation="hpc.kubernetes.commands:Kubernetes",
+    constraint="label=value of nodes",
+    job_variable="DRIVETWIN_JOB",
+    job_ids=r"[a-z0-9-]+/[a-z0-9-]+@\S+",
+    script="job.yaml",
+    afterwards=(
+        ("queue", "hpc status {folder}"),
+        ("results", "hpc pull {folder}"),
+        ("cancel", "hpc cancel {folder}"),
+    ),
+)
+"""Kubernetes, over its API; used only where it is named: a `kubectl` says nothing about a cluster
+that is meant."""
+
+KINDS = (SLURM, PBS, KUBERNETES)
 """Batch systems in the order in which they are looked for. The first is the one that `hpc render`
 writes for where nothing else is said."""
 

@@ -36,6 +36,7 @@ ELSEWHERE = {
     "hpc fetch image": "a registry of images: tests/unit/hpc/test_inputs",
     "hpc fetch repository": "a repository: test_foreign_places",
     "hpc image build": "Apptainer: test_offline",
+    "hpc image context": "half a gigabyte of wheels: tests/unit/hpc/software/test_image",
     "hpc leave": "podman: tests/unit/twin/sandbox/test_enter",
     "hpc pull": "ssh: tests/unit/hpc/test_hpc_commands",
     "hpc requeue": "a scheduler: test_slurm",

@@ -92,6 +92,23 @@ def await_conductor(folder: Path, wait_s: float, role: Role, key: Path | None = 
         time.sleep(POLL_S)
 
 
+def await_endpoint(target: Target, wait_s: float) -> None:
+    """Return once somebody answers at ``target``, which may take ``wait_s`` [s].
+
+    Raises:
+        UsageError: who answers is not of the key's fabric.
+        UnreachableError: nobody answers.
+    """
+    until_s = time.monotonic() + wait_s
+    while True:
+        try:
+            return greet(target.endpoint, target.key)
+        except UnreachableError:
+            if time.monotonic() >= until_s:
+                raise
+        time.sleep(POLL_S)
+
+
 def find_target(folder: Path, role: Role, key: Path | None = None) -> Target:
     """Target of the conductor of a state or campaign folder; with this user's key of ``role``,
     unless one is given.

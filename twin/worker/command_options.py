@@ -24,7 +24,7 @@ StateOption = Annotated[
     Path | None,
     typer.Option(help="Or: the conductor's state folder, on a shared file system."),
 ]
-WaitOption = Annotated[float, duration("With --state: wait this long for a conductor [s].")]
+WaitOption = Annotated[float, duration("Wait this long for a conductor that is to come [s].")]
 SlotsOption = Annotated[
     int | None,
     typer.Option(
@@ -56,6 +56,13 @@ ViewOption = Annotated[
     ),
 ]
 UntilDoneOption = Annotated[bool, typer.Option("--until-done", help="Leave when no case is left.")]
+StartedAgainOption = Annotated[
+    bool,
+    typer.Option(
+        "--started-again",
+        help="Somebody starts it again while cases are left: with some left, it ends with 75.",
+    ),
+]
 DrainSOption = Annotated[float, duration("After SIGTERM, running cases may go on this long [s].")]
 WalltimeSOption = Annotated[
     float | None,

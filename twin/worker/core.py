@@ -105,6 +105,8 @@ class Core:
     """Tokens of results that lie in the spool."""
     drain_reason: Release = "released"
     drain_detail: str = ""
+    cases_left: bool = True
+    """Whether the conductor had cases left when it answered last."""
     drain_until_ns: int = 0
 
     # --- events -----------------------------------------------------------------------------
@@ -509,6 +511,7 @@ class Core:
         self.ended = self.ended[len(request.ended) :]
         effects: list[Effect] = [SpoolForget(token) for token in settled]
         effects += self._forget(reply.lost, now_ns)
+        self.cases_left = reply.left != 0
         if reply.drain or (self.until_done and reply.left == 0 and not reply.leases):
             effects += self._asked_to_drain(now_ns)
         if self.phase != "working":

@@ -41,6 +41,9 @@ class WorkerOptions:
     until_done: bool = False
     drain_s: float = 0.0
     """How long running cases may go on after SIGTERM [s]."""
+    started_again: bool = False
+    """Who started it does so again unless it ends with 0: it then ends with 75 while cases are
+    left."""
     walltime_s: float | None = None
     """The allocation ends so long after the start [s]; None: no end is known."""
     memory_gb: float | None = None

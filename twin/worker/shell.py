@@ -28,7 +28,13 @@ from schemas.wire import topics
 from schemas.wire.codec import WireError, decode, encode
 from schemas.wire.control import Beat, Hello, Lease, Next, Reply, Request, Result
 from schemas.wire.rpc_routes import route_key
-from twin.base.errors import TwinError, UsageError, storage_error
+from twin.base.errors import (
+    EXIT_PASS,
+    EXIT_UNFINISHED,
+    TwinError,
+    UsageError,
+    storage_error,
+)
 from twin.base.process import end
 from twin.base.software import device_class, software_digest
 from twin.fabric.bus import Bus
@@ -171,7 +177,8 @@ class Worker:
             self._shutdown()
         if self._error:
             raise UsageError(f"conductor refuses this worker: {self._error}")
-        return 0
+        unfinished = self._options.started_again and self._core.cases_left
+        return EXIT_UNFINISHED if unfinished else EXIT_PASS
 
     def _startup(self) -> None:
         # Rigs make their own keys, so that no stack's frames leave this host as plain TCP.

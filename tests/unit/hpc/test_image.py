@@ -8,7 +8,14 @@ from pathlib import Path
 import pytest
 
 from hpc.software.bundle import install_script, write_bundle
-from hpc.software.image import BUBBLEWRAP, build, default_base, definition
+from hpc.software.image import (
+    BUBBLEWRAP,
+    build,
+    containerfile,
+    default_base,
+    definition,
+    write_context,
+)
 from hpc.software.wheels import own_wheel, source_folder
 from twin.base.errors import InfrastructureError, UsageError
 
@@ -176,3 +183,29 @@ def test_install_refuses_another_python(tmp_path):
     assert done.returncode == 2
     assert "is not Python 3." in done.stderr
     assert not (tmp_path / "venv").exists()
+
+
+def test_what_an_oci_image_is_built_from(tmp_path):
+    wheels, out = tmp_path / "wheels", tmp_path / "deep" / "context"
+    wheels.mkdir()
+    (wheels / "drivetwin-1-py3-none-any.whl").write_bytes(b"wheel")
+    source = source_folder(None)
+    write_context(source, out, default_base(), wheels)
+    found = {str(path.relative_to(out)) for path in out.rglob("*") if path.is_file()}
+    assert found == {"Containerfile", "constraints.txt", "wheels/drivetwin-1-py3-none-any.whl"}
+    text = (out / "Containerfile").read_text()
+    assert f"\nFROM python:3.{sys.version_info[1]}-slim\n" in text
+    assert text.endswith("\nUSER 10001:10001\n"), "a cluster may refuse images of root"
+    assert "--no-index" in text
+    with pytest.raises(UsageError, match="exists already"):
+        write_context(source, out, default_base(), wheels)
+    with pytest.raises(UsageError, match="one wheel drivetwin"):
+        write_context(source, tmp_path / "other", default_base(), tmp_path)
+    assert not list(tmp_path.rglob(".*")), "nothing is left half done"
+
+
+@pytest.mark.parametrize("base", ["", "/images/base.sif", "a b", "x\nRUN rm", "--privileged"])
+def test_a_base_that_no_registry_has(base):
+    with pytest.raises(UsageError, match="give the name of an image") as caught:
+        containerfile(base)
+    assert len(str(caught.value).splitlines()) == 1

@@ -12,7 +12,9 @@ from twin.fabric.discovery import (
     OUTCOMES_NAME,
     ConductorFile,
     RunEndedError,
+    Target,
     await_conductor,
+    await_endpoint,
     choose_target,
     find_conductor,
     refuse_ended,
@@ -101,3 +103,15 @@ def test_a_conductor_may_come_to_a_run_that_has_not_ended(tmp_path):
     again = campaign(tmp_path / "again", complete=True)
     announce(again, 1)  # of a conductor that runs some of its cases once more
     assert refuse_ended(again) is None
+
+
+def test_an_endpoint_may_be_on_its_way():
+    with socket.socket() as later:
+        later.bind(("127.0.0.1", 0))
+        endpoint = f"tcp/127.0.0.1:{later.getsockname()[1]}"
+        with pytest.raises(UnreachableError, match="no conductor answers"):
+            await_endpoint(Target(endpoint, "twin", None), 0.1)
+        begins = threading.Timer(0.3, later.listen)
+        begins.start()
+        await_endpoint(Target(endpoint, "twin", None), 60)
+        begins.join()

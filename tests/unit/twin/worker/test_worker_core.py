@@ -436,6 +436,19 @@ def test_leases_granted_while_leaving_are_handed_back():
     assert [(e.token, e.reason) for e in core.ended] == [(9, "released")]
 
 
+@pytest.mark.parametrize(("left", "told"), [(0, False), (2, True)])
+def test_a_worker_that_leaves_knows_whether_cases_are_left(left, told):
+    """Who starts it again needs to know; the conductor says it in every answer."""
+    core = Core(hello(), until_done=True)
+    (ask,) = core.on_time(0)
+    core.on_reply(ask.request, reply(), 0)
+    assert core.cases_left
+    (ask,) = core.on_time(0)
+    core.on_reply(ask.request, reply(seq=1, left=left, drain=True), 1)
+    assert core.phase == "draining"
+    assert core.cases_left is told
+
+
 def test_until_done_leaves_when_nothing_is_left():
     core = Core(hello(), until_done=True)
     (ask,) = core.on_time(0)

@@ -1,0 +1,1 @@
+"""Kubernetes: a campaign as plain objects, and jobs over the API."""

@@ -1,0 +1,123 @@
+"""Options of a job on Kubernetes: every bad value is one line."""
+
+from dataclasses import replace
+
+import pytest
+
+from hpc.kubernetes.options import LABELS_MAX, TOLERATIONS_MAX, Toleration, options_of
+from hpc.request import JobRequest
+from twin.base.errors import UsageError
+
+IMAGE = "--image=registry.example/drivetwin:1"
+REQUEST = JobRequest(
+    campaign="aeb-demo",
+    out="/home/me/runs/x",
+    folder="/work",
+    bin_folder="/opt/drivetwin/bin",
+    walltime_min=60,
+    workers=2,
+    directives=(IMAGE,),
+)
+
+
+def given(*directives, **values):
+    return replace(REQUEST, directives=(IMAGE, *directives), **values)
+
+
+BAD = {
+    "--image=": "expected an image",
+    "--image=UPPER/x": "expected an image",
+    "--image=-v": "expected an image",
+    "--image=x y": "expected an image",
+    f"--image={'x' * 600}": "expected an image",
+    "--namespace=Robots": "expected a namespace",
+    "--namespace=a.b": "expected a namespace",
+    "--namespace=": "expected a namespace",
+    "--memory=8": "expected a quantity",
+    "--memory=8GB": "expected a quantity",
+    "--memory=-8Gi": "expected a quantity",
+    "--memory=0Gi": "expected a quantity",
+    "--storage=lots": "expected a quantity",
+    "--storage-class=A": "expected a name",
+    "--priority-class=a_b": "expected a name",
+    "--pull-secret=../x": "expected a name",
+    "--gpu-resource=gpu": "expected an extended resource",
+    "--spot=aws": "expected one of gke, eks, aks, karpenter",
+    "--port=80": "expected a port, 1024 to 65535",
+    "--port=99999": "expected a port",
+    "--port=x": "expected a port",
+    "--toleration=": "expected KEY, KEY=VALUE or KEY=VALUE:EFFECT",
+    "--toleration=a=b:Never": "an effect of NoSchedule, PreferNoSchedule, NoExecute",
+    "--toleration=a b": "expected KEY",
+    "--qos=long": "allowed are --gpu-resource=, --image=, --memory=",
+    "--image": "allowed are",
+    "-l x": "allowed are",
+}
+
+
+@pytest.mark.parametrize(("directive", "said"), BAD.items())
+def test_a_bad_directive(directive, said):
+    with pytest.raises(UsageError) as caught:
+        options_of(given(directive))
+    assert said in str(caught.value)
+    assert len(str(caught.value).splitlines()) == 1
+    assert len(str(caught.value)) < 400 or "allowed are" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        ({"container": "/images/x.sif"}, "--container: give --directive=--image=NAME"),
+        ({"account": "proj"}, "--account: Kubernetes knows none"),
+        ({"modules": ("cuda",)}, "modules (site file)"),
+        ({"scratch": "$TMPDIR"}, "--scratch: pods have their own /tmp"),
+        ({"interface": "ib0"}, "--interface: pods meet at a Service"),
+        ({"address": "10.1.2.3"}, "--address: pods meet at a Service"),
+        ({"nodes": 2}, "--nodes: the cluster places pods"),
+        ({"remote_stacks": True}, "autonomy.placement: node"),
+        ({"records": True}, "workers here share no disk with the conductor"),
+        ({"own_files": ("nets/mine.onnx",)}, "names nets/mine.onnx, which pods do not see"),
+        ({"partition": "Gpu_Queue"}, "--partition 'Gpu_Queue': expected a local queue of Kueue"),
+        ({"constraint": "a100"}, "--constraint 'a100': expected labels of nodes"),
+        ({"constraint": "a=b,c"}, "expected labels of nodes"),
+        ({"constraint": "a=b!"}, "expected labels of nodes"),
+    ],
+)
+def test_what_pods_have_no_use_for(values, said):
+    with pytest.raises(UsageError) as caught:
+        options_of(given(**values))
+    assert said in str(caught.value)
+    assert len(str(caught.value).splitlines()) == 1
+
+
+def test_an_image_is_needed():
+    with pytest.raises(UsageError, match=r"--image=NAME is missing"):
+        options_of(replace(REQUEST, directives=()))
+
+
+def test_the_last_one_wins():
+    found = options_of(given("--memory=4Gi", "--memory=6Gi", "--image=other:2"))
+    assert (found.memory, found.image) == ("6Gi", "other:2")
+
+
+def test_tolerations_add_up_to_a_limit():
+    many = [f"--toleration=key{n}=on:NoSchedule" for n in range(TOLERATIONS_MAX)]
+    found = options_of(given(*many))
+    assert found.tolerations[-1] == Toleration(f"key{TOLERATIONS_MAX - 1}", "on", "NoSchedule")
+    with pytest.raises(UsageError, match=f"at most {TOLERATIONS_MAX}"):
+        options_of(given(*many, "--toleration=one-more"))
+
+
+def test_labels_have_a_limit():
+    many = ",".join(f"l{n}=" for n in range(LABELS_MAX))
+    assert len(options_of(given(constraint=many)).labels) == LABELS_MAX
+    with pytest.raises(UsageError, match=f"at most {LABELS_MAX}"):
+        options_of(given(constraint=f"{many},x=y"))
+
+
+@pytest.mark.parametrize(
+    "image",
+    ["drivetwin", "host:5000/a/b:v1.2", f"reg.example/x@sha256:{'0' * 64}", "a/b_c-d.e:X_1"],
+)
+def test_images(image):
+    assert options_of(replace(REQUEST, directives=(f"--image={image}",))).image == image
