@@ -51,7 +51,7 @@ class Size:
 SIZES: dict[str, Size] = {"cpu": Size(1, 320, 180), "cuda": Size(256, 640, 360)}
 """Default per kind of device."""
 TARGETS: dict[tuple[str, str, Size], float] = {
-    ("cpu", "fast", Size(1, 320, 180)): 40.0,
+    ("cpu", "fast", Size(1, 320, 180)): 110.0,
     ("cuda", "fast", Size(256, 640, 360)): 12_000.0,
     ("cuda", "full", Size(256, 640, 360)): 6_000.0,
     ("cuda", "fast", Size(32, 1920, 1080)): 1_500.0,

@@ -124,7 +124,7 @@ def camera(
 ) -> None:
     """Camera frames per second, and the ratio to newton's camera on the same triangles and views.
 
-    Targets: 40 frames/s of 320x180 on one CPU core; on an H200 12,000 of 640x360 with 256 slots,
+    Targets: 110 frames/s of 320x180 on one CPU core; on an H200 12,000 of 640x360 with 256 slots,
     6,000 with every effect, 1,500 of 1920x1080 with 32 slots, and 1.3 times newton.
     """
     from twin.world.kernel_cache import prepare_kernels

@@ -16,6 +16,8 @@ class KernelOptions:
     """Threads of a block; 1 on a CPU."""
     blocks: int = 0
     """Blocks that fit a multiprocessor at least, which bounds the registers; 0: no bound."""
+    pixels: int = 1
+    """Neighbouring pixels that a thread works on: of one tile, one after another."""
 
     def arguments(self) -> dict[str, Any]:
         """Arguments for ``wp.kernel``: a module of its own, with the same bits on every device."""
@@ -55,7 +57,7 @@ class Tuning:
     """Parts of :data:`twin.render.picture.PARTS` to leave out, to see what they cost."""
 
 
-CPU = Tuning(*(KernelOptions(block=1) for _ in range(4)))
+CPU = Tuning(*(KernelOptions(block=1, pixels=pixels) for pixels in (1, 1, 1, 32)))
 CUDA = Tuning(
     visibility=KernelOptions(blocks=8),
     look=KernelOptions(blocks=8),

@@ -25,7 +25,7 @@ from twin.render.outputs import OUTPUTS, Buffers, Wanted
 from twin.render.picture import picture_kernel
 from twin.render.post.chain import PostEffects, needs_depth, needs_flow
 from twin.render.tone import tone_table
-from twin.render.trace import raster, rays, visibility
+from twin.render.trace import raster, rays, sun_packet, visibility
 from twin.render.trace.geometry import Geometry
 from twin.render.trace.raster import raster_of
 from twin.render.trace.rays import Optics, SlotPose
@@ -116,7 +116,7 @@ class RayCamera:
     def _first_kernel(self, mount: CameraMount, table: np.ndarray, hfov_deg: float) -> wp.Kernel:
         """Rays to what is seen; where drawing is faster, only those to the sun are left."""
         build = self._tuning.visibility
-        self._raster = raster_of(mount.lens, table, hfov_deg, self._device)
+        self._raster = raster_of(mount.lens, self._optics, table, hfov_deg, self._device)
         features = self.geometry.features
         if self._raster is None:
             return visibility.visibility_kernel(build, self._wanted.second, features)
@@ -243,7 +243,8 @@ class RayCamera:
                     outputs=[seen],
                     device=self._device,
                 )
-            sizes = (count, stride, stride, count)
+            packets = 1 if self._raster is None else sun_packet.LANES
+            sizes = (count // packets, stride, stride, count // self._tuning.picture.pixels)
             for (kernel, build), (inputs, outputs), size in zip(
                 self._launches(), arguments, sizes, strict=True
             ):

@@ -24,13 +24,21 @@ from twin.render.surface import SurfacePoint
 from twin.render.tone import tone
 from twin.render.trace.geometry import DECAL_TAG, RayScene
 from twin.render.trace.rays import Optics, SlotPose
-from twin.render.trace.visibility import DETAILED, MIRRORED, OUTSIDE, PixelsSeen, pixel_of
+from twin.render.trace.visibility import (
+    DETAILED,
+    MIRRORED,
+    OUTSIDE,
+    TILE_COLUMNS,
+    PixelsSeen,
+    pixel_of,
+)
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 PARTS = ("surface", "sky", "air", "tone")
 """Parts of the kernel that can be left out."""
 _HALF_MAX = wp.constant(60000.0)
+_TILE_COLUMNS = wp.constant(TILE_COLUMNS)
 
 
 @wp.func
@@ -142,6 +150,7 @@ def picture_kernel(
 
     ``without``: parts of :data:`PARTS` that are left out to see what they cost.
     """
+    pixels = build.pixels
     surfaces, skies = "surface" not in without, "sky" not in without
     second, looks = wanted.second, features.looks
     lamp_air, tones_on = "air" not in without, "tone" not in without
@@ -172,103 +181,100 @@ def picture_kernel(
         out: Buffers,
     ):
         """Shade the slots from ``first_slot`` on."""
-        thread = wp.tid()
-        pixel = pixel_of(thread, first_slot, optics)
-        if not pixel.inside:
+        first = wp.tid() * wp.static(pixels)
+        corner = pixel_of(first, first_slot, optics)
+        if not corner.inside:  # nor is what follows in its tile
             return
-        slot = pixel.slot
-        row = pixel.row
-        column = pixel.column
+        slot = corner.slot
+        # What all pixels of a thread share is read once.
         light = lights[slot]
         if light.active == 0:
             return
         pose = poses[slot]
-        ray = rays[row, column]
-        direction = pose.right * ray[0] + pose.down * ray[1] + pose.ahead * ray[2]
-        at = place_of(scene, slot, seen, thread, pose.eye, direction)
-        tag = _instance_of(scene, slot, at)
-        if tag >= 0:
-            gather_box(out.boxes, slot, tag, row, column, wp.int32(at.distance * 10000.0))
-        if wp.static(depth):
-            out.depth[slot, row, column] = wp.where(at.face >= 0, at.distance * ray[2], wp.inf)
-        if wp.static(instance):
-            out.instance[slot, row, column] = tag
-        if wp.static(semantic):
-            out.semantic[slot, row, column] = _semantic_of(scene, at)
-        if wp.static(normal):
-            facing = _facing(at, pose)
-            for k in range(3):
-                out.normal[slot, row, column, k] = facing[k]
-        if wp.static(flow):
-            way = wp.vec2(0.0, 0.0)
-            if at.face != OUTSIDE:
-                way = flow_at(scene, slot, at, lens, row, column, direction, pose, before)
-            out.flow[slot, row, column, 0] = way[0]
-            out.flow[slot, row, column, 1] = way[1]
+        place = wp.int32(0)
+        while place < wp.static(pixels):
+            thread = first + place
+            row = corner.row + place / _TILE_COLUMNS
+            column = corner.column + place % _TILE_COLUMNS
+            place += 1
+            if row >= optics.height or column >= optics.width:
+                continue
+            ray = rays[row, column]
+            direction = pose.right * ray[0] + pose.down * ray[1] + pose.ahead * ray[2]
+            at = place_of(scene, slot, seen, thread, pose.eye, direction)
+            tag = _instance_of(scene, slot, at)
+            if tag >= 0:
+                gather_box(out.boxes, slot, tag, row, column, wp.int32(at.distance * 10000.0))
+            if wp.static(depth):
+                out.depth[slot, row, column] = wp.where(at.face >= 0, at.distance * ray[2], wp.inf)
+            if wp.static(instance):
+                out.instance[slot, row, column] = tag
+            if wp.static(semantic):
+                out.semantic[slot, row, column] = _semantic_of(scene, at)
+            if wp.static(normal):
+                facing = _facing(at, pose)
+                for k in range(3):
+                    out.normal[slot, row, column, k] = facing[k]
+            if wp.static(flow):
+                way = wp.vec2(0.0, 0.0)
+                if at.face != OUTSIDE:
+                    way = flow_at(scene, slot, at, lens, row, column, direction, pose, before)
+                out.flow[slot, row, column, 0] = way[0]
+                out.flow[slot, row, column, 1] = way[1]
 
-        color = wp.vec3(0.0, 0.0, 0.0)
-        if at.face != OUTSIDE:
-            distance = optics.far
-            if at.face >= 0:
-                distance = at.distance
-                if at.lit > 0.0:
-                    at.lit = sun_through_clouds(at.p, light)
-                s = SurfacePoint()
-                if wp.static(surfaces):
-                    # The rest of what a material says waits in memory while the surface is made.
-                    own = wp.vec4(0.0, 0.0, 0.0, 0.0)
-                    if wp.static(looks):
-                        flags = seen.flags[thread]
-                        if (flags & DETAILED) != 0:
-                            own = kept_albedo(seen.look, thread)
-                    albedo = wp.vec3(own[0], own[1], own[2])
-                    s = surface_of(scene, slot, optics, at, direction, light, albedo)
-                    if wp.static(looks):
-                        s = with_kept_look(s, seen.look, thread, flags, own[3], at.n, light)
-                    color = matt_light(scene, slot, lamps, beams, optics, pose, at, s, light)
-                followed = wp.bool(False)
-                if wp.static(second):
-                    followed = (seen.flags[thread] & MIRRORED) != 0
-                if followed:
-                    color = color * (1.0 - 0.8 * wp.min(1.0, s.clear * 2.0)) + wp.vec3(
-                        wp.float32(seen.second[thread, 0]),
-                        wp.float32(seen.second[thread, 1]),
-                        wp.float32(seen.second[thread, 2]),
-                    )
-                if s.mirror > 0.0 and not followed:
-                    color += mirrored_sky(at, s, direction, slot, light, sky_table)
-                color = through_air(color, light.air_rgb, light.extinction, distance)
-            else:
-                if wp.static(skies):
-                    color = sky(direction, slot, light, sky_table)
-                path = sky_path(light.extinction, direction[2])
-                color = through_air(color, light.air_rgb, light.extinction, path)
-            if wp.static(lamp_air):
-                color = air_light(
-                    color,
-                    slot,
-                    row,
-                    column,
-                    lamps,
-                    beams,
-                    optics,
-                    pose,
-                    direction,
-                    distance,
-                    light,
-                )
-        signal = color * light.exposure
-        for channel in range(3):
-            x = signal[channel]
-            if wp.static(hdr):
-                out.hdr[slot, row, column, channel] = wp.float16(wp.min(x, _HALF_MAX))
-            else:
-                if light.noise != 0:
-                    element = (row * optics.width + column) * 3 + channel
-                    x = sensor_noise(x, light.key, light.tick, element)
-                if wp.static(tones_on):
-                    out.image[slot, row, column, channel] = tone(x, tones)
+            color = wp.vec3(0.0, 0.0, 0.0)
+            if at.face != OUTSIDE:
+                far = optics.far
+                if at.face >= 0:
+                    far = at.distance
+                    if at.lit > 0.0:
+                        at.lit = sun_through_clouds(at.p, light)
+                    s = SurfacePoint()
+                    if wp.static(surfaces):
+                        # The rest of what a material says waits in memory meanwhile.
+                        own = wp.vec4(0.0, 0.0, 0.0, 0.0)
+                        if wp.static(looks):
+                            flags = seen.flags[thread]
+                            if (flags & DETAILED) != 0:
+                                own = kept_albedo(seen.look, thread)
+                        albedo = wp.vec3(own[0], own[1], own[2])
+                        s = surface_of(scene, slot, optics, at, direction, light, albedo)
+                        if wp.static(looks):
+                            s = with_kept_look(s, seen.look, thread, flags, own[3], at.n, light)
+                        color = matt_light(scene, slot, lamps, beams, optics, pose, at, s, light)
+                    followed = wp.bool(False)
+                    if wp.static(second):
+                        followed = (seen.flags[thread] & MIRRORED) != 0
+                    if followed:
+                        color = color * (1.0 - 0.8 * wp.min(1.0, s.clear * 2.0)) + wp.vec3(
+                            wp.float32(seen.second[thread, 0]),
+                            wp.float32(seen.second[thread, 1]),
+                            wp.float32(seen.second[thread, 2]),
+                        )
+                    if s.mirror > 0.0 and not followed:
+                        color += mirrored_sky(at, s, direction, slot, light, sky_table)
+                    color = through_air(color, light.air_rgb, light.extinction, far)
                 else:
-                    out.image[slot, row, column, channel] = wp.uint8(x)
+                    if wp.static(skies):
+                        color = sky(direction, slot, light, sky_table)
+                    path = sky_path(light.extinction, direction[2])
+                    color = through_air(color, light.air_rgb, light.extinction, path)
+                if wp.static(lamp_air):
+                    color = air_light(
+                        color, slot, row, column, lamps, beams, optics, pose, direction, far, light
+                    )
+            signal = color * light.exposure
+            for channel in range(3):
+                x = signal[channel]
+                if wp.static(hdr):
+                    out.hdr[slot, row, column, channel] = wp.float16(wp.min(x, _HALF_MAX))
+                else:
+                    if light.noise != 0:
+                        element = (row * optics.width + column) * 3 + channel
+                        x = sensor_noise(x, light.key, light.tick, element)
+                    if wp.static(tones_on):
+                        out.image[slot, row, column, channel] = tone(x, tones)
+                    else:
+                        out.image[slot, row, column, channel] = wp.uint8(x)
 
     return camera_kernel

@@ -52,12 +52,16 @@ class Raster:
     tiles_y: wp.int32
     rays: wp.array(dtype=wp.float32)
     """Right [8], down [8], ahead [8] of every row of every tile."""
+    reach: wp.array(dtype=wp.float32)
+    """Nearest [8] and farthest [8] distance that is shown along the same rays [m]."""
     directions: wp.array(dtype=wp.float32)
     """Of the picture that is being drawn: the same rays in the world's axes, x [8], y [8], z [8],
     and the nearest distance [8] that is shown along them [m]."""
 
 
-def raster_of(lens: Lens, table: np.ndarray, hfov_deg: float, device: wp.Device) -> Raster | None:
+def raster_of(
+    lens: Lens, optics: Optics, table: np.ndarray, hfov_deg: float, device: wp.Device
+) -> Raster | None:
     """Rasters for the pictures of a table of rays [H, W, 3]; None: the lens distorts, or it is a
     GPU."""
     if not device.is_cpu or lens.model not in ("pinhole", "frustum"):
@@ -73,6 +77,9 @@ def raster_of(lens: Lens, table: np.ndarray, hfov_deg: float, device: wp.Device)
     rows = tiles.transpose(0, 2, 1, 4, 3)  # tile row, tile column, row, axis, column
     raster.rays = wp.array(rows.ravel(), dtype=wp.float32, device=device)
     raster.directions = wp.empty(rows.size // 24 * 32, dtype=wp.float32, device=device)
+    pixels = rows.size // 3
+    raster.reach = wp.empty(2 * pixels, dtype=wp.float32, device=device)
+    wp.launch(_reach_kernel, pixels, [optics, raster.rays], [raster.reach], device=device)
     return raster
 
 
@@ -282,6 +289,52 @@ def _drawn_with_details() -> str:
     return names + HOLE + text
 
 
+# Eight neighbours at a time; rays are turned as everywhere else.
+_BEGIN = f"""
+    typedef float f8 __attribute__((ext_vector_type(8)));
+    typedef float u8 __attribute__((ext_vector_type(8), aligned(4)));
+    typedef int j8 __attribute__((ext_vector_type(8), aligned(4)));
+    const int lines = raster.tiles_x * raster.tiles_y * {TILE_ROWS};
+    for (int line = 0; line < lines; ++line) {{
+        const u8* ray = (const u8*)(raster.rays.data + (size_t)line * 24);
+        const u8* reach = (const u8*)(raster.reach.data + (size_t)line * 16);
+        u8* direction = (u8*)(raster.directions.data + (size_t)line * 32);
+        for (int k = 0; k < 3; ++k)
+            direction[k] = right[k] * ray[0] + down[k] * ray[1] + ahead[k] * ray[2];
+        direction[3] = reach[0];
+        const size_t at = (size_t)first_pixel + (size_t)line * 8;
+        *(u8*)(seen.t.data + at) = reach[1];
+        *(j8*)(seen.face.data + at) = {int(NOTHING)};
+    }}
+"""
+
+
+@wp.func_native(_for_cpu(_BEGIN))
+def begin_picture(
+    raster: Raster,
+    right: wp.vec3,
+    down: wp.vec3,
+    ahead: wp.vec3,
+    first_pixel: wp.int32,
+    seen: PixelsSeen,
+):
+    """Point the rays of a picture where the camera looks; its pixels from ``first_pixel`` on see
+    nothing yet."""
+
+
+@wp.kernel(enable_backward=False)
+def _reach_kernel(
+    optics: Optics, rays: wp.array(dtype=wp.float32), out: wp.array(dtype=wp.float32)
+):
+    """Nearest [8] and farthest [8] distance of every row of every tile."""
+    i = wp.tid()
+    line = i / 8
+    own = 24 * line + i % 8
+    reach = reach_of(optics, wp.vec3(rays[own], rays[own + 8], rays[own + 16]))
+    out[16 * line + i % 8] = reach[0]
+    out[16 * line + 8 + i % 8] = reach[1]
+
+
 @wp.func_native(_for_cpu(_DRAW))
 def draw_faces(
     scene: RayScene,
@@ -383,18 +436,7 @@ def raster_kernel(features: Features = NONE) -> wp.Kernel:
         count = raster.tiles_x * raster.tiles_y * wp.static(TILE_COLUMNS * TILE_ROWS)
         first = place * count
         pose = poses[slot]
-        for i in range(count):
-            line = i / 8
-            column = i - 8 * line
-            own = 24 * line + column
-            ray = wp.vec3(raster.rays[own], raster.rays[own + 8], raster.rays[own + 16])
-            direction = pose.right * ray[0] + pose.down * ray[1] + pose.ahead * ray[2]
-            reach = reach_of(optics, ray)
-            for k in range(3):
-                raster.directions[32 * line + 8 * k + column] = direction[k]
-            raster.directions[32 * line + 24 + column] = reach[0]
-            seen.t[first + i] = reach[1]
-            seen.face[first + i] = NOTHING
+        begin_picture(raster, pose.right, pose.down, pose.ahead, first, seen)
         draw(
             scene,
             raster,

@@ -8,6 +8,7 @@ same part of the hierarchy. What is found is stored in the order of the threads.
 from __future__ import annotations
 
 from functools import cache
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -19,6 +20,7 @@ from twin.render.look_surface import smooth_point
 from twin.render.surface import is_ground, may_mirror
 from twin.render.trace.geometry import RayScene, out_of_object, rays_of
 from twin.render.trace.rays import Optics, SlotPose
+from twin.render.trace.sun_packet import LANES, Lanes, unblocked
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -26,6 +28,7 @@ TILE_COLUMNS, TILE_ROWS = 8, 4
 _TILE_COLUMNS = wp.constant(TILE_COLUMNS)
 _TILE_ROWS = wp.constant(TILE_ROWS)
 _TILE = wp.constant(TILE_COLUMNS * TILE_ROWS)
+_LANES = wp.constant(LANES)
 SUN_RANGE_M = wp.constant(400.0)
 """Distance at which something may still cast a shadow [m]."""
 
@@ -288,11 +291,81 @@ def visibility_kernel(build: KernelOptions, second: bool, features: Features = N
     return first_kernel
 
 
+@wp.struct
+class SunQuestion:
+    """Whether the sun reaches what a pixel sees."""
+
+    asked: wp.bool
+    """It may: the place faces it."""
+    start: wp.vec3
+    """Where the ray to the sun begins [m]."""
+
+
+@cache
+def _question(second: bool, features: Features) -> Any:
+    """The function that says what is to be asked of a pixel that was drawn."""
+    looks = features.looks
+
+    @wp.func
+    def sun_question(
+        scene: RayScene,
+        rays: wp.array2d(dtype=wp.vec3),
+        light: SlotLight,
+        pose: SlotPose,
+        slot: wp.int32,
+        row: wp.int32,
+        column: wp.int32,
+        thread: wp.int32,
+        seen: PixelsSeen,
+    ) -> SunQuestion:
+        question = SunQuestion()
+        face = seen.face[thread]
+        if face < 0:
+            return question
+        ray = rays[row, column]
+        direction = pose.right * ray[0] + pose.down * ray[1] + pose.ahead * ray[2]
+        flags = seen.flags[thread]
+        if wp.static(looks):
+            detailed = (flags & DETAILED) != 0
+        normal = scene.faces[face].normal
+        m = (flags & OBJECT_MASK) - 1
+        if m >= 0:
+            normal = out_of_object(normal, scene.objects[slot, m])
+        if wp.dot(normal, direction) > 0.0:
+            normal = -normal
+        if wp.static(second):
+            material = scene.faces[face].material
+            cosine = -wp.dot(normal, direction)
+            needs = needs_second_rays(material, light.wetness, cosine, seen.t[thread])
+            if wp.static(looks):
+                needs = needs and not detailed
+            if needs:
+                put_on_list(seen.listed, seen.listed_count, thread)
+        if light.shadows == 0:
+            return question
+        facing = normal
+        question.start = pose.eye + direction * seen.t[thread] + normal * 0.02
+        if wp.static(looks):  # noqa: SIM102 (resolved before the kernel is compiled)
+            if (flags & CURVED) != 0:
+                bary = seen.bary[thread]
+                u = share_of((bary >> 16) & 65535)
+                v = share_of(bary & 65535)
+                smooth = smooth_point(scene, slot, face, m, u, v, normal)
+                facing = smooth.n
+                question.start = question.start + smooth.lift
+        question.asked = wp.dot(facing, light.sun_direction) > 0.0
+        return question
+
+    return sun_question
+
+
 @cache
 def sun_kernel(build: KernelOptions, second: bool, features: Features = NONE) -> wp.Kernel:
-    """The kernel that asks for the sun after drawing; arguments as of :func:`visibility_kernel`."""
-    looks = features.looks
+    """The kernel that asks for the sun after drawing, for the CPU; arguments as of
+    :func:`visibility_kernel`, a thread per :data:`~twin.render.trace.sun_packet.LANES` pixels."""
     _, occluded = rays_of(features)
+    sun_question = _question(second, features)
+    packets = not features.holes
 
     @wp.kernel(**build.arguments())
     def shadow_kernel(
@@ -309,56 +382,49 @@ def sun_kernel(build: KernelOptions, second: bool, features: Features = NONE) ->
         seen: PixelsSeen,
     ):
         """Trace the sun from what the slots from ``first_slot`` on see."""
-        thread = wp.tid()
-        pixel = pixel_of(thread, first_slot, optics)
-        if not pixel.inside:
-            return
-        slot = pixel.slot
-        if lights[slot].active == 0:
+        first = wp.tid() * _LANES
+        corner = pixel_of(first, first_slot, optics)
+        slot = corner.slot
+        light = lights[slot]
+        if light.active == 0:
             return
         if wp.static(not second):  # noqa: SIM102 (resolved before the kernel is compiled)
-            if lights[slot].shadows == 0:  # nothing to ask, nothing to list
+            if light.shadows == 0:  # nothing to ask, nothing to list
                 return
-        face = seen.face[thread]
-        if face < 0:
-            return
         pose = poses[slot]
-        ray = rays[pixel.row, pixel.column]
-        direction = pose.right * ray[0] + pose.down * ray[1] + pose.ahead * ray[2]
-        flags = seen.flags[thread]
-        if wp.static(looks):
-            detailed = (flags & DETAILED) != 0
-        normal = scene.faces[face].normal
-        m = (flags & OBJECT_MASK) - 1
-        if m >= 0:
-            normal = out_of_object(normal, scene.objects[slot, m])
-        if wp.dot(normal, direction) > 0.0:
-            normal = -normal
-        if wp.static(second):
-            material = scene.faces[face].material
-            cosine = -wp.dot(normal, direction)
-            needs = needs_second_rays(material, lights[slot].wetness, cosine, seen.t[thread])
-            if wp.static(looks):
-                needs = needs and not detailed
-            if needs:
-                put_on_list(seen.listed, seen.listed_count, thread)
-        if lights[slot].shadows == 0:
+        x, y, z = Lanes(), Lanes(), Lanes()
+        asked = wp.int32(0)
+        lane = wp.int32(0)
+        while lane < _LANES:
+            row = corner.row + lane / _TILE_COLUMNS
+            column = corner.column + lane % _TILE_COLUMNS
+            if row < optics.height and column < optics.width:
+                question = sun_question(
+                    scene, rays, light, pose, slot, row, column, first + lane, seen
+                )
+                if question.asked:
+                    asked = asked | (1 << lane)
+                    x[lane] = question.start[0]
+                    y[lane] = question.start[1]
+                    z[lane] = question.start[2]
+            lane += 1
+        if asked == 0:
             return
-        sun = lights[slot].sun_direction
-        facing = normal
-        start = pose.eye + direction * seen.t[thread] + normal * 0.02
-        if wp.static(looks):  # noqa: SIM102 (resolved before the kernel is compiled)
-            if (flags & CURVED) != 0:
-                bary = seen.bary[thread]
-                u = share_of((bary >> 16) & 65535)
-                v = share_of(bary & 65535)
-                smooth = smooth_point(scene, slot, face, m, u, v, normal)
-                facing = smooth.n
-                start = start + smooth.lift
-        if wp.dot(facing, sun) > 0.0:
-            flags = flags | ASKED
-            if not occluded(scene, slot, start, sun, SUN_RANGE_M):
-                flags = flags | LIT
-            seen.flags[thread] = flags
+        sun = light.sun_direction
+        lit = wp.int32(0)
+        if wp.static(packets):
+            lit = unblocked(scene, slot, x, y, z, asked, sun, SUN_RANGE_M)
+        lane = wp.int32(0)
+        while lane < _LANES:
+            if ((asked >> lane) & 1) != 0:
+                if wp.static(not packets):
+                    start = wp.vec3(x[lane], y[lane], z[lane])
+                    if not occluded(scene, slot, start, sun, SUN_RANGE_M):
+                        lit = lit | (1 << lane)
+                flags = seen.flags[first + lane] | ASKED
+                if ((lit >> lane) & 1) != 0:
+                    flags = flags | LIT
+                seen.flags[first + lane] = flags
+            lane += 1
 
     return shadow_kernel
