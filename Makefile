@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN = $(VENV)/bin
 
-.PHONY: help install install-test install-test-all install-train install-bench demo driving test test-all test-rest audit-env faults redteam fuzz soak offline planted mutation check lock models integer-models ablation frozen clean
+.PHONY: help install install-test install-test-all install-train install-bench demo driving test test-all test-rest audit-env faults redteam fuzz soak offline planted mutation check lock models integer-models processors ablation frozen clean
 
 help:
 	@echo "make demo     install, then run the eight-case demo campaign (again: resume)"
@@ -20,6 +20,7 @@ help:
 	@echo "make install-bench  install the peers of 'conductor bench' and 'twin bench'"
 	@echo "make models   render the dataset, train the shipped detectors anew (-j4: all at once; DEVICE=cuda:0)"
 	@echo "make integer-models  render pictures, make the shipped detectors whole numbers again (some minutes)"
+	@echo "make processors  bytes of everything with AVX-512 and without, on a CPU that has it (half an hour)"
 	@echo "make planted  plants bugs one by one and runs the tests that must notice (half an hour)"
 	@echo "make mutation  small changes of the pure cores that no test notices (a quarter of an hour)"
 	@echo "make ablation  what each sensor brings, per weather: runs aeb-ablation, writes docs/ablation.md (a GPU, or an hour)"
@@ -160,6 +161,10 @@ integer-models: install
 	  $(BIN)/devkit quantize $$model -o devkit/models/$$model-int8.integer \
 	    --calibrate build/models/calibration || exit; \
 	done
+
+# Goes on behind the parts that are complete, while nothing was changed. ARGS="--share 1 --parts vehicle": more, or less.
+processors: install-test
+	PYTHONPATH=tests $(BIN)/python tests/device/processor_check.py --out build/processors --share 0.02 $(ARGS)
 
 # Goes on where it was stopped. On a GPU ARGS="--workers cuda"; a small one on a laptop: ARGS="--weather clear,heavy_fog".
 ABLATION = runs/aeb-ablation

@@ -44,6 +44,13 @@ View = Annotated[
 ByBatch = Annotated[
     bool, typer.Option("--by-batch", help="Run the campaign's batches one after the other.")
 ]
+History = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="RUN",
+        help="Folder of an earlier run of such a campaign: its longest cases begin first.",
+    ),
+]
 RunFolder = Annotated[
     Path | None, typer.Option(help="Campaign folder; default runs/CAMPAIGN. Run again: resume.")
 ]

@@ -11,6 +11,7 @@ from msgspec import UNSET
 
 from conductor.core.backlog import Backlog
 from conductor.core.case_table import pack, unpack
+from conductor.core.durations import CaseLengths
 from conductor.core.facts import (
     ALONE,
     SHARED,
@@ -152,7 +153,22 @@ def _submitted(state: State, fact: Submitted) -> None:
         left=len(cases),
         submitted=fact,
         search=record,
+        lengths=CaseLengths.of_table(
+            fact.cases, [case.id for case in cases], _earlier_lengths(state, campaign)
+        ),
     )
+
+
+def _earlier_lengths(state: State, campaign: Campaign) -> dict[str, float]:
+    """Lengths of cases of the same name, in the run that was given and in campaigns of the same
+    scenario and axes [s]."""
+    lengths = dict(state.config.lengths_s)
+    axes = (campaign.scenario, campaign.matrix)
+    for other in state.campaigns.values():
+        known = other.lengths.known
+        if known and (other.campaign.scenario, other.campaign.matrix) == axes:
+            lengths |= {other.ordered[position].case.id: each for position, each in known.items()}
+    return lengths
 
 
 def _begun(state: State, campaign: Campaign, record: SearchRecord | None) -> SearchRecord | None:
@@ -349,6 +365,8 @@ def _committed(state: State, fact: Committed) -> None:
     state.deaths.pop(_host(state, fact.result.token), None)
     _end(state, campaign, case, fact)
     campaign.durations.add(fact.result.wall_s)
+    if (length_s := fact.result.scalars.get("sim_time_s")) is not None:
+        campaign.lengths.add(case.order, float(length_s))
     if case.late:
         campaign.disagreements += sum(
             agrees(fact.result, late.result) is False for late in case.late

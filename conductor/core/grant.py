@@ -9,7 +9,7 @@ it, and cases are granted only if they are expected to end within the asker's wa
 from __future__ import annotations
 
 import heapq
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice
 
@@ -29,6 +29,8 @@ from schemas.kinds.plugins import plugin_lack
 from schemas.sections.autonomy import SANDBOX
 from schemas.wire.control import Next, Share
 
+URGENT_MAX = 1024
+"""Most waiting cases of a lane among which the longest are looked for."""
 SPREAD_MAX = 4096
 """Most waiting cases of a lane that a mixture or a share is taken from."""
 
@@ -313,27 +315,61 @@ def _lane(asker: Asker, campaign: CampaignState, rig: str, group: int, count: in
     """Waiting cases of one lane as the asker would like to have ``count`` of them."""
     config, share = asker.state.config, asker.worker.joined.share
     if group == SHARED and not config.by_batch:
+        urgency = _urgency(campaign) if config.longest_first else None
         if share is not None:
-            return _preferred(campaign, share, rig, count)
-        if config.spread and not asker.request.held and count > 1:
+            return _preferred(campaign, share, rig, count, urgency)
+        mixed = config.spread and not asker.request.held and count > 1
+        if urgency is not None:
+            return _urgent(campaign.backlog.take(rig, group), count, urgency, mixed=mixed)
+        if mixed:
             return _spread(campaign.backlog.take(rig, group), count)
     return campaign.backlog.take(rig, group)
 
 
-def _preferred(campaign: CampaignState, share: Share, rig: str, count: int) -> Iterator[int]:
+def _urgency(campaign: CampaignState) -> Callable[[int], float] | None:
+    """Orders cases, the smallest first: the longest of what is expected, or as long as nothing is
+    known those of the pilot; None: neither tells cases apart."""
+    lengths = campaign.lengths
+    if lengths.told:
+        return lambda order: -lengths.expected_s(order)
+    pilot = {order for order in lengths.pilot if campaign.ordered[order].waits}
+    return (lambda order: float(order not in pilot)) if pilot else None
+
+
+def _urgent(
+    lane: Iterator[int], count: int, urgency: Callable[[int], float], *, mixed: bool
+) -> Iterator[int]:
+    """Positions by urgency, at most ``count``; among equals from all over the lane if ``mixed``,
+    else in order."""
+
+    def place(order: int) -> tuple[float, float]:
+        return urgency(order), order * _GOLDEN % 1.0 if mixed else order
+
+    return iter(heapq.nsmallest(count, islice(lane, URGENT_MAX), key=place))
+
+
+def _preferred(
+    campaign: CampaignState,
+    share: Share,
+    rig: str,
+    count: int,
+    urgency: Callable[[int], float] | None = None,
+) -> Iterator[int]:
     """Positions of cases, at most ``count``: of the share, then of the rest of its stretch, and so
-    on from stretch to stretch."""
+    on from stretch to stretch; of each the most urgent first."""
     cases, stretches, devices = len(campaign.ordered), share.stretches, share.devices
 
-    def strangeness(order: int) -> tuple[int, bool]:
+    def strangeness(order: int) -> tuple[int, bool, float]:
         stretch = order * stretches // cases
         dealt_to = int(order * _GOLDEN % 1.0 * devices)  # however long the axes of a matrix are
-        return (stretch - share.stretch) % stretches, dealt_to != share.device
+        strange = (stretch - share.stretch) % stretches, dealt_to != share.device
+        return *strange, 0.0 if urgency is None else urgency(order)
 
     begin = -(-share.stretch * cases // stretches)
-    candidates = islice(
-        campaign.backlog.take(rig, SHARED, begin), min(4 * count * devices, SPREAD_MAX)
-    )
+    looked_at = min(4 * count * devices, SPREAD_MAX)
+    if urgency is not None:
+        looked_at = max(looked_at, URGENT_MAX)
+    candidates = islice(campaign.backlog.take(rig, SHARED, begin), looked_at)
     return iter(heapq.nsmallest(count, candidates, key=strangeness))
 
 

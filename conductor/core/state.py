@@ -6,6 +6,7 @@ out of comparisons and are set anew after a restart.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -13,7 +14,7 @@ import msgspec
 from msgspec import Struct
 
 from conductor.core.backlog import Backlog
-from conductor.core.durations import Durations
+from conductor.core.durations import CaseLengths, Durations
 from conductor.core.facts import (
     ALONE,
     SHARED,
@@ -71,6 +72,10 @@ class Config:
     spread: bool = False
     """A worker that holds none and has no share gets cases from all over what waits instead of
     neighbours; not with ``by_batch``."""
+    longest_first: bool = True
+    """Cases that are expected to be longest begin first; not with ``by_batch``."""
+    lengths_s: Mapping[str, float] = field(default_factory=dict)
+    """Length of cases in an earlier run, by name [s of simulated time]."""
     protected: bool = False
     """Stacks run in sandboxes only; workers and campaigns without are refused."""
     view: ViewMode | None = None
@@ -247,6 +252,8 @@ class CampaignState:
     """Cases up to which those of later generations are in images of their own."""
     submitted: Submitted | None = field(default=None, compare=False, repr=False)
     """The fact that brought it, until a snapshot has it."""
+    lengths: CaseLengths = field(default_factory=CaseLengths, compare=False, repr=False)
+    """How long its cases are expected to be."""
     _lowest: int = _volatile(0)
 
     def lowest_batch(self) -> int:

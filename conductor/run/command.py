@@ -34,6 +34,7 @@ from conductor.records.fingerprint import Fingerprint, fingerprint
 from conductor.records.outcomes import Outcomes, count_outcomes, count_verdicts, read_outcomes
 from conductor.records.realtime import too_slow
 from conductor.records.search import read_search
+from conductor.run.case_lengths import all_ended, earlier_lengths, slots_in_use, use_line
 from conductor.run.local_workers import LocalWorkers
 from conductor.run.places import WorkerPlace, WorkersOption, gpu_slots, on_cpu, on_gpus
 from conductor.run.report_preload import ReportPreload
@@ -99,6 +100,8 @@ class RunOptions:
     key: MemberKey | None = None
     ttl_s: float | None = None
     """How long a lease outlives its worker's last word [s]; None: as usual."""
+    history: Path | None = None
+    """Folder of an earlier run, whose cases say how long these will be."""
     view: ViewMode | None = None
     """View of the simulators; None: what the campaign says."""
     memory_gb: float | None = None
@@ -205,7 +208,8 @@ def run_campaign(
     if result is None:
         return read_outcomes(options.out).exit_code
     outcomes, kpi_fingerprint = result
-    return _tell(campaign, options, outcomes, kpi_fingerprint, time.monotonic() - started)
+    wall_s = time.monotonic() - started
+    return _tell(campaign, options, outcomes, kpi_fingerprint, wall_s, workers.slots)
 
 
 def serve_until_done(plan: Plan, options: RunOptions) -> int:
@@ -223,7 +227,8 @@ def _execute(
     signals: Signals,
 ) -> None:
     """Serve and work until every case has ended."""
-    config = Config(by_batch=options.by_batch, spread=not workers.places)
+    lengths_s = earlier_lengths(options.history)
+    config = Config(by_batch=options.by_batch, spread=not workers.places, lengths_s=lengths_s)
     if options.ttl_s is not None:
         config = replace(config, ttl_ns=int(options.ttl_s * 1e9))
     conductor = Conductor(
@@ -274,7 +279,7 @@ def _work(
         raise UsageError(reply.error)
     row = _row(conductor, campaign)
     if not row["left"]:
-        console.print(_all_ended(options.out, cases), markup=False, soft_wrap=True)
+        console.print(all_ended(options.out, cases), markup=False, soft_wrap=True)
         return
     cases = row["cases"]  # of a search, all that are proposed so far
     if row["left"] < cases:
@@ -327,12 +332,6 @@ def unprotected(campaign: Campaign, *, local: bool) -> str:
         return ""
     reason = open_by_nature(campaign.autonomy) or (why_not() if local else "")
     return f"{UNPROTECTED}: {reason}; the stack may do whatever you may" if reason else ""
-
-
-def _all_ended(folder: Path, cases: int) -> str:
-    """The line of a run that finds nothing to do."""
-    ended = "its case has" if cases == 1 else f"all {cases} cases have"
-    return f"{folder}: {ended} ended already"
 
 
 def _dismiss(conductor: Conductor) -> None:
@@ -451,6 +450,7 @@ def _tell(
     outcomes: Outcomes,
     kpi_fingerprint: Fingerprint,
     wall_s: float,
+    slots: int,
 ) -> int:
     counts = count_outcomes(outcomes)
     code = outcomes.exit_code
@@ -464,6 +464,7 @@ def _tell(
             "out": str(options.out),
             **counts,
             "wall_s": round(wall_s, 3),
+            "slots_in_use": slots_in_use(outcomes),
             "fingerprint": kpi_fingerprint.sha256,
         }
         print(json.dumps(shown))
@@ -472,6 +473,8 @@ def _tell(
         f"{n} {verdict}" for verdict, n in sorted(count_verdicts(outcomes).items())
     )
     print(f"{counts['passed']} of {counts['cases']} passed ({verdicts}) in {wall_s:.0f} s")
+    if line := use_line(outcomes, slots):
+        print(line)
     print(f"fingerprint {kpi_fingerprint.sha256} {kpi_fingerprint.caveat}".rstrip())
     if (options.out / SEARCH_FILE).exists():
         found = read_search(options.out)

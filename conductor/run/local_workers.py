@@ -63,6 +63,11 @@ class LocalWorkers:
     """Workers that died since a case ended; the caller sets it back."""
 
     @property
+    def slots(self) -> int:
+        """Slots of each; 0: they were told of none."""
+        return self.told.slots if self.told is not None and self.places else 0
+
+    @property
     def count(self) -> int:
         """Number of workers that there should be."""
         return len(self.places)

@@ -1,6 +1,7 @@
 """The fingerprint does not depend on workers, slots, load, crashes or where processes run."""
 
 import json
+import re
 import shutil
 import subprocess
 import sys
@@ -49,6 +50,29 @@ def test_workers_slots_and_load(marked, quiet, tmp_path, workers, slots, load):
     assert done.stdout.startswith(
         f"identical (bytes): 16 cases, fingerprint {found['fingerprint']}"
     )
+
+
+def test_an_earlier_run_changes_the_order_and_no_byte(marked, quiet, tmp_path):
+    lengths = {name: c["scalars"]["sim_time_s"] for name, c in outcomes(quiet["folder"]).items()}
+    words = ("run", "chaos-16", "--workers", "1", "--slots", "4", "--out", str(tmp_path / "c"))
+    done = marked.run("conductor", *words, "--history", str(quiet["folder"]))
+    assert done.returncode == 1, done.stderr
+    assert f"fingerprint {quiet['fingerprint']}" in done.stdout
+    assert re.search(r"^slots: [1-4]\.\d of 4 in use on average \(\d+%\)$", done.stdout, re.M)
+    lines = (tmp_path / "c" / "timeline.jsonl").read_text().splitlines()
+    events = [json.loads(line) for line in lines]
+    begun = [lengths[event["case"]] for event in events if event["event"] == "leased"]
+    assert begun == sorted(begun, reverse=True)
+    assert len(set(begun)) > 1
+
+
+def test_a_history_that_is_none_is_refused_before_anything_is_written(marked, tmp_path):
+    words = ("run", "chaos-16", "--out", str(tmp_path / "c"), "--history", str(tmp_path / "no"))
+    done = marked.run("conductor", *words)
+    assert done.returncode == 2
+    assert "--history: " in done.stderr
+    assert "give the folder of an earlier run" in done.stderr
+    assert not (tmp_path / "c").exists()
 
 
 @pytest.mark.parametrize("victim", ["worker", "sim", "host"])

@@ -16,6 +16,7 @@ import conductor.core.admit
 import conductor.serve.engine
 import schemas.points
 from conductor.core.admit import CASES_HELD_MAX, OUT_CHARS_MAX, PART_BYTES_MAX, admit
+from conductor.core.durations import CaseLengths
 from conductor.core.facts import Replied, WorkerLeft
 from conductor.core.fold import apply
 from conductor.core.state import Config, State
@@ -204,6 +205,7 @@ class _Full:
 
     cases = range(CASES_HELD_MAX - 10)
     out = "/nowhere"
+    lengths = CaseLengths()
 
 
 MATRIX = {"repeat": list(range(5)), "weather": ["clear", "cloudy"]}
