@@ -114,7 +114,7 @@ def _is_any(values: np.ndarray, wanted: tuple[int, ...]) -> np.ndarray:
     return result
 
 
-class Crossing(NamedTuple):
+class PathCrossing(NamedTuple):
     """Who crosses the path, bool [S, T] each."""
 
     meets: np.ndarray
@@ -252,7 +252,7 @@ def _crosses(
     closing_mps: np.ndarray,
     driven: np.ndarray,
     staging: StagingParameters,
-) -> Crossing:
+) -> PathCrossing:
     """Who crosses the path.
 
     The circle of the path runs at a track's place as (1 - k y, k x) does, so the track crosses it
@@ -299,7 +299,7 @@ def _crosses(
         & (leaves > ttc_s - EARLY_LATE_S)
     )
     comes = moves & (person | aside) & (enters < ttc_s + passes + EARLY_LATE_S)
-    return Crossing(meets, comes, meets & (enters < IMMINENT_S), departs, walks)
+    return PathCrossing(meets, comes, meets & (enters < IMMINENT_S), departs, walks)
 
 
 def _has_walked(tracks: TrackStore, across_mps: np.ndarray) -> np.ndarray:
