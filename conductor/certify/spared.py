@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from schemas.campaign import Campaign
 from schemas.device_class import is_portable
-from schemas.files.software import DECODERS, GPU_LIBRARIES, RUNTIMES
+from schemas.files.software import DECODERS, GPU_LIBRARIES, RUNTIMES, TRANSLATORS
 
 
 def spared(campaign: Campaign, *, has_assets: bool) -> frozenset[str]:
@@ -12,8 +12,8 @@ def spared(campaign: Campaign, *, has_assets: bool) -> frozenset[str]:
 
     Only where all that runs is ours: no stack, command or plug-in of somebody else, which may use
     what it finds. Then runtimes of float networks count for nothing if the campaign is portable,
-    for it has no such network; and decoders if no file that somebody else made is read for its
-    world.
+    for it has no such network; decoders if no file that somebody else made is read for its
+    world; and translators, for no bridge runs.
 
     Args:
         campaign: as it was submitted, the identity of its stack filled in.
@@ -24,4 +24,4 @@ def spared(campaign: Campaign, *, has_assets: bool) -> frozenset[str]:
     if foreign or campaign.plugins or autonomy.placement == "node":
         return frozenset()
     runtimes = (*RUNTIMES, *GPU_LIBRARIES) if is_portable(campaign) else ()
-    return frozenset(runtimes if has_assets else (*runtimes, *DECODERS))
+    return frozenset((*TRANSLATORS, *runtimes, *(() if has_assets else DECODERS)))

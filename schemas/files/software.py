@@ -11,6 +11,8 @@ DECODERS = ("dracopy", "meshopt", "opengl-basisu")
 file needs the file is refused; none that ships needs one."""
 RUNTIMES = ("onnxruntime", "onnxruntime-gpu")
 """Distributions that run float networks, one or none of them installed."""
+TRANSLATORS = ("rosbags",)
+"""Distributions that translate for stacks of somebody else, each an option."""
 GPU_LIBRARIES = ("nvidia-cudnn-cu13", "nvidia-cublas", "nvidia-cuda-runtime")
 """Distributions that onnxruntime-gpu computes with; they count beside it alone."""
 

@@ -9,7 +9,7 @@ import re
 import sys
 from pathlib import Path
 
-from schemas.files.software import DECODERS, GPU_LIBRARIES, RUNTIMES, digest_of
+from schemas.files.software import DECODERS, GPU_LIBRARIES, RUNTIMES, TRANSLATORS, digest_of
 from twin.base.errors import UsageError
 from twin.base.gpu.nvml import gpu_handle, library
 
@@ -17,7 +17,7 @@ _PACKAGES = ("schemas", "twin", "devkit")
 _LIBRARIES = (
     *("numpy", "warp-lang", "opencv-python-headless", "pillow", "trimesh"),
     *(*DECODERS, *RUNTIMES),
-    *("onnx", "lark", "rosbags"),
+    *("onnx", "lark", *TRANSLATORS),
 )
 _SUFFIXES = {".py", ".yaml", ".xodr", ".cfg", ".names", ".onnx", ".integer", ".msg"}
 

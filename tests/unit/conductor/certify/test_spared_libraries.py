@@ -13,6 +13,7 @@ from schemas.files.software import (
     DECODERS,
     GPU_LIBRARIES,
     RUNTIMES,
+    TRANSLATORS,
     differing,
     digest_of,
 )
@@ -25,6 +26,7 @@ FLOAT = {"type": "network", "model": "yolov3-w25"}
 TRUTH = {"type": "ground_truth"}
 NETWORKS = frozenset((*RUNTIMES, *GPU_LIBRARIES))
 MESHES = frozenset(DECODERS)
+BRIDGES = frozenset(TRANSLATORS)
 
 
 def campaign(
@@ -46,20 +48,20 @@ def campaign(
 
 def test_truth_and_whole_numbers_need_no_runtime_and_no_decoder():
     for variants in ({"a": TRUTH}, {"a": WHOLE}, {"a": TRUTH, "b": WHOLE}):
-        assert spared(campaign(variants), has_assets=False) == NETWORKS | MESHES
+        assert spared(campaign(variants), has_assets=False) == BRIDGES | NETWORKS | MESHES
 
 
 def test_one_float_network_needs_its_runtime():
     both = campaign({"a": WHOLE, "b": FLOAT})
-    assert spared(both, has_assets=False) == MESHES
+    assert spared(both, has_assets=False) == BRIDGES | MESHES
 
 
 def test_a_stack_that_does_not_say_that_it_is_portable_may_use_a_runtime():
-    assert spared(campaign(identity=StackIdentity()), has_assets=False) == MESHES
+    assert spared(campaign(identity=StackIdentity()), has_assets=False) == BRIDGES | MESHES
 
 
 def test_a_scene_of_somebody_may_need_a_decoder():
-    assert spared(campaign(), has_assets=True) == NETWORKS
+    assert spared(campaign(), has_assets=True) == BRIDGES | NETWORKS
 
 
 @pytest.mark.parametrize(
