@@ -66,6 +66,7 @@ from twin.fabric.connection_options import (
 from twin.fabric.endpoint import LOOPBACK, NAMESPACE
 
 if TYPE_CHECKING:
+    from schemas.campaign import Campaign
     from schemas.plan import Plan
 
 app = make_app(
@@ -81,6 +82,15 @@ def strangers_named() -> AbstractContextManager[None]:
     from twin.fabric.refusals import refusals_logged
 
     return refusals_logged(logging.getLogger("conductor").warning)
+
+
+def _runs_alone(campaign: Campaign) -> bool:
+    """Whether two workers of it would take the processor from each other, or wait for each other at
+    the port of their scripts."""
+    from schemas.kinds.bridge import bridges
+
+    bridge = bridges().get(campaign.autonomy.bridge)
+    return campaign.clock == "realtime" or (bridge is not None and bridge.port > 0)
 
 
 @app.command("run")
@@ -117,16 +127,13 @@ def run_command(
     from conductor.run.models import models_checked
     from conductor.run.places import parse_workers, where
     from conductor.run.source import chosen, load, with_drive
-    from schemas.kinds.bridge import bridges
 
     sees = None if render is None else render is OnOff.on
     plan = load(campaign, seed=seed, render=sees, weather=weather)
     plan = chosen(plan, case, cases, rows, quick=quick)
     loaded = plan.campaign
-    if workers is None and loaded.clock == "realtime":
-        workers = "1"  # two would take the processor from each other
-    if workers is None and (bridge := bridges().get(loaded.autonomy.bridge)) and bridge.port:
-        workers = "1"  # two would wait for each other at the port of their scripts
+    if workers is None and _runs_alone(loaded):
+        workers = "1"
     if record_drive:
         plan = with_drive(plan)
     asked, device = where(parse_workers(workers), device)
