@@ -181,7 +181,7 @@ def test_what_a_node_does_wrong_is_said_in_one_line(marked, interfaces, tmp_path
 
 
 def test_a_command_of_another_type_is_told_by_name(marked, interfaces, tmp_path):
-    autonomy = driven(interfaces, "gap", "type", parameters={"start_s": 4})
+    autonomy = driven(interfaces, "gap", "type", parameters={"start_s": PATIENCE_S})
     out, _, _ = run(marked, tmp_path, "type", autonomy)
     (case,) = outcomes(out).values()
     assert (case["outcome"], case["attempts"]) == ("failed", 1)

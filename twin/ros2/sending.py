@@ -11,13 +11,14 @@ from typing import Any
 
 from numpy.typing import NDArray
 
+from schemas.escape import escape
 from schemas.kinds.sensor import sensor_kinds
 from schemas.messages import CameraSite, Episode, LidarSite
 from twin.base.errors import UsageError
 from twin.ros2.frames import IDENTITY, OPTICAL, StaticFrame, of_mount
 from twin.ros2.motion import DriveMessages, TrueObject
 from twin.ros2.store import TypeStore
-from twin.ros2.tables import NAMED_SOURCES, Qos, SensorTopic, TopicTable, type_of
+from twin.ros2.tables import NAMED_SOURCES, Qos, SensorTopic, TopicTable, is_topic, type_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +60,8 @@ class TableSender:
     def __init__(self, table: TopicTable, episode: Episode, store: TypeStore) -> None:
         """
         Raises:
-            UsageError: two cameras or LiDARs of the case would share a topic.
+            UsageError: two cameras or LiDARs of the case would share a topic, or the name of one
+                makes a topic that ROS 2 does not allow.
         """
         self.table = table
         self.episode = episode
@@ -85,6 +87,29 @@ class TableSender:
                     f"topic table '{table.table}': {row.topic} would carry {names}; "
                     "its name must hold {name}"
                 )
+            for topic, name in self._filled(row):
+                if not is_topic(topic):
+                    raise UsageError(
+                        f"topic table '{table.table}': the name of {name} makes the topic "
+                        f"{escape(topic)}, allowed: letters, digits and single underscores, no "
+                        "digit first; take another name, or a table without {name} in that topic"
+                    )
+
+    def _filled(self, row: SensorTopic) -> Iterator[tuple[str, str]]:
+        """Topics of a row by which cameras, LiDARs and sensors the case has, and names of these."""
+        if row.source == "lidar":
+            for lidar in self._lidars.values():
+                yield _named(row.topic, lidar.name), f"LiDAR {lidar.name}"
+        elif row.source in NAMED_SOURCES:
+            for camera in self._cameras.values():
+                yield _named(row.topic, camera.name), f"camera {camera.name}"
+        elif row.source == "array":
+            for message in (*self._cameras, *self._lidars):
+                if message.partition(".")[0] in self._covered:
+                    continue
+                yield _array_topic(row, message), f"sensor {message}"
+        elif self._makers.get(row.source) == self._formed:
+            yield _named(row.topic, row.source), f"sensor {row.source}"
 
     def start(self) -> list[TopicMessage]:
         """What is sent once, before the first tick: static frames and the episode."""
@@ -215,7 +240,7 @@ class TableSender:
             kind = name.partition(".")[0]
             if kind in ("camera", "lidar") and kind in self._covered:
                 continue
-            topic = row.topic.replace("{sensor}", name.replace(".", "/"))
+            topic = _array_topic(row, name)
             frame = row.frame or self.table.frames.base
             count = car.counts.get(name, -1)
             yield topic, self._make.array(car.time_ns, frame, name, values, count)
@@ -230,6 +255,10 @@ class TableSender:
 
 def _named(pattern: str, name: str) -> str:
     return pattern.replace("{name}", name)
+
+
+def _array_topic(row: SensorTopic, message: str) -> str:
+    return row.topic.replace("{sensor}", message.replace(".", "/"))
 
 
 def _of_kind(kind: str, site: CameraSite | LidarSite) -> str:

@@ -155,18 +155,6 @@ def packages() -> Sequence[str]:
     return sorted(path.name for path in INTERFACES.iterdir() if (path / "msg").is_dir())
 
 
-def dds_name(type_name: str) -> str:
-    """``std_msgs/msg/String`` -> ``std_msgs::msg::dds_::String_``, as rmw implementations have it.
-
-    Raises:
-        ValueError: it is not written ``package/msg/Name``.
-    """
-    parts = type_name.split("/")
-    if len(parts) != 3 or not all(parts):
-        raise ValueError(f"type '{type_name}' given, expected package/msg/Name")
-    return f"{parts[0]}::{parts[1]}::dds_::{parts[2]}_"
-
-
 def _octet(description: Any) -> Any:
     """ROS 2 reads ``char`` as uint8, also in hashes; the library keeps it apart."""
     if not isinstance(description, tuple):

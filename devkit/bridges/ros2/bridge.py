@@ -29,7 +29,7 @@ from twin.base.errors import InfrastructureError, StackFaultError, TwinError, Us
 from twin.base.own_folder import own_folder
 from twin.fabric.ros2.names import check_name
 from twin.fabric.ros2.place import MeetingPlace
-from twin.fabric.ros2.session import Message, Refused, ServiceCall
+from twin.fabric.ros2.session import WAITING_MAX, Message, Refused, ServiceCall
 from twin.ros2.commands import read_command
 from twin.ros2.sending import CarTick, TableSender
 from twin.ros2.store import MessageError, type_store
@@ -117,19 +117,32 @@ class Ros2Bridge(ScriptBridge):
             script.start()
 
     def reset(self, slot: int, episode: Episode) -> None:
-        """A new case: new nodes, which know nothing of the last one."""
+        """A new case: new nodes, which know nothing of the last one.
+
+        Raises:
+            StackFaultError: the table does not fit the case, or the nodes are to blame.
+            InfrastructureError: the nodes do not come.
+        """
         assert slot == 0, "the only slot there is"
-        if self._cases and self._script is not None and self._given.restart:
+        self._speed_mps, self._tick = 0.0, 0
+        runs_on = self._script is None or not self._given.restart
+        if runs_on:
+            self._forget()
+        elif self._cases and self._script is not None:
             self._script.end()
             self._open()
             self._script.start()
-        self._cases += 1
         period_s = episode.control_period_ns * 1e-9
-        self._sender = TableSender(self._table, episode, self._store)
+        try:
+            self._sender = TableSender(self._table, episode, self._store)
+        except UsageError as error:
+            raise StackFaultError(f"ros2: {error}") from None
         exact = self._given.answer == "stamp"
         self._driver = RosDriver(self._control, period_s, self._given.aeb_brake, exact=exact)
-        self._lockstep = Lockstep(self._given.answer)
-        self._speed_mps, self._tick = 0.0, 0
+        self._lockstep = Lockstep(
+            self._given.answer, carried_over=exact and runs_on and self._cases > 0
+        )
+        self._cases += 1
         self._wait(self._is_ready, self._given.start_s, self._missing)
         assert self._domain is not None
         self._domain.send(self._sender.start())
@@ -145,10 +158,10 @@ class Ros2Bridge(ScriptBridge):
         self._tick = car.tick
         if "vehicle" in car.sensors:
             self._speed_mps = float(car.sensors["vehicle"][_SPEED])
+        self._take_waiting()  # what came before the tick cannot answer it
         self._lockstep.begin(car.time_ns)
         self._domain.send(self._sender.tick(car))
-        while (arrived := self._domain.receive(0.0)) is not None:
-            self._take(arrived)
+        self._take_waiting()
         self._wait(lambda: self._lockstep.is_answered, self._given.answer_s, self._unanswered)
         return [self._command(AskedTick(0, 0, car.tick, self._speed_mps), observation, slots[0])]
 
@@ -164,7 +177,7 @@ class Ros2Bridge(ScriptBridge):
         if self._domain is not None:
             self._domain.close()
         assert self._place is not None
-        self._commander = ""
+        self._commander, self._left = "", ""
         given = self._given
         self._domain = RosDomain(
             self._place, self._table, self._store, given.domain, given.rmw_zenoh
@@ -172,6 +185,33 @@ class Ros2Bridge(ScriptBridge):
         variables = self._place.variables(self._domain.endpoint, given.domain)
         if self._script is not None:
             self._script.tell(variables)
+
+    def _forget(self) -> None:
+        """Nodes run on between cases: what they sent in the last one does not count in the next."""
+        assert self._domain is not None
+        for _ in range(WAITING_MAX):
+            try:
+                arrived = self._domain.receive(0.0)
+            except StackFaultError as error:  # while no case ran: none is charged for it
+                raise InfrastructureError(str(error)) from None
+            if arrived is None:
+                break
+            if isinstance(arrived, ServiceCall):
+                self._domain.answer(arrived, self._lockstep.stamp_ns, "no tick waits")
+        self._left, self._commander = "", ""
+        try:
+            self._look_at_commanders()
+        except StampError as error:
+            raise self._fault(error) from None
+
+    def _take_waiting(self) -> None:
+        """Take what has come; a flood does not hold it up for ever."""
+        assert self._domain is not None
+        for _ in range(WAITING_MAX):
+            arrived = self._domain.receive(0.0)
+            if arrived is None:
+                break
+            self._take(arrived)
 
     def _wait(self, done: Callable[[], bool], longest_s: float, why: Callable[[], str]) -> None:
         """Take what comes until ``done``; ``why`` says what has not come.
@@ -185,11 +225,12 @@ class Ros2Bridge(ScriptBridge):
             arrived = self._domain.receive(LOOK_S)
             if arrived is not None:
                 self._take(arrived)
-                continue
-            self._check_script()
-            if self._left:
-                raise InfrastructureError(f"ros2: {self._left}, at tick {self._tick}")
-            if time.monotonic() >= until_s:
+            else:
+                self._check_script()
+                if self._left:
+                    raise InfrastructureError(f"ros2: {self._left}, at tick {self._tick}")
+            if time.monotonic() >= until_s and not done():
+                self._check_script()
                 # A command of another type never passes, however often it is tried.
                 wrong = bool(self._domain.graph.mistakes(self._main))
                 kind = StackFaultError if wrong else InfrastructureError
@@ -206,8 +247,8 @@ class Ros2Bridge(ScriptBridge):
             if isinstance(arrived, Message):
                 self._take_command(arrived)
             elif isinstance(arrived, ServiceCall):
-                self._lockstep.step()
-                self._domain.answer(arrived, self._lockstep.stamp_ns, "")
+                why_not = self._lockstep.step()
+                self._domain.answer(arrived, self._lockstep.stamp_ns, why_not)
             elif isinstance(arrived, Refused):
                 raise StampError(arrived.reason)
             else:
@@ -227,8 +268,14 @@ class Ros2Bridge(ScriptBridge):
             self._domain.tell([line])
 
     def _look_at_commanders(self) -> None:
-        """The graph has changed: one node commands, and stays."""
+        """The graph has changed: one node commands, and stays.
+
+        Raises:
+            StampError: several do, or one whose commands cannot arrive.
+        """
         assert self._domain is not None
+        if unheard := self._domain.unheard_commanders(self._main):
+            raise StampError(unheard[0])
         names = self._domain.commanders(self._main)
         if len(names) > 1:
             raise StampError(

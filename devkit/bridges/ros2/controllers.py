@@ -2,8 +2,8 @@
 
 A stack that speaks of speeds needs somebody who presses pedals. Here it is a controller of one
 page, the same for ``ackermann_msgs``, ``geometry_msgs/Twist`` and ``autoware_control_msgs``; it
-uses +, -, x, / and, for twists, an arc tangent. The same controller behind the drive plane gives
-the same bytes.
+uses +, -, x, / and, for twists, an arc tangent without its last bits, in which C libraries differ.
+The same controller behind the drive plane gives the same bytes.
 """
 
 from __future__ import annotations
@@ -14,11 +14,16 @@ from typing import Annotated
 
 from msgspec import Meta, Struct
 
+from schemas.steady import steady
+
 LATERAL_SPEED_MIN_MPS = 0.5
 """Slowest speed by which a yaw rate is turned into an angle; a car does not turn on the spot."""
 
 STANDSTILL_MPS = 0.1
 """A car slower than this stands [m/s]."""
+
+ANGLE_BITS = 44
+"""Significant bits of an angle that a yaw rate became."""
 
 
 class AskedError(ValueError):
@@ -79,7 +84,7 @@ def press(
     period_s: float,
     control: MotionControl,
     *,
-    reverse: bool | None = None,
+    gear: str = "",
 ) -> tuple[float, PressedPedals]:
     """One control tick.
 
@@ -89,7 +94,8 @@ def press(
         speed_mps: the car's forward speed, negative backwards [m/s].
         period_s: control period [s].
         control: parameters.
-        reverse: the gear that was selected; None: the sign of the speed says it.
+        gear: ``drive``, ``reverse``, ``neutral`` or ``park``; empty: the sign of the speed says it.
+            A speed against the gear, and any speed in neutral and park, asks the car to stand.
 
     Returns:
         The integral part for the next tick, and the pedals.
@@ -99,16 +105,18 @@ def press(
     """
     _check(asked)
     steering_rad = _steering(asked, control)
-    backwards = asked.speed_mps < 0.0 if reverse is None else reverse
+    backwards, drives = _direction(asked, speed_mps, gear)
     along_mps = -speed_mps if backwards else speed_mps
-    target_mps = abs(asked.speed_mps)
+    target_mps = abs(asked.speed_mps) if drives else 0.0
+    acceleration_mps2 = asked.acceleration_mps2 if drives else 0.0
+    integral = integral if drives else 0.0
     if target_mps == 0.0 and abs(speed_mps) < STANDSTILL_MPS:
         return 0.0, PressedPedals(0.0, control.standstill_brake, steering_rad, backwards)
     if along_mps < -STANDSTILL_MPS:  # it rolls the other way: first it has to stop
         return 0.0, PressedPedals(0.0, 1.0, steering_rad, not backwards)
     error_mps = target_mps - along_mps
     proportional = control.throttle_gain * error_mps
-    forward = proportional + control.throttle_per_mps2 * asked.acceleration_mps2
+    forward = proportional + control.throttle_per_mps2 * acceleration_mps2
     # The integral moves only while the throttle can follow it: no wind-up.
     if 0.0 <= forward + integral <= 1.0:
         integral += control.throttle_integral_gain * error_mps * period_s
@@ -120,11 +128,23 @@ def press(
     return integral, PressedPedals(0.0, brake, steering_rad, backwards)
 
 
+def _direction(asked: AskedMotion, speed_mps: float, gear: str) -> tuple[bool, bool]:
+    """Whether the throttle drives backwards, and whether the gear lets the car drive as asked."""
+    if not gear:
+        return asked.speed_mps < 0.0, True
+    if gear == "drive":
+        return False, asked.speed_mps >= 0.0
+    if gear == "reverse":
+        return True, asked.speed_mps <= 0.0
+    return speed_mps < 0.0, False
+
+
 def _steering(asked: AskedMotion, control: MotionControl) -> float:
     angle_rad = asked.steering_rad
     if angle_rad is None:
         speed_mps = max(abs(asked.speed_mps), LATERAL_SPEED_MIN_MPS)
-        angle_rad = math.atan(control.wheelbase_m * asked.yaw_rate_radps / speed_mps)
+        tangent = control.wheelbase_m * asked.yaw_rate_radps / speed_mps
+        angle_rad = float(steady(math.atan(tangent), ANGLE_BITS))
         angle_rad = -angle_rad if asked.speed_mps < 0.0 else angle_rad
     return min(max(angle_rad, -control.steering_max_rad), control.steering_max_rad)
 

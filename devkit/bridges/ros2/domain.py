@@ -77,7 +77,7 @@ class RosDomain:
         """What came next; tokens are in :attr:`graph` already, and what they mean was told.
 
         Raises:
-            InfrastructureError: a flood.
+            StackFaultError: a flood.
         """
         arrived = self._session.receive(timeout_s)
         if isinstance(arrived, Token):
@@ -85,14 +85,19 @@ class RosDomain:
             self.tell(self.graph.take_lines())
         return arrived
 
-    def answer(self, request: ServiceCall, stamp_ns: int, said: str) -> None:
-        """Answer a call of the service of steps."""
-        response = self._store.make(f"{STEP_TYPE}_Response", success=True, message=said)
+    def answer(self, request: ServiceCall, stamp_ns: int, why_not: str) -> None:
+        """Answer a call of the service of steps; ``why_not`` says why it moved nothing."""
+        success = not why_not
+        response = self._store.make(f"{STEP_TYPE}_Response", success=success, message=why_not)
         request.respond(self._store.encode(response), stamp_ns)
 
     def commanders(self, topic: str) -> list[str]:
         """Full names of the nodes that publish a command as we have it."""
         return [each.node.full_name for each in self.graph.endpoints(topic, Entity.publisher)]
+
+    def unheard_commanders(self, topic: str) -> list[str]:
+        """Why commands of nodes that publish on a topic do not arrive, a line each."""
+        return self.graph.unheard(topic, Entity.publisher)
 
     def is_heard(self, topic: str) -> bool:
         """Whether somebody subscribes to a topic, of whatever type."""

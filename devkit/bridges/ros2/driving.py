@@ -19,7 +19,8 @@ from twin.ros2.commands import (
     TwistDemand,
 )
 
-_REVERSE = "reverse"
+_GEARS = ("park", "neutral", "reverse", "drive")
+"""Where several topics select a gear, the first of these counts."""
 _HAZARD = 3
 
 
@@ -36,11 +37,6 @@ class AskedTick:
 
 class TickMistakeError(ValueError):
     """A command names another tick than its stamp does; one line."""
-
-
-def stamp_of(demand: Demand) -> int | None:
-    """Time that a command carries [ns]; None: its type has none."""
-    return demand.stamp_ns
 
 
 class RosDriver:
@@ -78,11 +74,10 @@ class RosDriver:
         if isinstance(asked, PlainDrive):
             return self._plain(asked.command, now)
         motion = motion_of(asked)
-        gears = [each.gear for each in demands.values() if isinstance(each, GearDemand)]
-        reverse = None if not any(gears) else _REVERSE in gears
+        selected = {each.gear for each in demands.values() if isinstance(each, GearDemand)}
         self._integral, pedals = press(
             *(self._integral, motion, now.speed_mps, self._period_s, self._control),
-            reverse=reverse,
+            gear=next((gear for gear in _GEARS if gear in selected), ""),
         )
         return Command(
             slot=now.slot,

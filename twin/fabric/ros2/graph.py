@@ -104,6 +104,11 @@ class Graph:
         found = [self._mistake(each) for kind in kinds for each in self.named(topic, kind)]
         return list(dict.fromkeys(filter(None, found)))
 
+    def unheard(self, topic: str, kind: Entity) -> list[str]:
+        """Why messages of endpoints of this topic do not arrive, a line for each of those."""
+        arriving = self.endpoints(topic, kind)
+        return [self._mistake(each) for each in self.named(topic, kind) if each not in arriving]
+
     def nodes(self) -> list[str]:
         """Full names, sorted."""
         each = (e if isinstance(e, RosNode) else e.node for e in self._entities.values())

@@ -17,7 +17,7 @@ import xxhash
 import zenoh
 import zenoh.ext
 
-from twin.base.errors import InfrastructureError
+from twin.base.errors import InfrastructureError, StackFaultError
 from twin.fabric.ros2.attachment import Attachment, AttachmentError, parse_attachment
 from twin.fabric.ros2.graph import TopicType
 from twin.fabric.ros2.names import (
@@ -38,6 +38,9 @@ MESSAGE_BYTES_MAX = 1 << 20
 
 WAITING_MAX = 10_000
 """Most messages, requests and tokens that wait to be looked at; more is a flood."""
+
+WAITING_BYTES_MAX = 64 << 20
+"""Most bytes of them; more is a flood, too."""
 
 LINK_BYTES_MAX = 64 << 20
 """Largest message between any two nodes that the router puts together [bytes]."""
@@ -100,7 +103,7 @@ class Ros2Session:
         """
         self._domain, self._session, self.endpoint = domain, session, endpoint
         self._inbox: queue.Queue[Arrived] = queue.Queue(WAITING_MAX)
-        self._flooded = False
+        self._waiting_bytes, self._flooded = 0, False
         self._node = RosNode(str(session.info.zid()), 0, name)
         self._entities = 0
         self._closed = False
@@ -223,17 +226,17 @@ class Ros2Session:
         """What came next, or None after ``timeout_s``.
 
         Raises:
-            InfrastructureError: more came than anybody can look at.
+            StackFaultError: nodes sent more than anybody can look at.
         """
         try:
             arrived = (
                 self._inbox.get(timeout=timeout_s) if timeout_s > 0 else self._inbox.get_nowait()
             )
         except queue.Empty:
-            arrived = None
-        if self._flooded:
-            raise InfrastructureError(f"more than {WAITING_MAX} messages of nodes wait")
-        return arrived
+            return self._checked(None)
+        with self._lock:
+            self._waiting_bytes -= _size(arrived)
+        return self._checked(arrived)
 
     def close(self) -> None:
         """Leave the domain."""
@@ -243,11 +246,21 @@ class Ros2Session:
             self._kept.clear()
             self._session.close()  # type: ignore[no-untyped-call]
 
+    def _checked(self, arrived: Arrived | None) -> Arrived | None:
+        if self._flooded:
+            raise StackFaultError(
+                f"ros2: more than {WAITING_MAX} messages or {WAITING_BYTES_MAX} bytes of nodes wait"
+            )
+        return arrived
+
     def _put(self, arrived: Arrived) -> None:
-        try:
-            self._inbox.put_nowait(arrived)
-        except queue.Full:
-            self._flooded = True
+        size = _size(arrived)
+        with self._lock:
+            if self._waiting_bytes + size > WAITING_BYTES_MAX or self._inbox.full():
+                self._flooded = True
+                return
+            self._waiting_bytes += size
+            self._inbox.put_nowait(arrived)  # nobody else puts
 
     def _on_token(self, sample: zenoh.Sample) -> None:
         self._put(Token(str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT))
@@ -275,6 +288,13 @@ class Publisher:
         self._sequence += 1
         attachment = Attachment(self._sequence, stamp_ns, self._gid)
         self._publisher.put(payload, attachment=attachment.encoded())
+
+
+def _size(arrived: Arrived) -> int:
+    """Bytes that it holds, all but small change."""
+    if isinstance(arrived, Message | ServiceCall):
+        return len(arrived.payload)
+    return len(arrived.token) if isinstance(arrived, Token) else len(arrived.reason)
 
 
 def _pool_bytes() -> int:

@@ -9,14 +9,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from devkit.bridges.ros2.controllers import (
+    ANGLE_BITS,
     STANDSTILL_MPS,
     AskedError,
     AskedMotion,
     MotionControl,
     press,
 )
-from devkit.bridges.ros2.driving import AskedTick, RosDriver, TickMistakeError, motion_of, stamp_of
+from devkit.bridges.ros2.driving import AskedTick, RosDriver, TickMistakeError, motion_of
 from schemas.messages import Command, Lights, command_mistake
+from schemas.steady import steady
 from twin.ros2.commands import (
     AckermannDemand,
     GearDemand,
@@ -28,6 +30,7 @@ from twin.ros2.commands import (
 CONTROL = MotionControl()
 PERIOD_S = 0.05
 NOW = AskedTick(0, 0, 7, 3.0)
+GEARS = ("drive", "reverse", "neutral", "park")
 
 
 def ackermann(speed_mps: float, steering_rad: float = 0.0, accel_mps2: float | None = None):
@@ -54,16 +57,40 @@ def test_a_car_that_is_asked_to_stand_is_held():
 def test_backwards_is_by_the_sign_or_by_the_gear():
     _, pedals = press(0.0, AskedMotion(-2.0, steering_rad=0.0), 0.0, PERIOD_S, CONTROL)
     assert (pedals.throttle > 0.5, pedals.reverse) == (True, True)
-    _, pedals = press(0.0, AskedMotion(2.0), 0.0, PERIOD_S, CONTROL, reverse=True)
-    assert pedals.reverse
+    _, pedals = press(0.0, AskedMotion(-2.0), 0.0, PERIOD_S, CONTROL, gear="reverse")
+    assert (pedals.throttle > 0.5, pedals.reverse) == (True, True)
     # It rolls forward: first it has to stop, in the gear that it rolls in.
     integral, pedals = press(0.3, AskedMotion(-2.0), 4.0, PERIOD_S, CONTROL)
     assert (integral, pedals.throttle, pedals.brake, pedals.reverse) == (0.0, 0.0, 1.0, False)
 
 
+@pytest.mark.parametrize(
+    ("gear", "asked_mps"),
+    [("drive", -2.0), ("reverse", 2.0), *((gear, v) for gear in GEARS[2:] for v in (-2.0, 2.0))],
+)
+@pytest.mark.parametrize("speed_mps", [-4.0, -0.2, 0.0, 0.2, 4.0])
+def test_a_speed_against_the_gear_stands(gear, asked_mps, speed_mps):
+    asked = AskedMotion(asked_mps, acceleration_mps2=9.0, steering_rad=0.1)
+    integral, pedals = press(0.9, asked, speed_mps, PERIOD_S, CONTROL, gear=gear)
+    assert (integral, pedals.throttle, pedals.steering_rad) == (0.0, 0.0, 0.1)
+    assert pedals.brake > 0.0
+
+
+def test_of_several_gears_the_safest_counts():
+    driver = RosDriver(CONTROL, PERIOD_S, 1.0)
+    demands = {"/drive": ackermann(2.0), "/a": GearDemand(0, "drive"), "/b": GearDemand(0, "park")}
+    still = AskedTick(0, 0, 7, 0.0)
+    assert driver.command("/drive", demands, still).throttle == 0.0
+    demands["/b"] = GearDemand(0, "")
+    assert driver.command("/drive", demands, still).throttle > 0.5
+
+
 def test_a_yaw_rate_becomes_an_angle():
     _, pedals = press(0.0, AskedMotion(5.0, yaw_rate_radps=0.4), 5.0, PERIOD_S, CONTROL)
-    assert pedals.steering_rad == math.atan(2.5 * 0.4 / 5.0)
+    assert pedals.steering_rad == steady(math.atan(2.5 * 0.4 / 5.0), ANGLE_BITS)
+    assert pedals.steering_rad == pytest.approx(math.atan(2.5 * 0.4 / 5.0), rel=1e-12)
+    mantissa, _ = math.frexp(pedals.steering_rad)
+    assert (mantissa * 2**ANGLE_BITS).is_integer(), "no last bits of a C library"
     _, backwards = press(0.0, AskedMotion(-5.0, yaw_rate_radps=0.4), -5.0, PERIOD_S, CONTROL)
     assert backwards.steering_rad == -pedals.steering_rad
     _, spot = press(0.0, AskedMotion(0.0, yaw_rate_radps=9.0), 0.0, PERIOD_S, CONTROL)
@@ -85,10 +112,10 @@ FINITE = st.floats(-1e6, 1e6)
     integral=st.floats(0.0, 1.0),
     speed=FINITE,
     asked=st.builds(AskedMotion, FINITE, FINITE, st.none() | FINITE, FINITE),
-    reverse=st.none() | st.booleans(),
+    gear=st.sampled_from(["", *GEARS]),
 )
-def test_pedals_are_always_in_their_ranges(integral, speed, asked, reverse):
-    integral, pedals = press(integral, asked, speed, PERIOD_S, CONTROL, reverse=reverse)
+def test_pedals_are_always_in_their_ranges(integral, speed, asked, gear):
+    integral, pedals = press(integral, asked, speed, PERIOD_S, CONTROL, gear=gear)
     assert 0.0 <= integral <= 1.0
     assert pedals.throttle == 0.0 or pedals.brake == 0.0
     command = Command(0, 0, 0, pedals.throttle, pedals.brake, pedals.steering_rad)
@@ -109,7 +136,7 @@ def test_the_integral_follows_only_what_the_throttle_can():
 def test_commands_on_several_topics_make_one():
     driver = RosDriver(CONTROL, PERIOD_S, aeb_brake=0.9)
     demands = {
-        "/drive": ackermann(2.0, 0.2),
+        "/drive": ackermann(-2.0, 0.2),
         "/gear": GearDemand(0, "reverse"),
         "/turn": IndicatorDemand(0, False, 1),
     }
@@ -150,4 +177,3 @@ def test_a_plain_command_is_passed_on_bit_for_bit():
 def test_a_twist_asks_for_speed_and_yaw_rate():
     assert motion_of(TwistDemand(None, 2.0, 0.3)) == AskedMotion(2.0, yaw_rate_radps=0.3)
     assert motion_of(ackermann(2.0, 0.3, 1.5)) == AskedMotion(2.0, 1.5, 0.3)
-    assert stamp_of(TwistDemand(None, 2.0, 0.3)) is None

@@ -72,19 +72,73 @@ def test_steps_move_the_clock_where_stamps_do_not():
     command(lockstep, "x", None)
     command(lockstep, "y", None)
     assert not lockstep.is_answered
-    lockstep.step()
+    assert lockstep.step() == ""
     assert lockstep.is_answered
     lockstep.begin(200)
     assert not lockstep.is_answered
-    lockstep.step()
+    assert lockstep.step() == ""
     assert lockstep.latest == {"/drive": "y"}, "it is in force until another comes"
 
 
 def test_a_step_moves_nothing_where_stamps_do():
     lockstep = Lockstep("stamp")
     lockstep.begin(100)
-    lockstep.step()
+    assert lockstep.step() == "answer: stamp is set, where a call moves nothing"
     assert not lockstep.is_answered
+
+
+def test_a_step_while_no_tick_waits_moves_nothing():
+    lockstep = Lockstep("step")
+    assert lockstep.step() == "no tick waits"
+    lockstep.begin(100)
+    assert not lockstep.is_answered
+    assert lockstep.step() == ""
+    assert lockstep.step() == "no tick waits"
+    lockstep.begin(200)
+    assert not lockstep.is_answered
+
+
+@pytest.mark.parametrize("first", ["gear", "drive"])
+def test_gear_and_lamps_count_from_the_tick_after_their_stamp(first):
+    """Whatever comes first: what a tick is answered with is the same."""
+
+    def gear(value: str, stamp_ns: int) -> None:
+        assert lockstep.command("/gear", value, stamp_ns, ME, main=False) == ""
+
+    lockstep = Lockstep("stamp")
+    gear("drive", 0)  # sim time is 0 before the first tick
+    lockstep.begin(0)
+    assert "/gear" not in lockstep.latest
+    for tick_ns, before in ((0, None), (50, "gear of 0"), (100, "gear of 50")):
+        if tick_ns:
+            lockstep.begin(tick_ns)
+        if first == "gear":
+            gear(f"gear of {tick_ns}", tick_ns)
+        command(lockstep, "go", tick_ns)
+        assert lockstep.latest.get("/gear") == before
+        if first == "drive":
+            gear(f"gear of {tick_ns}", tick_ns)
+    lockstep.begin(150)
+    gear("late", 100)
+    assert lockstep.latest["/gear"] == "late"
+    with pytest.raises(StampError, match=r"a command on /gear has the stamp .* but /clock is"):
+        gear("wall clock", 10**18)
+
+
+def test_what_came_of_the_case_before_is_left_out_until_the_first_answer():
+    lockstep = Lockstep("stamp", carried_over=True)
+    line = command(lockstep, "old", 9_000_000_000, sender=OTHER)
+    assert "later than /clock: of the case before" in line
+    lockstep.begin(0)
+    assert command(lockstep, "old", 9_050_000_000) == ""
+    assert lockstep.command("/gear", "old", 9_050_000_000, ME, main=False) == ""
+    assert (lockstep.is_answered, lockstep.latest) == (False, {})
+    command(lockstep, "new", 0)
+    assert lockstep.latest == {"/drive": "new"}
+    with pytest.raises(StampError, match="use sim time"):
+        command(lockstep, "future", 9_000_000_000)
+    with pytest.raises(StampError, match="two publishers"):
+        command(lockstep, "again", 0, sender=OTHER)
 
 
 def test_newest_waits_for_nobody():

@@ -13,15 +13,16 @@ from typing import Any
 import pytest
 import zenoh
 import zenoh.ext
-from waiting import PATIENCE_S
+from waiting import PATIENCE_S, wait_for
 
-from twin.base.errors import InfrastructureError, UsageError
+from twin.base.errors import InfrastructureError, StackFaultError, UsageError
 from twin.fabric.ros2.attachment import Attachment
 from twin.fabric.ros2.graph import TopicType
 from twin.fabric.ros2.names import EndpointQos, Entity, parse_token, topic_key
 from twin.fabric.ros2.place import FILES, SETTINGS, MeetingPlace
 from twin.fabric.ros2.session import (
     MESSAGE_BYTES_MAX,
+    WAITING_BYTES_MAX,
     WAITING_MAX,
     Message,
     Refused,
@@ -192,8 +193,22 @@ def test_a_flood_ends_it(ours, theirs):
                 )
             assert ours.receive(PATIENCE_S) is not None
 
-    with pytest.raises(InfrastructureError, match=f"more than {WAITING_MAX} messages"):
+    with pytest.raises(StackFaultError, match=f"more than {WAITING_MAX} messages"):
         flood()
+
+
+def test_a_flood_of_bytes_ends_it_too(ours, theirs):
+    """Far fewer messages than may wait, each as large as may be."""
+    ours.subscribe("/chatter", STRING, EndpointQos())
+    large = bytes(MESSAGE_BYTES_MAX)
+    for _ in range(WAITING_BYTES_MAX // MESSAGE_BYTES_MAX):
+        theirs.put(KEY, large, attachment=GOOD, congestion_control=zenoh.CongestionControl.BLOCK)
+        until(ours, is_a(Message))  # what was looked at does not wait
+    for _ in range(WAITING_BYTES_MAX // MESSAGE_BYTES_MAX + 1):
+        theirs.put(KEY, large, attachment=GOOD, congestion_control=zenoh.CongestionControl.BLOCK)
+    wait_for(lambda: ours._flooded, "the flood")
+    with pytest.raises(StackFaultError, match=f"or {WAITING_BYTES_MAX} bytes of nodes wait"):
+        ours.receive(0.0)
 
 
 def test_nobody_without_the_rigs_key_hears_or_says_anything(place, ours):

@@ -18,6 +18,7 @@ from ros2_messages import (
 
 from schemas.messages import Episode
 from schemas.sections.lens_projection import project, vehicle_from_camera
+from twin.base.errors import UsageError
 from twin.ros2.frames import OPTICAL, of_mount, product, yaw_of
 from twin.ros2.sending import TableSender, TopicMessage
 from twin.ros2.store import type_store
@@ -192,6 +193,36 @@ def test_no_fix_and_no_orientation_are_said():
     assert by_topic["/imu/data_raw"].orientation_covariance[0] == -1.0
     assert by_topic["/imu/data_raw"].linear_acceleration.z == 9.80665
     assert [r.range for r in by_topic["/radar/scan"].returns] == [25.0, 60.0]
+
+
+@pytest.mark.parametrize(
+    ("table", "name", "said"),
+    [
+        ("plain", "front-left", "camera front-left makes the topic /drivetwin/front-left/"),
+        ("nav2", "2front", "camera 2front makes the topic"),
+        ("autoware", "a__b", "camera a__b makes the topic"),
+    ],
+)
+def test_a_camera_whose_name_makes_no_topic_is_refused(table, name, said):
+    case = episode()
+    case.cameras[0] = msgspec.structs.replace(case.cameras[0], name=name)
+    with pytest.raises(UsageError, match=f"topic table '{table}': the name of {said}") as found:
+        TableSender(load_table(table), case, STORE)
+    assert "\n" not in str(found.value)
+
+
+@pytest.mark.parametrize("row", ["lidar", "array"])
+def test_a_lidar_whose_name_makes_no_topic_is_refused(row):
+    case = episode()
+    named = {"name": "roof-top", "message": "lidar.roof-top"}
+    case.lidars[0] = msgspec.structs.replace(case.lidars[0], **named)
+    table = load_table("plain")
+    kept = [each for each in table.sensors if each.source in ("clock", row)]
+    with pytest.raises(UsageError, match="roof-top makes the topic /drivetwin/"):
+        TableSender(msgspec.structs.replace(table, sensors=kept), case, STORE)
+    # A table of one's own may name the topic itself.
+    points = SensorTopic("/points", "lidar")
+    TableSender(msgspec.structs.replace(table, sensors=[points]), case, STORE)
 
 
 def test_two_cameras_on_one_topic_are_refused():

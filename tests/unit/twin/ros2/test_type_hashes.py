@@ -12,7 +12,7 @@ from __future__ import annotations
 import pytest
 
 from twin.base.errors import UsageError
-from twin.ros2.store import dds_name, packages, type_store
+from twin.ros2.store import packages, type_store
 
 PUBLISHED = {
     "ackermann_msgs/msg/AckermannDrive": (
@@ -102,12 +102,6 @@ def test_every_interface_file_is_a_type_of_every_distribution():
         assert store.knows("drivetwin_msgs/msg/DriveCommand")
         assert {name.split("/")[0] for name in store.names()} >= set(packages())
         assert all(len(store.type_hash(name)) == 71 for name in store.names())
-
-
-def test_names_on_the_wire():
-    assert dds_name("std_msgs/msg/String") == "std_msgs::msg::dds_::String_"
-    with pytest.raises(ValueError, match="expected package/msg/Name"):
-        dds_name("String")
 
 
 def test_unknown_types_and_distributions_are_named():
