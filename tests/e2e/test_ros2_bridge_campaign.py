@@ -237,7 +237,10 @@ def test_a_rig_in_a_sandbox_meets_its_nodes_where_nobody_else_can(marked, interf
     out = tmp_path / "run"
     done = marked.run("conductor", "run", str(path), "--workers", "2", "--out", str(out))
     assert done.returncode == 0, done.stderr
-    for log in out.glob("cases/*/attempt-*/log.txt"):
-        assert 'connect/endpoints=["tcp/127.0.0.1:7447"]' in log.read_text()
-        assert ":1D17 00000000:0000 0A" in log.read_text(), "it listens on port 7447 there"
+    told = [log.read_text() for log in out.glob("cases/*/attempt-*/log.txt")]
+    told = [text for text in told if "\nverdict:" in text]  # a second attempt may be called off
+    assert len(told) == 2
+    for text in told:
+        assert 'connect/endpoints=["tcp/127.0.0.1:7447"]' in text
+        assert ":1D17 00000000:0000 0A" in text, "it listens on port 7447 there"
     assert ":1D17 " not in Path("/proc/net/tcp").read_text(), "and not here"

@@ -10,6 +10,7 @@ import sys
 import types
 from pathlib import Path
 
+import zenoh
 from zenoh_ros2_sdk import ROS2Publisher, ROS2Subscriber
 from zenoh_ros2_sdk.message_registry import get_registry
 from zenoh_ros2_sdk.session import ZenohSession
@@ -36,6 +37,15 @@ def loaded(message_class):
     return message_class.NAME, (FOLDER / f"{message_class.NAME}.msg").read_text()
 
 
+class _Subscriber(ROS2Subscriber):
+    """As rmw_zenoh takes messages: all in one thread. In the package's own way each topic has one,
+    and a clock overtakes the picture that was sent before it."""
+
+    @property
+    def _listener(self):
+        return zenoh.handlers.Callback(super()._listener, indirect=False)
+
+
 class _Publisher:
     def __init__(self, *words, **named):
         self.out = ROS2Publisher(*words, **named)
@@ -55,7 +65,7 @@ class _Node:
     def create_subscription(self, message_class, topic, callback, depth):
         name, text = loaded(message_class)
         take = lambda message: INBOX.put((callback, message))  # noqa: E731
-        self.kept.append(ROS2Subscriber(topic, name, take, msg_definition=text, **self.named))
+        self.kept.append(_Subscriber(topic, name, take, msg_definition=text, **self.named))
 
     def create_publisher(self, message_class, topic, depth):
         name, text = loaded(message_class)
