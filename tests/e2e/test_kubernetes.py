@@ -10,9 +10,8 @@ import subprocess
 import sys
 
 import kube_cluster
-import psutil
 import pytest
-from kube_cluster import KubeCluster
+from kube_cluster import KubeCluster, send
 from kube_site import CASES, NOOP, Site
 from kubernetes import client, config, watch
 from processes import MARK, Marked, committed, outcomes
@@ -85,9 +84,9 @@ def held(kube, count):
         for pod in kube.pods("worker", "Running"):
             running = kube.running.get(pod["metadata"]["uid"])
             said = kube.log("robots", pod["metadata"]["name"])
-            if running and running.pid not in stopped and b"slot(s) on cpu" in said:
-                os.kill(running.pid, signal.SIGSTOP)
-                stopped[running.pid] = pod
+            pid = running.pid if running else 0
+            if pid not in stopped and b"slot(s) on cpu" in said and send(pid, signal.SIGSTOP):
+                stopped[pid] = pod
         return len(stopped) >= count
 
     wait_for(all_stopped, f"{count} workers")
@@ -96,7 +95,7 @@ def held(kube, count):
 
 def thaw(pids):
     for pid in pids:
-        os.kill(pid, signal.SIGCONT)
+        send(pid, signal.SIGCONT)  # some have gone meanwhile
 
 
 def test_a_run_from_its_submission_to_its_results(site, kube, here, tmp_path):
@@ -190,7 +189,7 @@ def test_a_lost_node_takes_conductor_and_worker(site, kube, here, tmp_path):
     frozen = held(kube, 3)
     lost = wait_for(lambda: kube.pods("conductor", "Running"), "the conductor")[0]
     kube.lose(lost["spec"]["nodeName"])
-    thaw([pid for pid in frozen if psutil.pid_exists(pid)])
+    thaw(frozen)
     again = wait_for(lambda: kube.pods("conductor", "Running", "Succeeded"), "another conductor")
     assert again[0]["spec"]["nodeName"] != lost["spec"]["nodeName"]
     assert site.ended()["exit_code"] == 0
