@@ -130,7 +130,7 @@ def test_a_name_that_leads_out_is_no_copy_that_broke_off(tmp_path):
     ],
 )
 def test_what_this_machine_says_is_not_replaced(tmp_path, name):
-    """Of the claim's content only results are taken: not which job, conductor or keys to believe."""
+    """Results are taken from a claim, but not which job, conductor or keys to believe."""
     data = archive(("./cases", "", tarfile.DIRTYPE), (name, b"theirs", FILE), ("good", b"x", FILE))
     assert unpacked(tmp_path, data) == ["cases", "good"]
 
