@@ -86,11 +86,13 @@ def strangers_named() -> AbstractContextManager[None]:
 
 def _runs_alone(campaign: Campaign) -> bool:
     """Whether two workers of it would take the processor from each other, or wait for each other at
-    the port of their scripts."""
+    the port of their scripts or for nodes that somebody else starts once."""
     from schemas.kinds.bridge import bridges
 
     bridge = bridges().get(campaign.autonomy.bridge)
-    return campaign.clock == "realtime" or (bridge is not None and bridge.port > 0)
+    if bridge is not None and (bridge.port > 0 or not campaign.autonomy.command):
+        return True
+    return campaign.clock == "realtime"
 
 
 @app.command("run")

@@ -56,6 +56,10 @@ def submit(request: JobRequest, scheduler: Scheduler, deadline_s: float) -> Subm
         except TwinError as error:
             scheduler.cancel(job)
             raise type(error)(f"{error}; job {job} was cancelled again") from None
+        except BaseException:  # Ctrl-C: nobody would know of the job
+            with contextlib.suppress(TwinError):
+                scheduler.cancel(job)
+            raise
     log = folder / scheduler.log(job, request)
     return SubmittedJob(scheduler.name, job, str(folder), str(script), str(log))
 
@@ -163,8 +167,7 @@ def probe(folder: Path) -> None:
 
 def _write(path: Path, text: str, mode: int = 0o644) -> None:
     try:
-        write_atomic(path, text.encode())
-        path.chmod(mode)
+        write_atomic(path, text.encode(), mode=mode)
     except OSError as error:
         raise storage_error(error, str(path)) from None
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from twin.base.cli import Output, OutputOption, make_app, run
-from twin.base.errors import UsageError
+from twin.base.errors import UnfinishedError, UnreachableError, UsageError
 from twin.bench.command import app as bench_app
 from twin.dataset.command_options import (
     BatchOption,
@@ -122,7 +122,7 @@ def worker(
         connect, slots, share = told.connect, told.slots, told.share
         key = Path(told.key) if told.key else None
     spool = spool or (state / "spool" if state is not None and not connect else None)
-    target = _conductor(connect, state, wait, namespace, key)
+    target = _conductor(connect, state, wait, namespace, key, again=started_again)
     fit = slots is None and device.startswith("cuda")
     options = WorkerOptions(
         connect=target.endpoint,
@@ -147,9 +147,18 @@ def worker(
 
 
 def _conductor(
-    connect: str, state: Path | None, wait_s: float, namespace: str, key: Path | None
+    connect: str,
+    state: Path | None,
+    wait_s: float,
+    namespace: str,
+    key: Path | None,
+    *,
+    again: bool,
 ) -> Target:
-    """The conductor to work for; the one of a state folder may still be on its way."""
+    """The conductor to work for; the one of a state folder may still be on its way.
+
+    ``again``: whoever started this starts it again while it is unfinished.
+    """
     from twin.fabric.discovery import await_conductor, await_endpoint, choose_target
     from twin.fabric.keys.roles import Role
 
@@ -157,7 +166,13 @@ def _conductor(
         return await_conductor(state, wait_s, Role.worker, key)
     target = choose_target(connect, None, namespace, key, Role.worker)
     if wait_s:
-        await_endpoint(target, wait_s)
+        try:
+            await_endpoint(target, wait_s)
+        except UnreachableError as error:
+            if not again:
+                raise
+            # Cases may be left: a conductor may take longer to come than this waits.
+            raise UnfinishedError(f"{error}; whoever started this may start it again") from None
     return target
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from schemas.campaign import Campaign
 from schemas.escape import escape
+from schemas.kinds.bridge import NONE
 from schemas.plan import Plan
 from schemas.sections.autonomy import open_by_nature
 from twin.base.errors import UsageError
@@ -73,6 +74,8 @@ def _foreign(plan: Plan) -> str:
         if autonomy.image is not None:
             words += f" in the image {_shown(autonomy.image.path)}"
         return words
+    if autonomy.bridge != NONE:
+        return f"nodes that somebody else starts, behind the bridge {_shown(autonomy.bridge)},"
     if autonomy.stack not in SHIPPED_STACKS:
         return f"the stack {_shown(autonomy.stack)}"
     if campaign.stack_identity.digest or autonomy.files:

@@ -29,6 +29,14 @@ def spared_libraries(campaign: Campaign) -> frozenset[str]:
     return spared(campaign, has_assets=bool(assets))
 
 
+def same_files(certificate: Certificate) -> bool:
+    """Whether a certificate was made with the files of ours that are installed here."""
+    if certificate.head.software == software_digest():
+        return True
+    files = certificate.files
+    return files is not None and not file_lines(files, software_files())
+
+
 def require_files(certificate: Certificate, shown: str) -> None:
     """Refuse a certificate that was made with other files of ours than are installed here.
 
@@ -37,15 +45,14 @@ def require_files(certificate: Certificate, shown: str) -> None:
     Raises:
         InfrastructureError: one line that names the first.
     """
-    head, files = certificate.head, certificate.files
-    if head.software == (here := software_digest()):
+    if same_files(certificate):
         return
+    head, files, here = certificate.head, certificate.files, software_digest()
     if files is None:
         other = differences(decode_lock(certificate.lock, shown), installed())
         named = [line for line in other if line.split(" ", 1)[0] in head.libraries]
         raise _other(shown, head.software, here, named)
-    if lines := file_lines(files, software_files()):
-        raise _other(shown, head.software, here, lines)
+    raise _other(shown, head.software, here, file_lines(files, software_files()))
 
 
 def require_libraries(certificate: Certificate, campaign: Campaign, shown: str) -> None:

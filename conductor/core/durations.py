@@ -78,6 +78,8 @@ class CaseLengths:
     run says more."""
     enough: int = 0
     """So many cases have to be known before others are told apart: one of every value."""
+    earlier: bool = False
+    """Cases of an earlier run are known: they are told apart by their own lengths, without axes."""
     _mean: float = 0.0
     _effects: list[dict[int, float]] = field(default_factory=list)
     _fitted: int = 0
@@ -102,7 +104,7 @@ class CaseLengths:
         known = {k: before[name] for k, name in enumerate(names) if name in before}
         chosen = _pilot(axes, len(names))
         pilot = [] if known or len(chosen) * PILOT_SHARE > len(names) else chosen
-        return cls(axes, known, pilot, len(chosen))
+        return cls(axes, known, pilot, len(chosen), bool(known))
 
     def add(self, position: int, length_s: float) -> None:
         """A case was as long as that."""
@@ -111,7 +113,7 @@ class CaseLengths:
     @property
     def told(self) -> bool:
         """Whether enough is known to tell cases apart."""
-        return bool(self.axes) and len(self.known) >= max(2, self.enough)
+        return bool(self.axes or self.earlier) and len(self.known) >= max(2, self.enough)
 
     def expected_s(self, position: int) -> float:
         """Length of a case: as measured, or estimated; 0 as long as nothing is known."""

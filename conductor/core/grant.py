@@ -302,7 +302,8 @@ def _fill(
         (priority, leased, order), index = heap[0]
         _, campaign, lane = lanes[index]
         position = next(lane, None)
-        # Batches are labelled in submission order: the rest of the lane is later still.
+        # Nothing but a later batch keeps a case of such a lane from the asker, for charged cases
+        # run alone. With batches lanes are in submission order: the rest is later still.
         if position is None or not asker.usable(campaign, campaign.ordered[position]):
             heapq.heappop(heap)
             continue

@@ -36,7 +36,7 @@ from twin.base.errors import InfrastructureError, UsageError
 from twin.base.process import how_it_ended
 from twin.base.software import software_digest
 
-TIMEOUT_S = 100.0
+TIMEOUT_S = 600.0
 """Longest time to look at a campaign [s]; less than `hpc` waits for the check of a campaign."""
 
 FILE = "good-campaigns.json"

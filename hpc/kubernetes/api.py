@@ -7,9 +7,10 @@ import os
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hpc.kubernetes.objects import INSTANCE, Object
+from hpc.kubernetes.objects import COMPONENT, INSTANCE, Object
 from twin.base.errors import InfrastructureError, TwinError, UsageError
 
 if TYPE_CHECKING:
@@ -26,6 +27,8 @@ PODS_MAX = 4200
 
 IN_CLUSTER = "in-cluster"
 """Stands for a context where a pod asks the API of its own cluster."""
+OWN_NAMESPACE = Path("/var/run/secrets/kubernetes.io/serviceaccount/namespace")
+"""File that says in a pod which namespace is its own."""
 
 _INTERFACES = {
     "Job": ("BatchV1Api", "job"),
@@ -51,7 +54,8 @@ class Namespace:
     """Objects of a namespace, as a context of the user's kubeconfig sees them."""
 
     def __init__(self, context: str = "", name: str = "") -> None:
-        """``context``: empty for the current one; ``name``: empty for that of the context.
+        """``context``: empty for the current one; ``name``: empty for that of the context,
+        or of the pod in which this runs.
 
         Raises:
             UsageError: the client is not installed, or there is no such context.
@@ -69,6 +73,8 @@ class Namespace:
             if context == IN_CLUSTER or (not context and "KUBERNETES_SERVICE_HOST" in os.environ):
                 config.load_incluster_config(client_configuration=configuration)
                 self.context = IN_CLUSTER
+                if not name:
+                    usual = OWN_NAMESPACE.read_text(encoding="utf-8").strip()
             else:
                 known, current = config.list_kube_config_contexts()
                 names = [str(found["name"]) for found in known]
@@ -216,6 +222,11 @@ class Namespace:
         from kubernetes import client
 
         return getattr(client, name)(self._client)
+
+
+def component_of(pod: Any) -> str:
+    """What a pod is in its run; empty: somebody else has made it, or taken its labels."""
+    return str((pod.metadata.labels or {}).get(COMPONENT, ""))
 
 
 @contextmanager

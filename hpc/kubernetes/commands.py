@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import contextlib
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -10,11 +11,10 @@ from typing import Any
 
 import yaml
 
-from hpc.kubernetes.api import AlreadyThereError, Namespace, NotThereError
+from hpc.kubernetes.api import AlreadyThereError, Namespace, NotThereError, component_of
 from hpc.kubernetes.copying import copy_run
 from hpc.kubernetes.objects import (
     CAMPAIGN_BYTES_MAX,
-    COMPONENT,
     Object,
     as_yaml,
     kustomization,
@@ -81,10 +81,11 @@ class Kubernetes:
         made: list[Object] = []
         try:
             for found in objects:
-                made += _created(namespace, found)
-        except TwinError:
+                _create(namespace, found, made)
+        except BaseException:  # also Ctrl-C: no key and no half of a run may stay there
             for found in reversed(made):
-                namespace.delete(found["kind"], found["metadata"]["name"])
+                with contextlib.suppress(TwinError):
+                    namespace.delete(found["kind"], found["metadata"]["name"])
             raise
         return job
 
@@ -110,7 +111,7 @@ class Kubernetes:
         running = [pod for pod in namespace.pods(run) if pod.status.phase == "Running"]
         if not running:
             raise UsageError(f"job {job}: no pod of it runs; `hpc status` says why")
-        for pod in sorted(running, key=lambda pod: pod.metadata.labels[COMPONENT], reverse=True):
+        for pod in sorted(running, key=component_of, reverse=True):
             namespace.evict(pod.metadata.name)
 
     def signal(self, job: str, name: str) -> None:
@@ -168,17 +169,26 @@ def _refuse_others_claim(namespace: Namespace, run: str, job: str, folder: Path)
         )
 
 
-def _created(namespace: Namespace, found: Object) -> list[Object]:
-    """Create an object; one of an earlier start is kept if it is storage, else replaced."""
+def _create(namespace: Namespace, found: Object, made: list[Object]) -> None:
+    """Create an object; one of an earlier start is kept if it is storage, else replaced.
+
+    ``made`` gets what is to be deleted if the run cannot be submitted. Storage is there only when
+    it was created for certain; whatever else has this name is of this run, also when no answer
+    came.
+    """
     kind, name = found["kind"], found["metadata"]["name"]
+    storage = kind == "PersistentVolumeClaim"
+    if not storage:
+        made.append(found)
     try:
         namespace.create(found)
     except AlreadyThereError:
-        if kind == "PersistentVolumeClaim":
-            return []
+        if storage:
+            return
         namespace.delete(kind, name, wait=True)
         namespace.create(found)
-    return [found]
+    if storage:
+        made.append(found)
 
 
 def _key(folder: Path, role: Role) -> str:

@@ -9,8 +9,9 @@ How the parts of a run end:
 
 - The conductor's exit code is the verdict. 1 (a verdict is not a pass) and 2 (bad input) end the
   Job; whatever else is started again, at most ``restarts_max`` times.
-- A worker ends with 0 when no case is left, and with 75 while some are: only the first counts as
-  success of a work-queue Job, which then starts no further pods. 75 is no failure either.
+- A worker ends with 0 when no case is left, and with 75 while some are, or while no conductor
+  answers: only the first counts as success of a work-queue Job, which then starts no further pods.
+  75 is no failure either, so a conductor may be slow to come.
 - A pod that the cluster takes away (eviction, drain, preemption, a lost node) carries the condition
   ``DisruptionTarget`` and counts for nothing.
 - Before a pod goes it has ``signal_lead_s`` after SIGTERM. Running cases may go on for most of
@@ -46,7 +47,7 @@ CONDUCTOR_GRACE_S = 60
 HAND_BACK_S = 30
 """Of a worker's time after SIGTERM, what running cases do not get [s]."""
 START_WAIT_S = 120
-"""How long a worker waits for a conductor that is to come [s]."""
+"""How long a worker waits for a conductor that is to come, before another pod does [s]."""
 WORKER_FAILURES = 2
 """Failures, for each worker, before the workers' Job is given up."""
 WORK, RUN, HOME, KEYS = "/work", "/work/run", "/work/home", "/keys"

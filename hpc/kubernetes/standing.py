@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from typing import Any
 
-from hpc.kubernetes.api import Namespace, NotThereError
-from hpc.kubernetes.objects import COMPONENT
+from hpc.kubernetes.api import Namespace, NotThereError, component_of
 from hpc.scheduler import JobStatus, State
 from schemas.escape import escape
 from schemas.words import counted
 
 WORDS_CHARS_MAX = 300
 """Longest reason of the cluster that is passed on [characters]."""
+
+_LEFT = "{} still there; the same `hpc submit` goes on, `hpc cancel` ends them"
+"""Said of workers whose conductor has ended."""
 
 
 def standing(namespace: Namespace, run: str) -> JobStatus:
@@ -26,12 +28,14 @@ def standing(namespace: Namespace, run: str) -> JobStatus:
         gone = "" if namespace.exists() else f"namespace {namespace.name} is not there"
         return JobStatus("unknown", native=gone)
     pods = namespace.pods(run)
-    conductors = [pod for pod in pods if pod.metadata.labels[COMPONENT] == "conductor"]
-    workers = [pod for pod in pods if pod.metadata.labels[COMPONENT] == "worker"]
+    conductors = [pod for pod in pods if component_of(pod) == "conductor"]
+    workers = [pod for pod in pods if component_of(pod) == "worker"]
     last = conductors[-1] if conductors else None
     state, native = _state(job, last)
-    reason = ""
-    if state != "ended":
+    if state == "ended":
+        left = [pod for pod in workers if pod.status.phase in ("Pending", "Running")]
+        reason = _LEFT.format(counted(len(left), "worker")) if left else ""
+    else:
         reasons = (
             "suspended, until its queue admits it" if job.spec.suspend else "",
             _waits(namespace, f"{run}-conductor", last),

@@ -41,7 +41,7 @@ class BatchSystemKind:
     """Environment variable that holds a job's id inside the job."""
     restarts_variable: str = ""
     """Environment variable that holds how often the job was started again; empty: none does."""
-    job_ids: str = r"[0-9].*"
+    job_ids: str = r"[0-9][^/]*"
     """Pattern of its jobs' ids."""
     script: str = "job.sh"
     """Name of the file in the run folder that is submitted."""

@@ -339,8 +339,12 @@ class _Handler(BaseHTTPRequestHandler):
                 self.wfile.write(_frame(b"\x01" + part))
             if said := child.stderr.read():
                 self.wfile.write(_frame(b"\x02" + said))
-        status = "Failure" if child.returncode else "Success"
-        self.wfile.write(_frame(b"\x03" + json.dumps({"status": status}).encode()))
+        ended: Object = {"status": "Success"}
+        if child.returncode:
+            cause = {"reason": "ExitCode", "message": str(child.returncode)}
+            ended = {"status": "Failure", "reason": "NonZeroExitCode"}
+            ended["details"] = {"causes": [cause]}
+        self.wfile.write(_frame(b"\x03" + json.dumps(ended).encode()))
         self.wfile.write(_frame(b"", 0x8))
 
     def _send(self, code: int, data: bytes, *, plain: bool = False) -> None:

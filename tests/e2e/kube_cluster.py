@@ -35,6 +35,17 @@ IMAGE = "registry.example/drivetwin:1"
 TERMINAL = ("Succeeded", "Failed")
 
 
+def send(pid: int, number: signal.Signals) -> bool:
+    """Send a signal to a process, and to no group of processes; False: there is none."""
+    if pid <= 0:
+        return False
+    try:
+        os.kill(pid, number)
+    except ProcessLookupError:
+        return False
+    return True
+
+
 def missing() -> str:
     """Why this machine cannot run pods; empty: it can."""
     for program in ("bwrap", "setpriv"):
@@ -187,9 +198,10 @@ class KubeCluster:
         with self.store.lock:
             pod = self.store.read("pods", namespace, name)
             running = self.running.get(pod["metadata"]["uid"])
-        if running is None or not running.pid:
+        pid = running.pid if running is not None else 0
+        if not pid:
             raise RefusalError(400, "BadRequest", f"container {container} is not running")
-        inside = ["nsenter", f"--target={running.pid}", "--mount", "--pid", "--root", "--wd=/"]
+        inside = ["nsenter", f"--target={pid}", "--mount", "--pid", "--root", "--wd=/"]
         return [*inside, "setpriv", *_ids(pod), "--", *command]
 
     def claim(self, name: str) -> Path:
@@ -482,16 +494,14 @@ class KubeCluster:
             self._signal(running)
 
     def _signal(self, running: RunningPod) -> None:
-        if running.pid:
-            with contextlib.suppress(ProcessLookupError):
-                os.kill(running.pid, signal.SIGTERM)
+        send(running.pid, signal.SIGTERM)
 
     def _kill(self, running: RunningPod) -> None:
-        if running.container is not None:
-            running.container.kill()
-        if running.pid:
-            with contextlib.suppress(ProcessLookupError):
-                os.kill(running.pid, signal.SIGKILL)
+        # Its own thread clears both when the container has ended.
+        container, pid = running.container, running.pid
+        if container is not None:
+            container.kill()
+        send(pid, signal.SIGKILL)
 
     def _log_path(self, pod: Object) -> Path:
         return self.folder / "logs" / pod["metadata"]["name"]

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
+import secrets
 import socket
 import subprocess
 from pathlib import Path
@@ -15,14 +17,21 @@ from waiting import wait_for
 
 CASES = 120
 """Some seconds for a few workers."""
+PORTS = range(20000, 32768)
 NOOP = f"campaign: many\nsimulator: noop\nmatrix: {{repeat: {list(range(CASES))}}}\n"
 
 
 def free_port() -> int:
-    """A port for a conductor's pod; pods of the double share this machine's network."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
+    """A port for a conductor's pod; pods of the double share this machine's network.
+
+    It is below those that the system gives to whoever asks for any, so that no other program gets
+    it before the pod is there.
+    """
+    while True:
+        port = secrets.choice(PORTS)
+        with socket.socket() as probe, contextlib.suppress(OSError):
+            probe.bind(("127.0.0.1", port))
+            return port
 
 
 class Site:

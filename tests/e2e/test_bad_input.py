@@ -82,6 +82,10 @@ def test_worker_without_a_conductor(marked, tmp_path):
     one_line(marked.run("twin", "worker"), 2, "--connect", "--state")
     done = marked.run("twin", "worker", "--state", str(tmp_path))
     one_line(done, 2, "conductor.json", "conductor serve")
+    there = ("--insecure", "--connect", "tcp/127.0.0.1:1", "--wait", "0.1")
+    one_line(marked.run("twin", "worker", *there), 3, "tcp/127.0.0.1:1: no conductor answers")
+    done = marked.run("twin", "worker", *there, "--started-again", "--until-done")
+    one_line(done, 75, "tcp/127.0.0.1:1: no conductor answers", "may start it again")
 
 
 def test_bad_endpoint(marked):

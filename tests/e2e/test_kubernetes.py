@@ -8,18 +8,25 @@ import signal
 import stat
 import subprocess
 import sys
+import threading
 
 import kube_cluster
-import psutil
 import pytest
-from kube_cluster import KubeCluster
+import yaml
+from kube_api import Api, RefusalError, Store
+from kube_cluster import IMAGE, KubeCluster, send
 from kube_site import CASES, NOOP, Site
 from kubernetes import client, config, watch
 from processes import MARK, Marked, committed, outcomes
 from waiting import wait_for
 
 from conductor.records.fingerprint import fingerprint
+from hpc.kubernetes.api import Namespace
+from hpc.kubernetes.commands import Kubernetes
 from hpc.kubernetes.objects import USER
+from hpc.request import JobRequest
+from hpc.submit import submit
+from twin.base.errors import InfrastructureError
 from twin.fabric.keys.own_keys import fabric_folder, fabric_name
 
 
@@ -85,9 +92,9 @@ def held(kube, count):
         for pod in kube.pods("worker", "Running"):
             running = kube.running.get(pod["metadata"]["uid"])
             said = kube.log("robots", pod["metadata"]["name"])
-            if running and running.pid not in stopped and b"slot(s) on cpu" in said:
-                os.kill(running.pid, signal.SIGSTOP)
-                stopped[running.pid] = pod
+            pid = running.pid if running else 0
+            if pid not in stopped and b"slot(s) on cpu" in said and send(pid, signal.SIGSTOP):
+                stopped[pid] = pod
         return len(stopped) >= count
 
     wait_for(all_stopped, f"{count} workers")
@@ -96,7 +103,7 @@ def held(kube, count):
 
 def thaw(pids):
     for pid in pids:
-        os.kill(pid, signal.SIGCONT)
+        send(pid, signal.SIGCONT)  # some have gone meanwhile
 
 
 def test_a_run_from_its_submission_to_its_results(site, kube, here, tmp_path):
@@ -190,7 +197,7 @@ def test_a_lost_node_takes_conductor_and_worker(site, kube, here, tmp_path):
     frozen = held(kube, 3)
     lost = wait_for(lambda: kube.pods("conductor", "Running"), "the conductor")[0]
     kube.lose(lost["spec"]["nodeName"])
-    thaw([pid for pid in frozen if psutil.pid_exists(pid)])
+    thaw(frozen)
     again = wait_for(lambda: kube.pods("conductor", "Running", "Succeeded"), "another conductor")
     assert again[0]["spec"]["nodeName"] != lost["spec"]["nodeName"]
     assert site.ended()["exit_code"] == 0
@@ -306,6 +313,74 @@ def test_what_is_refused_is_one_line_and_leaves_nothing(site, kube, monkeypatch)
     refused(3, "the API server does not answer")
 
 
+def test_workers_of_a_conductor_that_ended_for_good(site, kube):
+    """They wait, as for one that is slow to come; that they do is said."""
+    run = site.submitted("--partition", "gpu-queue", workers=1)
+    api = batch(site)
+    core = client.CoreV1Api(api.api_client)
+    core.patch_namespaced_config_map(f"{run}-campaign", "robots", {"data": {"campaign.yaml": "?"}})
+
+    def begin(component):
+        api.patch_namespaced_job(f"{run}-{component}", "robots", {"spec": {"suspend": False}})
+
+    begin("conductor")
+    wait_for(lambda: site.status()["state"] == "ended", "the end of the conductor")
+    assert site.status()["reason"] == ""
+    begin("worker")
+    wait_for(lambda: kube.pods("worker", "Running"), "a worker")
+    said = site.status()
+    assert (said["native"], said["exit_code"]) == ("Failed", 2)
+    assert said["reason"].startswith("1 worker still there; the same `hpc submit` goes on, `hpc")
+    assert site.hpc("cancel", str(site.out)).returncode == 0
+    wait_for(lambda: not kube.live(), "the end of the pods")
+
+
+@pytest.mark.parametrize("ending", [KeyboardInterrupt(), InfrastructureError("no answer")])
+def test_a_submission_that_breaks_off_leaves_no_key(tmp_path, monkeypatch, ending):
+    """Whatever cannot be deleted either is no reason to leave the rest, nor to say another."""
+    api = Api(Store())
+
+    def delete(plural, namespace, name):
+        if plural == "services":
+            raise RefusalError(403, "Forbidden", "services is forbidden")
+        api.store.put(plural, api.store.read(plural, namespace, name), "DELETED")
+
+    def create(self, found, **options):
+        real(self, found, **options)
+        if found["kind"] == "Job" and not options:
+            raise ending  # no answer came, and yet it is there
+
+    api.delete = delete
+    real = Namespace.create
+    monkeypatch.setattr(Namespace, "create", create)
+    monkeypatch.setenv("DRIVETWIN_HOME", str(tmp_path / "own"))
+    path = tmp_path / "kubeconfig"
+    path.write_text(yaml.safe_dump(api.kubeconfig()))
+    # The client has looked into the environment when it was imported.
+    monkeypatch.setattr(config.kube_config, "KUBE_CONFIG_DEFAULT_LOCATION", str(path))
+    request = JobRequest(
+        campaign="aeb-demo",
+        out=str(tmp_path / "run"),
+        folder="/",
+        workers=1,
+        bin_folder="/opt/drivetwin/bin",
+        walltime_min=30,
+        directives=(f"--image={IMAGE}",),
+    )
+    served = threading.Thread(target=api.serve_forever)
+    served.start()
+    try:
+        with pytest.raises(type(ending)) as caught:
+            submit(request, Kubernetes(), 60.0)
+    finally:
+        api.shutdown()
+        api.server_close()
+        served.join()
+    assert caught.value is ending
+    assert {key[0] for key in api.store.objects} == {"services"}
+    assert not (tmp_path / "run").exists()
+
+
 def test_a_claim_of_somebody_else_is_left_alone(site, kube):
     run = site.submitted(workers=1)
     assert site.ended()["exit_code"] == 0
@@ -322,6 +397,7 @@ def test_what_somebody_puts_into_the_claim_is_not_believed(site, kube, tmp_path)
     run = site.submitted(workers=1)
     site.ended()
     folder = kube.claim(run) / "run"
+    (folder / "job.id").write_text("kubernetes robots/another@elsewhere\n")
     (folder / "link").symlink_to("/etc/passwd")
     (folder / "out").symlink_to("../../..")
     os.mkfifo(folder / "pipe")
@@ -329,7 +405,7 @@ def test_what_somebody_puts_into_the_claim_is_not_believed(site, kube, tmp_path)
     (folder / "program").chmod(0o4777)
     target = site.pulled(tmp_path / "home")
     names = {path.name for path in target.iterdir()}
-    assert not names & {"link", "out", "pipe"}
+    assert not names & {"link", "out", "pipe", "job.id"}
     assert not (target / "program").stat().st_mode & (stat.S_ISUID | stat.S_IWOTH)
 
 

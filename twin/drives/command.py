@@ -66,13 +66,16 @@ def replay_log(
             road = str(Path(road).absolute())
         try:
             folder.mkdir(parents=True)
-            files = write_drive(folder, scenario_name(file), drive, cut, road)
         except OSError as error:
             raise storage_error(error, str(folder)) from None
-        told(2, STEPS)
         try:
+            try:
+                files = write_drive(folder, scenario_name(file), drive, cut, road)
+            except OSError as error:
+                raise storage_error(error, str(folder)) from None
+            told(2, STEPS)
             check_scenario(folder / SCENARIO_FILE)
-        except UsageError:
+        except BaseException:
             shutil.rmtree(folder, ignore_errors=True)  # the same command may be given again
             raise
         told(STEPS, STEPS)

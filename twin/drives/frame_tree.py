@@ -10,8 +10,9 @@ import bisect
 import math
 from dataclasses import dataclass, field
 
+from twin.ros2.frames import IDENTITY, Quaternion, product, yaw_of
+
 Vector = tuple[float, float, float]
-Quaternion = tuple[float, float, float, float]
 
 DEPTH_MAX = 64
 """Most frames between one and the root: a circle of frames has no end."""
@@ -28,29 +29,16 @@ class FramePlace:
         """Where ``inner``, which is placed in this, is in this one's parent."""
         x, y, z = rotated(self.turn, inner.at)
         ax, ay, az = self.at
-        return FramePlace((ax + x, ay + y, az + z), multiplied(self.turn, inner.turn))
+        return FramePlace((ax + x, ay + y, az + z), product(self.turn, inner.turn))
 
     @property
     def heading_rad(self) -> float:
         """Left of x."""
-        x, y, z, w = self.turn
-        return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+        return yaw_of(self.turn)
 
 
-HERE = FramePlace((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+HERE = FramePlace((0.0, 0.0, 0.0), IDENTITY)
 """The frame itself."""
-
-
-def multiplied(a: Quaternion, b: Quaternion) -> Quaternion:
-    """The turn ``a`` after the turn ``b``."""
-    ax, ay, az, aw = a
-    bx, by, bz, bw = b
-    return (
-        aw * bx + ax * bw + ay * bz - az * by,
-        aw * by - ax * bz + ay * bw + az * bx,
-        aw * bz + ax * by - ay * bx + az * bw,
-        aw * bw - ax * bx - ay * by - az * bz,
-    )
 
 
 def rotated(turn: Quaternion, place: Vector) -> Vector:
@@ -89,6 +77,11 @@ class _Track:
         else:
             self.times.insert(index, time_ns)
             self.placements.insert(index, placement)
+
+    @property
+    def moves(self) -> bool:
+        """Whether it is not always at the same place of its parent."""
+        return any(placement != self.placements[0] for placement in self.placements)
 
     def at(self, time_ns: int) -> FramePlace:
         index = bisect.bisect_right(self.times, time_ns)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from twin.ros2.motion import LABELS
+
 _WORDS = (
     ("motorcycle", ("motorcycle", "motorbike", "motor_bike", "scooter")),
     ("bicycle", ("bicycle", "cyclist", "bike", "rider")),
@@ -16,17 +18,8 @@ _WORDS = (
 )
 """Words by kind; a text is of the first kind of which it holds a word."""
 
-_LABELS = {
-    1: "car",
-    2: "truck",
-    3: "bus",
-    4: "trailer",
-    5: "motorcycle",
-    6: "bicycle",
-    7: "pedestrian",
-    8: "animal",
-}
-"""autoware_perception_msgs/ObjectClassification."""
+_KINDS = {label: kind for kind, label in reversed(LABELS.items())}
+"""Kinds by label; of those of equal label the first."""
 
 
 def kind_of_words(words: str) -> str:
@@ -37,4 +30,4 @@ def kind_of_words(words: str) -> str:
 
 def kind_of_label(label: int) -> str:
     """Kind of an object by Autoware's label; empty: unknown."""
-    return _LABELS.get(label, "")
+    return _KINDS.get(label, "")

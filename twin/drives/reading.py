@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +31,7 @@ from twin.drives.drive import (
 from twin.drives.frame_tree import FramePlace, FrameTree, unit
 from twin.drives.object_kinds import kind_of_label, kind_of_words
 from twin.drives.recording import MessageStream
+from twin.drives.stamps import TopicStamps
 from twin.ros2.motion import kind_of_size
 from twin.world.apart.parser import Parser
 
@@ -74,6 +76,25 @@ class _Gathered:
     nameless: int = 0
     broken: int = 0
     beyond: int = 0
+    stamps: TopicStamps = field(default_factory=TopicStamps)
+
+    def take_ego(self, pose: tuple[str, str, FramePlace], time_ns: int) -> None:
+        """A pose of the ego; the last of equal times holds."""
+        self.ego[time_ns] = pose
+
+    def take_object(
+        self, name: str, told: _Seen, frame: str, place: FramePlace, time_ns: int
+    ) -> None:
+        """An object at a place of a frame."""
+        if name not in self.objects and len(self.objects) >= OBJECTS_MAX:
+            self.beyond += 1
+            return
+        seen = self.objects.setdefault(name, told)
+        if len(seen.places) < POSES_MAX:
+            seen.times_ns.append(time_ns)
+            seen.frames.append(frame)
+            seen.places.append(place)
+            seen.size_m = _larger(seen.size_m, told.size_m)
 
 
 def read_drive(path: Path, question: bytes = b"") -> RecordedDrive:
@@ -153,33 +174,36 @@ def _gather(stream: MessageStream, wanted: set[str], topics: dict[str, str]) -> 
         if count >= MESSAGES_MAX:
             raise ValueError(f"{stream.path}: more than {MESSAGES_MAX} messages of its topics")
         try:
-            _take(gathered, topics[topic], time_ns, message)
+            _take(gathered, topic, topics[topic], time_ns, message)
         # A type of this name with other fields: the definition is the recording's.
         except (AttributeError, TypeError, ValueError, OverflowError, IndexError):
             gathered.broken += 1
+    gathered.stamps.end()
     return gathered
 
 
-def _take(gathered: _Gathered, type_name: str, time_ns: int, message: Any) -> None:
+def _take(gathered: _Gathered, topic: str, type_name: str, time_ns: int, message: Any) -> None:
     if message is None:
         gathered.broken += 1
     elif type_name == TRANSFORMS:
-        _take_transforms(gathered, time_ns, message)
+        _take_transforms(gathered, topic, time_ns, message)
     elif type_name == ODOMETRY:
         place = _placement(message.pose.pose)
         if place is None:
             gathered.broken += 1
             return
         frames = message.header.frame_id.strip("/"), message.child_frame_id.strip("/")
-        gathered.ego[_stamp(message.header, time_ns)] = (*frames, place)
+        put = partial(gathered.take_ego, (*frames, place))
+        gathered.stamps.put(topic, _stamp(message.header), time_ns, put)
+    elif type_name == OBJECT_TYPES[0]:
+        _take_objects(gathered, topic, time_ns, message, _vision(message))
     else:
-        _take_objects(gathered, time_ns, message, type_name)
+        _take_objects(gathered, topic, time_ns, message, _autoware(message))
 
 
-def _stamp(header: Any, time_ns: int) -> int:
-    """Time of a message [ns]; that of its recording, if it has none."""
-    stamp = int(header.stamp.sec) * 1_000_000_000 + int(header.stamp.nanosec)
-    return stamp or time_ns
+def _stamp(header: Any) -> int:
+    """Stamp of a header [ns]."""
+    return int(header.stamp.sec) * 1_000_000_000 + int(header.stamp.nanosec)
 
 
 def _placement(pose: Any) -> FramePlace | None:
@@ -198,7 +222,7 @@ def _placed(
     return None if whole is None else FramePlace(at, whole)
 
 
-def _take_transforms(gathered: _Gathered, time_ns: int, message: Any) -> None:
+def _take_transforms(gathered: _Gathered, topic: str, time_ns: int, message: Any) -> None:
     for each in message.transforms:
         move, turn = each.transform.translation, each.transform.rotation
         place = _placed((move.x, move.y, move.z), (turn.x, turn.y, turn.z, turn.w))
@@ -206,27 +230,23 @@ def _take_transforms(gathered: _Gathered, time_ns: int, message: Any) -> None:
         if place is None or not parent or not child or parent == child:
             gathered.broken += 1
             continue
-        gathered.tree.add(parent, child, _stamp(each.header, time_ns), place)
+        put = partial(gathered.tree.add, parent, child, placement=place)
+        gathered.stamps.put(topic, _stamp(each.header), time_ns, put)
 
 
-def _take_objects(gathered: _Gathered, time_ns: int, message: Any, type_name: str) -> None:
-    stamp, frame = _stamp(message.header, time_ns), message.header.frame_id.strip("/")
-    vision = type_name == OBJECT_TYPES[0]
-    for name, kind, size, pose in _vision(message) if vision else _autoware(message):
+def _take_objects(
+    gathered: _Gathered, topic: str, time_ns: int, message: Any, objects: Iterator[_Told]
+) -> None:
+    stamp, frame = _stamp(message.header), message.header.frame_id.strip("/")
+    for name, kind, size, pose in objects:
         place = _placement(pose)
         if place is None or not all(0.0 <= side <= SIZE_MAX_M for side in size):
             gathered.broken += 1
         elif not name:
             gathered.nameless += 1
-        elif name in gathered.objects or len(gathered.objects) < OBJECTS_MAX:
-            seen = gathered.objects.setdefault(name, _Seen(kind, size))
-            if len(seen.places) < POSES_MAX:
-                seen.times_ns.append(stamp)
-                seen.frames.append(frame)
-                seen.places.append(place)
-                seen.size_m = _larger(seen.size_m, size)
         else:
-            gathered.beyond += 1
+            put = partial(gathered.take_object, name, _Seen(kind, size), frame, place)
+            gathered.stamps.put(topic, stamp, time_ns, put)
 
 
 _Told = tuple[str, str, tuple[float, float, float], Any]
@@ -261,13 +281,18 @@ def _ego_of_frame(tree: FrameTree, frame: str) -> dict[int, tuple[str, str, Fram
     """Poses of a frame in its root, whenever it or one above it was told of."""
     if frame not in tree.tracks and frame == BASE_FRAMES[0]:
         frame = next((name for name in BASE_FRAMES if name in tree.tracks), frame)
-    times: set[int] = set()
-    above, root = frame, tree.root(frame)
+    root = tree.root(frame)
+    chain, above = [], frame
     while above in tree.tracks:
-        times |= set(tree.times(above))
-        above = tree.tracks[above].parent
-    # The frame itself is what moves: what stands still above it was told of once.
-    times = {time for time in times if time >= min(tree.times(frame), default=0)}
+        chain.append(tree.tracks[above])
+        above = chain[-1].parent
+    if not chain:
+        return {}
+    # What moves nearest to the ego says when it was there: a frame above it may have been told of
+    # long before, or by another clock, as those of /tf_static are.
+    nearest = next((track for track in chain if track.moves), None)
+    span = (nearest or max(chain, key=lambda track: len(track.times))).times
+    times = {time for track in chain for time in track.times if span[0] <= time <= span[-1]}
     return {time: (root, frame, tree.in_root(frame, time)) for time in sorted(times)}
 
 

@@ -18,7 +18,7 @@ _SPEED, _YAW_RATE, _STEERING = (
     VEHICLE_COLUMNS.index(name) for name in ("speed_mps", "yaw_rate_radps", "steering_rad")
 )
 
-_LABELS = {
+LABELS = {
     "car": 1,
     "van": 1,
     "truck": 2,
@@ -29,7 +29,8 @@ _LABELS = {
     "pedestrian": 7,
     "animal": 8,
 }
-"""Classes of autoware_perception_msgs/ObjectClassification by our names; others are UNKNOWN."""
+"""Classes of autoware_perception_msgs/ObjectClassification by our names, of those of equal label
+the usual one first; others are UNKNOWN."""
 
 _BOX, _ORIENTED = 0, 2
 
@@ -216,7 +217,7 @@ class DriveMessages(SensorMessages):
             dimensions=self.vector(x, y, z),
         )
         label = self.store.make(
-            f"{package}/ObjectClassification", label=_LABELS.get(each.kind, 0), probability=1.0
+            f"{package}/ObjectClassification", label=LABELS.get(each.kind, 0), probability=1.0
         )
         # A name is the same object in every message: 16 bytes of it are its UUID.
         number = np.frombuffer(each.name.encode()[:16].ljust(16, b"\0"), np.uint8)

@@ -60,7 +60,8 @@ StartedAgainOption = Annotated[
     bool,
     typer.Option(
         "--started-again",
-        help="Somebody starts it again while cases are left: with some left, it ends with 75.",
+        help="Somebody starts it again while cases are left: with some left, or where no conductor "
+        "answers, it ends with 75.",
     ),
 ]
 DrainSOption = Annotated[float, duration("After SIGTERM, running cases may go on this long [s].")]

@@ -22,7 +22,7 @@ from twin.records.drive_record import RecordReader, decoded
 from twin.ros2.commands import write_plain
 from twin.ros2.motion import DriveMessages
 from twin.ros2.sending import CarTick, TableSender, TopicMessage
-from twin.ros2.store import TypeStore, type_store
+from twin.ros2.store import MessageError, TypeStore, type_store
 from twin.ros2.tables import COMMAND_TYPES, Qos, SensorTopic, TopicTable, type_of
 from viewer.playback.outputs import needed
 from viewer.playback.true_objects import TrueTick
@@ -123,14 +123,20 @@ def write_bag(messages: DriveMessagesOf, out: Path) -> WrittenBag:
     """Write a folder of rosbag2, whose MCAP file is called as the folder.
 
     Raises:
-        UsageError: rosbags is not installed, or the folder is there, or cannot be written.
+        UsageError: rosbags is not installed, or the folder is there, or cannot be written; then
+            nothing of it stays.
     """
+    return _written(messages, out, str(out))
+
+
+def _written(messages: DriveMessagesOf, out: Path, shown: str) -> WrittenBag:
     library = needed("rosbags.rosbag2", _OPTION, "ros2")
     channels: dict[str, Any] = {}
-    count, end_ns = 0, 0
+    count, end_ns, made = 0, 0, False
     try:
         writer = library.Writer(out, version=_VERSION, storage_plugin=library.StoragePlugin.MCAP)
         with writer:
+            made = True
             for each in messages:
                 if each.topic not in channels:
                     channels[each.topic] = writer.add_connection(
@@ -143,13 +149,17 @@ def write_bag(messages: DriveMessagesOf, out: Path) -> WrittenBag:
                 data = messages.store.encode(each.message)
                 writer.write(channels[each.topic], each.time_ns, data)
                 count, end_ns = count + 1, each.time_ns
-    except library.WriterError:
-        raise UsageError(f"{out}: it exists; give a folder that does not") from None
-    except UsageError:
-        shutil.rmtree(out, ignore_errors=True)  # of a damaged record: half a recording
+    except BaseException as error:
+        exists = isinstance(error, library.WriterError) and not made
+        if not exists:
+            shutil.rmtree(out, ignore_errors=True)  # half a recording
+        if exists:
+            raise UsageError(f"{shown}: it exists; give a folder that does not") from None
+        if isinstance(error, library.WriterError | MessageError):
+            raise UsageError(f"{shown}: {error}") from None
+        if isinstance(error, OSError):
+            raise UsageError(f"{shown}: {error.strerror or error}") from None
         raise
-    except OSError as error:
-        raise UsageError(f"{out}: {error.strerror}") from None
     return WrittenBag(count, end_ns, len(channels))
 
 
@@ -161,7 +171,7 @@ def write_ros2_mcap(messages: DriveMessagesOf, out: Path) -> WrittenBag:
     """
     try:
         with tempfile.TemporaryDirectory(dir=out.absolute().parent, prefix=".ros2-") as folder:
-            written = write_bag(messages, Path(folder, "bag"))
+            written = _written(messages, Path(folder, "bag"), str(out))
             Path(folder, "bag", "bag.mcap").replace(out)
     except OSError as error:
         raise UsageError(f"{out}: {error.strerror}") from None

@@ -70,6 +70,32 @@ def test_a_job_is_queued(tmp_path, request_here):
     assert sorted(path.name for path in out.iterdir()) == ["job.id", "job.sh"]
 
 
+def test_files_are_no_wider_than_the_umask(tmp_path, request_here):
+    before = os.umask(0o077)
+    try:
+        submit(request_here, Ledger(), 60.0)
+    finally:
+        os.umask(before)
+    out = Path(request_here.out)
+    assert [(out / name).stat().st_mode & 0o777 for name in ("job.sh", "job.id")] == [0o700, 0o600]
+
+
+def test_a_job_that_nobody_would_know_of_is_cancelled(tmp_path, request_here, monkeypatch):
+    real = hpc.submit.write_atomic
+
+    def interrupted(path, data, **options):
+        if path.name == "job.id":
+            raise KeyboardInterrupt
+        real(path, data, **options)
+
+    monkeypatch.setattr("hpc.submit.write_atomic", interrupted)
+    ledger = Ledger()
+    with pytest.raises(KeyboardInterrupt):
+        submit(request_here, ledger, 60.0)
+    assert ledger.jobs == {}
+    assert everything(tmp_path) == []
+
+
 @pytest.mark.parametrize("refuses", ["check", "submit"])
 def test_a_refusal_leaves_nothing(tmp_path, request_here, refuses):
     with pytest.raises(UsageError, match="refused"):
@@ -96,10 +122,10 @@ def test_a_full_disk_or_quota_is_one_line_and_nothing_is_queued(
 ):
     real = hpc.submit.write_atomic
 
-    def full(path, data):
+    def full(path, data, **options):
         if full_at in path.name:
             raise OSError(errno.EDQUOT, os.strerror(errno.EDQUOT), str(path))
-        real(path, data)
+        real(path, data, **options)
 
     monkeypatch.setattr("hpc.submit.write_atomic", full)
     ledger = Ledger()

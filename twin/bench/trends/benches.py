@@ -17,7 +17,7 @@ from schemas.escape import escape
 from schemas.files.json_text import JsonError, decode_json
 
 Better = Literal["more", "less"]
-BENCH_MAX_S = 1800.0
+BENCH_MAX_S = 1800
 """Longest time of one bench [s]."""
 
 

@@ -154,6 +154,12 @@ def test_a_certificate_that_lists_no_files_is_refused_as_a_whole():
     assert line.startswith("c.cert: made with software 111111111111, this is ")
 
 
+def test_a_certificate_of_other_software_is_looked_at_no_further():
+    assert inspect(made(portable(), software="1" * 64), "c.cert").startswith("as it was signed; o")
+    files = FILES | {"twin/cli.py": "0" * 64}
+    assert inspect(certificate(files), "c.cert").startswith("as it was signed; other software")
+
+
 def test_files_that_are_not_those_of_the_signed_digest():
     true = certificate(data=portable())
     for files in (FILES | {"twin/cli.py": "0" * 64}, {}):

@@ -83,6 +83,13 @@ def test_a_class_that_is_no_stack_of_ours_is_not_loaded(stack):
     assert f"would run the stack {stack} on this machine" in words
 
 
+def test_nodes_that_somebody_starts_at_a_bridge_need_the_auditors_word():
+    alone = {"bridge": "ros2", "parameters": {"keys": "keys"}, "sandbox": "off"}
+    words = refusal(simulated(autonomy=alone))
+    assert "would run nodes that somebody else starts, behind the bridge ros2, on this ma" in words
+    assert "give --run-stack" in words
+
+
 def test_control_characters_of_a_command_are_escaped():
     words = refusal(simulated(autonomy={"command": ["/bin/sh", "\x1b[2J\nconductor: holds"]}))
     assert words.isprintable()

@@ -70,10 +70,11 @@ def test_a_scene_of_somebody_may_need_a_decoder():
         campaign(identity=StackIdentity("a" * 64, portable=True)),
         campaign(command=["./stack"]),
         campaign(files=["helper.py"]),
+        campaign(bridge="ros2", parameters={"keys": "keys"}, sandbox="off"),
         campaign(placement="node"),
         msgspec.structs.replace(campaign(), plugins={"mine": "1.0"}),
     ],
-    ids=["class", "command", "files", "node", "plug-in"],
+    ids=["class", "command", "files", "bridge", "node", "plug-in"],
 )
 def test_what_somebody_else_wrote_may_use_whatever_is_installed(campaign):
     assert spared(campaign, has_assets=False) == frozenset()

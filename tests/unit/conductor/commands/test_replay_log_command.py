@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -48,6 +49,25 @@ def test_folder_of_a_recording(bag, tmp_path):
     again = replay_log(str(bag), "-o", str(out))
     assert again.returncode == 2
     assert "it exists; give a folder that does not, with -o" in again.stderr
+
+
+def test_nothing_stays_of_what_does_not_fit_on_the_disk(bag, tmp_path):
+    """A file of the folder cannot be written: the same command may be given again."""
+    (tmp_path / "own").mkdir()
+    limited = 'ulimit -f 1; exec "$@"'
+    words = [sys.executable, "-m", "conductor", "replay-log", str(bag), "-o", "drive"]
+    done = subprocess.run(
+        ["bash", "-c", limited, "bash", *words],
+        cwd=tmp_path / "own",
+        env={**os.environ, "PYTHONDONTWRITEBYTECODE": "1"},
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+    assert done.returncode == 3, done.stderr
+    assert done.stderr.splitlines()[-1].endswith("drive: File too large")
+    assert list((tmp_path / "own").iterdir()) == []
 
 
 @pytest.mark.parametrize(

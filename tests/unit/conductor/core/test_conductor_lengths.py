@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from conductor_bench import Bench, hello, result
+from conductor_bench import Bench, ended, hello, result
 
 from conductor.core.case_table import pack
 from conductor.core.durations import PILOT_SHARE, VALUES_MAX, CaseLengths
@@ -93,6 +93,36 @@ def test_columns_without_a_choice_are_no_axes():
     alone = {"campaign": "alpha", "matrix": {"repeat": [0]}}
     lengths = lengths_of(cases_of(alone))
     assert (lengths.axes, lengths.pilot, lengths.told) == ([], [], False)
+
+
+def test_an_earlier_run_tells_cases_without_axes_apart():
+    repeats = list(range(VALUES_MAX + 1))
+    data = {"campaign": "alpha", "matrix": {"repeat": repeats}}
+    names = [case.id for case in cases_of(data)]
+    before = {name: float(k % 7) for k, name in enumerate(names)}
+    lengths = lengths_of(cases_of(data), before)
+    assert (lengths.axes, lengths.told) == ([], True)
+    assert not lengths_of(cases_of(data), {"of another campaign": 3.0, "and another": 1.0}).told
+    bench = Bench(replace(CONFIG, lengths_s=before))
+    bench.ask(Submit(v=V, campaign=data))
+    bench.ask(hello())
+    leased = [before[lease.case.id] for lease in bench.lease(k=12)]
+    assert leased == sorted(before.values(), reverse=True)[:12]
+
+
+def test_the_longest_case_that_its_worker_may_not_have_leaves_it_the_others():
+    """Its last attempt is for another worker; a charged case is in no lane with others."""
+    cases = cases_of(family())
+    before = {case.id: length_s(case) for case in cases}
+    longest, *others = sorted(before, key=lambda name: -before[name])
+    bench = Bench(replace(CONFIG, lengths_s=before))
+    bench.ask(Submit(v=V, campaign=family(attempts_max=2)))
+    bench.ask(hello())
+    bench.ask(hello("w2"))
+    (lease,) = bench.lease(k=1)
+    assert lease.case.id == longest
+    bench.next(k=0, ended=[ended(lease, "crash")])
+    assert [lease.case.id for lease in bench.lease(k=3)] == others[:3]
 
 
 def test_lengths_are_estimated_by_the_values_of_axes():

@@ -5,6 +5,7 @@ import io
 import tarfile
 
 import pytest
+from websocket import WebSocketConnectionClosedException as Lost
 
 import hpc.kubernetes.copying
 from hpc.kubernetes.copying import _unpack
@@ -14,16 +15,27 @@ from twin.base.errors import InfrastructureError, UsageError
 class Session:
     """A web socket of the client that gives what a pod says, in parts."""
 
-    def __init__(self, out: bytes, errors: bytes = b"", part: int = 1000) -> None:
+    def __init__(self, out: bytes, errors: bytes = b"", code=0, part: int = 1000) -> None:
+        """``code``: what the command ends with, or what is raised instead where it is asked for;
+        an exception that it breaks off with, when all parts are read."""
         self.parts = [out[at : at + part] for at in range(0, len(out), part)]
         self.errors = [errors] if errors else []
+        self.code = code
         self.closed = False
 
     def is_open(self):
-        return bool(self.parts or self.errors)
+        return bool(self.parts or self.errors) or isinstance(self.code, (OSError, Lost))
 
     def update(self, timeout):
-        raise AssertionError("asked again though it has ended")
+        assert self.is_open(), "asked again though it has ended"
+        raise self.code
+
+    @property
+    def returncode(self):
+        assert not self.is_open()
+        if isinstance(self.code, Exception):
+            raise self.code
+        return self.code
 
     def peek_stdout(self):
         return bool(self.parts)
@@ -71,10 +83,10 @@ def archive(*members):
 FILE = tarfile.REGTYPE
 
 
-def unpacked(target, data, errors=b""):
-    session = Session(data, errors)
+def unpacked(target, data, errors=b"", code=0, container="reader"):
+    session = Session(data, errors, code)
     try:
-        _unpack(Namespace(session), "pod-1", "reader", target)
+        _unpack(Namespace(session), "pod-1", container, target)
     finally:
         assert session.closed
     return sorted(str(path.relative_to(target)) for path in target.rglob("*"))
@@ -91,7 +103,7 @@ def test_files_and_folders(tmp_path):
 def test_names_that_lead_out(tmp_path, name):
     target = tmp_path / "run"
     target.mkdir()
-    with contextlib.suppress(InfrastructureError):
+    with contextlib.suppress(UsageError):
         unpacked(target, archive((name, b"x", FILE)))
     assert not (tmp_path / "outside.txt").exists()
     assert [path for path in tmp_path.rglob("outside.txt") if target not in path.parents] == []
@@ -101,6 +113,32 @@ def test_names_that_lead_out(tmp_path, name):
 def test_links_pipes_and_devices_are_left_out(tmp_path, kind):
     data = archive(("strange", "/etc/passwd", kind), ("good", b"x", FILE))
     assert unpacked(tmp_path, data) == ["good"]
+
+
+def test_a_name_that_leads_out_is_no_copy_that_broke_off(tmp_path):
+    with pytest.raises(UsageError, match=r"leads out of .*\(\.\./a\\nb\)") as caught:
+        unpacked(tmp_path, archive(("../a\nb", b"x", FILE)))
+    assert len(str(caught.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        *("./job.id", "job.id", "/job.id", "./cases/../job.id", "././JOB.ID"),
+        *("./job.yaml", "./conductor.json", "./conductor.owner", "./.part.tmp"),
+        *("./keys/worker.key", "./spool/a", "./rigs/a"),
+    ],
+)
+def test_what_this_machine_says_is_not_replaced(tmp_path, name):
+    """Results are taken from a claim, but not which job, conductor or keys to believe."""
+    data = archive(("./cases", "", tarfile.DIRTYPE), (name, b"theirs", FILE), ("good", b"x", FILE))
+    assert unpacked(tmp_path, data) == ["cases", "good"]
+
+
+def test_names_below_other_folders_are_not_ours(tmp_path):
+    assert unpacked(tmp_path, archive(("./cases/rigs/job.id", b"x", FILE)))[-1] == (
+        "cases/rigs/job.id"
+    )
 
 
 def test_too_much(tmp_path, monkeypatch):
@@ -120,3 +158,28 @@ def test_a_copy_that_breaks_off(tmp_path):
     assert len(str(caught.value).splitlines()) == 1
     with pytest.raises(InfrastructureError, match="tar: /work/run: Cannot open"):
         unpacked(tmp_path, b"", b"tar: /work/run: Cannot open\n")
+
+
+def test_all_that_came_is_not_all_there_is(tmp_path):
+    """An archive can end where a member does, with or without its end."""
+    whole = archive(("a", b"x" * 512, FILE), ("b", b"y", FILE))
+    broke_off = r"copy out of pod pod-1 broke off: the connection ended before tar did"
+    # The client reads a status that is not there; one of the node has no exit code.
+    for code in (TypeError("None"), KeyError("details")):
+        for data in (whole, whole[:1024]):
+            with pytest.raises(InfrastructureError, match=broke_off):
+                unpacked(tmp_path, data, code=code)
+    for code in (Lost("closed"), ConnectionResetError()):
+        with pytest.raises(InfrastructureError, match="broke off: the connection is lost"):
+            unpacked(tmp_path, whole[:1024], code=code)
+    with pytest.raises(InfrastructureError, match=r"broke off: tar: \./b: Cannot open"):
+        unpacked(tmp_path, whole, b"tar: ./b: Cannot open: Permission denied\n", code=2)
+    with pytest.raises(InfrastructureError, match="broke off: tar ended with 137"):
+        unpacked(tmp_path, whole, code=137)
+
+
+def test_files_change_only_beside_a_conductor_that_works(tmp_path):
+    said = (archive(("a", b"x", FILE)), b"tar: ./a: file changed as we read it\n")
+    assert unpacked(tmp_path, *said, code=1, container="conductor") == ["a"]
+    with pytest.raises(InfrastructureError, match="file changed as we read it"):
+        unpacked(tmp_path, *said, code=1)

@@ -91,6 +91,46 @@ def test_drive_of_transforms_alone(tmp_path):
     assert person.poses[7, 1] == pytest.approx(ego[1] + 6.0 * math.cos(0.5))
 
 
+def live(ticks: int = 20):
+    """Messages of a simulation that begins at 0, as a clock on the wall records them."""
+    rows = [("/tf_static", START_NS, transform(0, "base_link", "lidar", (1.0, 0.0, 2.0)))]
+    rows.append(("/tf_static", START_NS, transform(0, "world", "map", (0.0, 0.0, 0.0))))
+    for tick in range(ticks):
+        time_ns, now_ns = tick * PERIOD_NS, START_NS + 5 + 3 * tick * PERIOD_NS
+        rows.append(("/tf", now_ns, transform(time_ns, "map", "base_link", (0.8 * tick, 0.0, 0.0))))
+        rows.append(("/odom", now_ns, odometry(time_ns, (0.8 * tick, 0.0, 0.0))))
+        seen = [ahead("lead", "car", 20.0 + tick, 2.0)]
+        rows.append(("/tracks", now_ns, tracked(time_ns, "map", seen)))
+    return rows
+
+
+@pytest.mark.parametrize("ego", ["/odom", "base_link"])
+def test_first_tick_of_a_live_recording_is_at_0_and_not_on_the_wall(tmp_path, ego):
+    drive = read(write_bag(tmp_path / "bag", live()), ego=ego)
+    assert drive.ego[:, 0] == pytest.approx(0.1 * np.arange(20))
+    assert drive.ego[:, 1] == pytest.approx(0.8 * np.arange(20))
+    (lead,) = drive.objects
+    assert lead.poses[:, 0] == pytest.approx(0.1 * np.arange(20))
+    assert drive.notes == []
+
+
+def test_ego_below_a_frame_that_moves_has_its_times(tmp_path):
+    rows = [row for row in live() if row[0] == "/tf"]
+    below = transform(0, "base_link", "base_footprint", (0.0, 0.0, -0.3))
+    rows.append(("/tf_static", START_NS, below))
+    drive = read(write_bag(tmp_path / "bag", rows), ego="base_footprint")
+    assert drive.ego[:, 0] == pytest.approx(0.1 * np.arange(20))
+
+
+def test_messages_without_stamps_have_the_times_of_their_recording(tmp_path):
+    rows = [
+        ("/odom", START_NS + tick * PERIOD_NS, odometry(0, (0.8 * tick, 0.0, 0.0)))
+        for tick in range(10)
+    ]
+    drive = read(write_bag(tmp_path / "bag", rows))
+    assert drive.ego[:, 0] == pytest.approx(0.1 * np.arange(10))
+
+
 def test_choice_of_topics(tmp_path):
     rows = circle_rows(10)
     for tick in range(10):

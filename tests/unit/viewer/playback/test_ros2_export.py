@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import resource
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 import pytest
 import yaml
 from mcap.reader import make_reader
@@ -160,6 +164,26 @@ def test_what_is_missing_is_said_in_one_line(tmp_path):
     with pytest.raises(UsageError, match="damaged"):
         export_ros2(whole, "clear", None, whole / "bag", "plain", None)
     assert not (whole / "bag").exists()
+
+
+@contextmanager
+def files_within(size: int) -> Iterator[None]:
+    """No file grows further, as on a full disk [bytes]."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+def test_nothing_stays_of_what_does_not_fit_on_the_disk(tmp_path):
+    write_attempt(tmp_path)
+    for outs in ((None, tmp_path / "bag"), (tmp_path / "a.mcap", None)):
+        with files_within(4096), pytest.raises(UsageError) as caught:
+            export_ros2(tmp_path, "clear", *outs, "plain", None)
+        assert str(caught.value) == f"{outs[0] or outs[1]}: File too large"
+        assert [path.name for path in tmp_path.iterdir()] == ["cases"]
 
 
 @pytest.mark.parametrize(
