@@ -21,6 +21,8 @@ CAMPAIGN_FILE = "campaign.yaml"
 
 _SIDES = (("length_m", 0.2, 40.0), ("width_m", 0.2, 10.0), ("height_m", 0.2, 10.0))
 _SLOWEST_MPS, _FASTEST_MPS = 1.0, 50.0
+_FIRST_S = 1.0
+"""Beginning of a way over which its speed is taken [s]."""
 
 
 def scenario_name(path: Path) -> str:
@@ -104,8 +106,7 @@ def _rows(poses: np.ndarray, indent: str) -> Iterator[str]:
 
 
 def _campaign(name: str, folder: Path, cut: CutDrive) -> str:
-    way_m = float(np.hypot(*np.diff(cut.ego[:, 1:3], axis=0).T).sum())
-    cruise = min(max(way_m / cut.duration_s, _SLOWEST_MPS), _FASTEST_MPS)
+    cruise = min(max(_first_speed_mps(cut.ego), _SLOWEST_MPS), _FASTEST_MPS)
     data = {
         "campaign": name,
         "camera": {"width": 640, "height": 360, "hz": 10},
@@ -119,6 +120,18 @@ def _campaign(name: str, folder: Path, cut: CutDrive) -> str:
     }
     head = "# The stack drives the ego from the beginning; see the page on ROS 2 recordings.\n"
     return head + dump_yaml(data)
+
+
+def _first_speed_mps(poses: np.ndarray) -> float:
+    """Mean speed over the first :data:`_FIRST_S` of a way [m/s]: what comes later may be the
+    reaction of whoever drove, and a stack that wants another speed brakes from the beginning.
+
+    Args:
+        poses: time [s], x, y, z [m] and heading [rad] each, in order of time, at least two.
+    """
+    first = poses[: max(2, int(np.searchsorted(poses[:, 0], poses[0, 0] + _FIRST_S, "right")))]
+    way_m = float(np.hypot(*np.diff(first[:, 1:3], axis=0).T).sum())
+    return way_m / float(first[-1, 0] - first[0, 0])
 
 
 def _number(value: float, decimals: int) -> str:

@@ -183,6 +183,15 @@ def test_written_files_can_be_played(tmp_path):
     assert campaign["autonomy"]["parameters"]["cruise_speed_mps"] == 10.0
 
 
+def test_who_brakes_later_cruises_as_at_the_beginning(tmp_path):
+    times_s = np.linspace(0.0, 5.0, 51)
+    way_m = np.where(times_s < 3.0, 12.0 * times_s, 36.0)
+    recorded = drive(ego=np.column_stack([times_s, way_m, *np.zeros((3, 51))]))
+    write_drive(tmp_path, "d", recorded, cut_drive(recorded, wanted()), "motorway")
+    campaign = load_yaml(tmp_path / "campaign.yaml")
+    assert campaign["autonomy"]["parameters"]["cruise_speed_mps"] == 12.0
+
+
 def test_own_road_is_named_and_nothing_is_moved(tmp_path):
     recorded = drive()
     files = write_drive(tmp_path, "d", recorded, cut_drive(recorded, wanted()), "motorway")
