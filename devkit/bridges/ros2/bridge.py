@@ -72,24 +72,24 @@ class Ros2Bridge(ScriptBridge):
         if lack := lacking_bridges().get(ROS2.name):
             raise InfrastructureError(lack)
         self._given, self._control = parameter_parts(self.PARAMETERS, parameters)
-        self._table = with_command(_table(self._given.table), self._given.command)
-        self._main = self._table.driving().topic
+        self.table = with_command(_table(self._given.table), self._given.command)
+        self._main = self.table.driving().topic
         self._waits_for = [check_name(topic) for topic in self._given.wait_for.split()]
-        if self._given.answer == "stamp" and self._table.driving().type in UNSTAMPED:
+        if self._given.answer == "stamp" and self.table.driving().type in UNSTAMPED:
             raise ValueError(
-                f"answer: stamp is given, but {self._table.driving().type} on {self._main} has "
+                f"answer: stamp is given, but {self.table.driving().type} on {self._main} has "
                 "no stamp; take a stamped type, or answer: step"
             )
         self._store = type_store(TYPES_OF[self._given.rmw_zenoh])
         self._script: ForeignProcess | None = None
         self._place: MeetingPlace | None = None
-        self._domain: RosDomain | None = None
+        self.domain: RosDomain | None = None
         self._sender: TableSender | None = None
         self._driver: RosDriver | None = None
-        self._lockstep = Lockstep(self._given.answer)
+        self.lockstep = Lockstep(self._given.answer)
         self._cases, self._speed_mps, self._tick = 0, 0.0, 0
         self._commander = ""
-        self._left = ""
+        self.left = ""
 
     def attach(self, script: ForeignProcess | None) -> None:
         """Listen, and start ``script``.
@@ -112,7 +112,7 @@ class Ros2Bridge(ScriptBridge):
         )
         self._open()
         if self._given.shared_memory and not self._place.shared_memory:
-            self._domain.tell([NO_SHARED_MEMORY])
+            self.domain.tell([NO_SHARED_MEMORY])
         if script is not None:
             script.start()
 
@@ -134,71 +134,69 @@ class Ros2Bridge(ScriptBridge):
             self._script.start()
         period_s = episode.control_period_ns * 1e-9
         try:
-            self._sender = TableSender(self._table, episode, self._store)
+            self._sender = TableSender(self.table, episode, self._store)
         except UsageError as error:
             raise StackFaultError(f"ros2: {error}") from None
         exact = self._given.answer == "stamp"
         self._driver = RosDriver(self._control, period_s, self._given.aeb_brake, exact=exact)
-        self._lockstep = Lockstep(
+        self.lockstep = Lockstep(
             self._given.answer, carried_over=exact and runs_on and self._cases > 0
         )
         self._cases += 1
         self._wait(self._is_ready, self._given.start_s, self._missing)
-        assert self._domain is not None
-        self._domain.send(self._sender.start())
+        assert self.domain is not None
+        self.domain.send(self._sender.start())
 
     def step(self, observation: Observation) -> list[Command]:
         """One exchange with the nodes."""
         slots = observation.active_slots()
         if not slots:
             return []
-        assert self._domain is not None
+        assert self.domain is not None
         assert self._sender is not None
         car = car_tick(observation, slots[0])
         self._tick = car.tick
         if "vehicle" in car.sensors:
             self._speed_mps = float(car.sensors["vehicle"][_SPEED])
         self._take_waiting()  # what came before the tick cannot answer it
-        self._lockstep.begin(car.time_ns)
-        self._domain.send(self._sender.tick(car))
+        self.lockstep.begin(car.time_ns)
+        self.domain.send(self._sender.tick(car))
         self._take_waiting()
-        self._wait(lambda: self._lockstep.is_answered, self._given.answer_s, self._unanswered)
+        self._wait(lambda: self.lockstep.is_answered, self._given.answer_s, self._unanswered)
         return [self._command(AskedTick(0, 0, car.tick, self._speed_mps), observation, slots[0])]
 
     def close(self) -> None:
         """Leave the domain."""
-        if self._domain is not None:
-            self._domain.close()
+        if self.domain is not None:
+            self.domain.close()
         if self._place is not None:
             self._place.close()
 
     def _open(self) -> None:
         """A session without a past, and an environment that leads to it."""
-        if self._domain is not None:
-            self._domain.close()
+        if self.domain is not None:
+            self.domain.close()
         assert self._place is not None
-        self._commander, self._left = "", ""
+        self._commander, self.left = "", ""
         given = self._given
-        self._domain = RosDomain(
-            self._place, self._table, self._store, given.domain, given.rmw_zenoh
-        )
-        variables = self._place.variables(self._domain.endpoint, given.domain)
+        self.domain = RosDomain(self._place, self.table, self._store, given.domain, given.rmw_zenoh)
+        variables = self._place.variables(self.domain.endpoint, given.domain)
         if self._script is not None:
             self._script.tell(variables)
 
     def _forget(self) -> None:
         """Nodes run on between cases: what they sent in the last one does not count in the next."""
-        assert self._domain is not None
+        assert self.domain is not None
         for _ in range(WAITING_MAX):
             try:
-                arrived = self._domain.receive(0.0)
+                arrived = self.domain.receive(0.0)
             except StackFaultError as error:  # while no case ran: none is charged for it
                 raise InfrastructureError(str(error)) from None
             if arrived is None:
                 break
             if isinstance(arrived, ServiceCall):
-                self._domain.answer(arrived, self._lockstep.stamp_ns, "no tick waits")
-        self._left, self._commander = "", ""
+                self.domain.answer(arrived, self.lockstep.stamp_ns, "no tick waits")
+        self.left, self._commander = "", ""
         try:
             self._look_at_commanders()
         except StampError as error:
@@ -206,9 +204,9 @@ class Ros2Bridge(ScriptBridge):
 
     def _take_waiting(self) -> None:
         """Take what has come; a flood does not hold it up for ever."""
-        assert self._domain is not None
+        assert self.domain is not None
         for _ in range(WAITING_MAX):
-            arrived = self._domain.receive(0.0)
+            arrived = self.domain.receive(0.0)
             if arrived is None:
                 break
             self._take(arrived)
@@ -219,20 +217,20 @@ class Ros2Bridge(ScriptBridge):
         Raises:
             TwinError: the nodes or the machine are to blame.
         """
-        assert self._domain is not None
+        assert self.domain is not None
         until_s = time.monotonic() + longest_s
         while not done():
-            arrived = self._domain.receive(LOOK_S)
+            arrived = self.domain.receive(LOOK_S)
             if arrived is not None:
                 self._take(arrived)
             else:
                 self._check_script()
-                if self._left:
-                    raise InfrastructureError(f"ros2: {self._left}, at tick {self._tick}")
+                if self.left:
+                    raise InfrastructureError(f"ros2: {self.left}, at tick {self._tick}")
             if time.monotonic() >= until_s and not done():
                 self._check_script()
                 # A command of another type never passes, however often it is tried.
-                wrong = bool(self._domain.graph.mistakes(self._main))
+                wrong = bool(self.domain.graph.mistakes(self._main))
                 kind = StackFaultError if wrong else InfrastructureError
                 raise kind(f"ros2: {why()} within {longest_s:g} s{self._hint()}")
 
@@ -242,13 +240,13 @@ class Ros2Bridge(ScriptBridge):
         Raises:
             StackFaultError: nodes sent what no tick can have asked for.
         """
-        assert self._domain is not None
+        assert self.domain is not None
         try:
             if isinstance(arrived, Message):
                 self._take_command(arrived)
             elif isinstance(arrived, ServiceCall):
-                why_not = self._lockstep.step()
-                self._domain.answer(arrived, self._lockstep.stamp_ns, why_not)
+                why_not = self.lockstep.step()
+                self.domain.answer(arrived, self.lockstep.stamp_ns, why_not)
             elif isinstance(arrived, Refused):
                 raise StampError(arrived.reason)
             else:
@@ -257,15 +255,15 @@ class Ros2Bridge(ScriptBridge):
             raise self._fault(error) from None
 
     def _take_command(self, message: Message) -> None:
-        assert self._domain is not None
-        type_name = next(r.type for r in self._table.commands if r.topic == message.topic)
+        assert self.domain is not None
+        type_name = next(r.type for r in self.table.commands if r.topic == message.topic)
         demand = read_command(self._store, type_name, message.payload)
-        line = self._lockstep.command(
+        line = self.lockstep.command(
             *(message.topic, demand, demand.stamp_ns, message.attachment.gid),
             main=message.topic == self._main,
         )
         if line:
-            self._domain.tell([line])
+            self.domain.tell([line])
 
     def _look_at_commanders(self) -> None:
         """The graph has changed: one node commands, and stays.
@@ -273,58 +271,58 @@ class Ros2Bridge(ScriptBridge):
         Raises:
             StampError: several do, or one whose commands cannot arrive.
         """
-        assert self._domain is not None
-        if unheard := self._domain.unheard_commanders(self._main):
+        assert self.domain is not None
+        if unheard := self.domain.unheard_commanders(self._main):
             raise StampError(unheard[0])
-        names = self._domain.commanders(self._main)
+        names = self.domain.commanders(self._main)
         if len(names) > 1:
             raise StampError(
                 f"{len(names)} publishers command on {self._main}: {', '.join(names)}; one may"
             )
         if names:
-            self._left, self._commander = "", names[0]
-        elif self._commander and not self._left:
-            self._left = f"node {self._commander}, which commands on {self._main}, has left"
+            self.left, self._commander = "", names[0]
+        elif self._commander and not self.left:
+            self.left = f"node {self._commander}, which commands on {self._main}, has left"
 
     def _is_ready(self) -> bool:
         """Whether the nodes are there that a case needs."""
-        assert self._domain is not None
-        return bool(self._domain.commanders(self._main)) and not self._unheard()
+        assert self.domain is not None
+        return bool(self.domain.commanders(self._main)) and not self._unheard()
 
     def _unheard(self) -> list[str]:
         """What nobody subscribes to or calls yet."""
-        assert self._domain is not None
-        missing = [topic for topic in self._waits_for if not self._domain.is_heard(topic)]
-        stepped = self._given.answer != "step" or self._domain.is_stepped()
+        assert self.domain is not None
+        missing = [topic for topic in self._waits_for if not self.domain.is_heard(topic)]
+        stepped = self._given.answer != "step" or self.domain.is_stepped()
         return missing if stepped else [*missing, STEP]
 
     def _missing(self) -> str:
-        assert self._domain is not None
-        if not self._domain.commanders(self._main):
-            command = self._table.driving()
+        assert self.domain is not None
+        if not self.domain.commanders(self._main):
+            command = self.table.driving()
             return f"no node publishes {self._main} as {command.type}"
         return f"no node hears {', '.join(self._unheard())}"
 
     def _unanswered(self) -> str:
         if self._given.answer == "step":
             return f"no call of {STEP} at tick {self._tick}"
-        seconds = self._lockstep.stamp_ns / 1e9
+        seconds = self.lockstep.stamp_ns / 1e9
         return (
             f"no command on {self._main} with the stamp {seconds:.9f} s, that of tick {self._tick},"
         )
 
     def _hint(self) -> str:
         """What the graph says of it."""
-        assert self._domain is not None
-        mistakes = self._domain.graph.mistakes(self._main)
-        nodes = self._domain.graph.nodes()
+        assert self.domain is not None
+        mistakes = self.domain.graph.mistakes(self._main)
+        nodes = self.domain.graph.nodes()
         there = f"nodes: {', '.join(nodes[:10])}" if nodes else "there is no node"
         return f"; {escape('; '.join([*mistakes[:3], there]), 500)}"
 
     def _command(self, now: AskedTick, observation: Observation, slot: int) -> Command:
         assert self._driver is not None
         try:
-            command = self._driver.command(self._main, self._lockstep.latest, now)
+            command = self._driver.command(self._main, self.lockstep.latest, now)
         except (AskedError, TickMistakeError) as error:
             raise self._fault(error) from None
         token = int(observation.token[slot])

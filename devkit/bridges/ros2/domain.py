@@ -48,19 +48,19 @@ class RosDomain:
             InfrastructureError: the endpoint cannot be listened at.
         """
         self._store, self._table = store, table
-        self._session = Ros2Session.listening(place, domain, NODE)
+        self.session = Ros2Session.listening(place, domain, NODE)
         self._publishers: dict[str, Publisher] = {}
         expected = {row.topic: self._expected(row.type) for row in table.commands}
         expected[STEP] = self._expected(STEP_TYPE)
-        self.graph = Graph(self._session.id, _release(release), expected)
+        self.graph = Graph(self.session.id, _release(release), expected)
         for row in table.commands:
-            self._session.subscribe(row.topic, expected[row.topic], _qos(row.qos))
-        self._session.serve(STEP, expected[STEP])
+            self.session.subscribe(row.topic, expected[row.topic], _qos(row.qos))
+        self.session.serve(STEP, expected[STEP])
 
     @property
     def endpoint(self) -> str:
         """Where nodes connect."""
-        return self._session.endpoint
+        return self.session.endpoint
 
     def send(self, messages: Iterable[TopicMessage]) -> None:
         """Publish a tick's messages, in order but for ``/clock``, which comes last."""
@@ -79,7 +79,7 @@ class RosDomain:
         Raises:
             StackFaultError: a flood.
         """
-        arrived = self._session.receive(timeout_s)
+        arrived = self.session.receive(timeout_s)
         if isinstance(arrived, Token):
             self.graph.change(arrived.token, arrived.alive)
             self.tell(self.graph.take_lines())
@@ -115,7 +115,7 @@ class RosDomain:
     def close(self) -> None:
         """Leave the domain."""
         with contextlib.suppress(OSError):
-            self._session.close()
+            self.session.close()
 
     def _put(self, each: TopicMessage) -> None:
         publisher = self._publishers.get(each.topic)
@@ -123,7 +123,7 @@ class RosDomain:
             what = self._expected(each.type_name)
             self.graph.expect(each.topic, what)
             self.tell(self.graph.take_lines())
-            publisher = self._session.publish(each.topic, what, _qos(each.qos))
+            publisher = self.session.publish(each.topic, what, _qos(each.qos))
             self._publishers[each.topic] = publisher
         publisher.put(self._store.encode(each.message), each.time_ns)
 

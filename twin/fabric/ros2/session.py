@@ -103,7 +103,7 @@ class Ros2Session:
         """
         self._domain, self._session, self.endpoint = domain, session, endpoint
         self._inbox: queue.Queue[Arrived] = queue.Queue(WAITING_MAX)
-        self._waiting_bytes, self._flooded = 0, False
+        self._waiting_bytes, self.flooded = 0, False
         self._node = RosNode(str(session.info.zid()), 0, name)
         self._entities = 0
         self._closed = False
@@ -247,7 +247,7 @@ class Ros2Session:
             self._session.close()  # type: ignore[no-untyped-call]
 
     def _checked(self, arrived: Arrived | None) -> Arrived | None:
-        if self._flooded:
+        if self.flooded:
             raise StackFaultError(
                 f"ros2: more than {WAITING_MAX} messages or {WAITING_BYTES_MAX} bytes of nodes wait"
             )
@@ -257,7 +257,7 @@ class Ros2Session:
         size = _size(arrived)
         with self._lock:
             if self._waiting_bytes + size > WAITING_BYTES_MAX or self._inbox.full():
-                self._flooded = True
+                self.flooded = True
                 return
             self._waiting_bytes += size
             self._inbox.put_nowait(arrived)  # nobody else puts

@@ -46,7 +46,7 @@ class Rig:
 
     def node(self) -> Ros2Session:
         """A node that joins by the rig's key."""
-        domain, place = self.bridge._domain, self.bridge._place
+        domain, place = self.bridge.domain, self.bridge._place
         assert domain is not None
         assert place is not None
         self.nodes.append(Ros2Session.joined(place.variables(domain.endpoint, 0), "node"))
@@ -59,8 +59,8 @@ class Rig:
 
     def inbox(self, kind: type) -> list[Any]:
         """What waits for the bridge."""
-        assert self.bridge._domain is not None
-        waiting = list(self.bridge._domain._session._inbox.queue)
+        assert self.bridge.domain is not None
+        waiting = list(self.bridge.domain.session._inbox.queue)
         return [each for each in waiting if isinstance(each, kind)]
 
     def await_inbox(self, kind: type, count: int) -> None:
@@ -180,7 +180,7 @@ def test_what_the_last_case_left_does_not_reach_the_next(rigs):
         publisher.put(asked(102 * TICK_NS, 9.0), 0)
         rig.await_inbox(Message, 1)
         (command,) = rig.bridge.step(observed(0))
-        assert (command.tick, rig.bridge._lockstep.late) == (0, 1)
+        assert (command.tick, rig.bridge.lockstep.late) == (0, 1)
     finally:
         answering.end()
 
@@ -191,7 +191,7 @@ def test_a_node_that_has_left_may_come_again_for_the_next_case(rigs):
     driving(first)
     rig.bridge.reset(0, episode())
     first.close()
-    domain = rig.bridge._domain
+    domain = rig.bridge.domain
     assert domain is not None
     wait_for(
         lambda: any("/MP/" in each.token and not each.alive for each in rig.inbox(Token)),
@@ -200,7 +200,7 @@ def test_a_node_that_has_left_may_come_again_for_the_next_case(rigs):
     driving(rig.node())
     rig.bridge.reset(0, episode())
     assert domain.commanders("/drive") == ["/node"]
-    assert rig.bridge._left == ""
+    assert rig.bridge.left == ""
 
 
 def calls(rig: Rig, node: Ros2Session, count: int) -> list[Any]:
@@ -239,7 +239,7 @@ def test_a_call_before_the_tick_answers_nothing(rigs, monkeypatch):
     stepping = threading.Thread(target=lambda: results.append(rig.bridge.step(observed(0))))
     stepping.start()
     assert said(unseen, 2) == [(False, "no tick waits")] * 2
-    wait_for(lambda: rig.bridge._lockstep.stamp_ns == 0, "the tick")
+    wait_for(lambda: rig.bridge.lockstep.stamp_ns == 0, "the tick")
     assert not results
     seen = calls(rig, node, 1)
     stepping.join()
@@ -261,7 +261,7 @@ def test_a_table_that_does_not_fit_the_case_is_the_stacks_fault(rigs):
     case.cameras[0] = msgspec.structs.replace(case.cameras[0], name="front-left")
     with pytest.raises(StackFaultError, match="front-left makes the topic /picture/front-left"):
         rig.bridge.reset(0, case)
-    rig.bridge._table = shared(rig.bridge._table)
+    rig.bridge.table = shared(rig.bridge.table)
     with pytest.raises(StackFaultError, match="/picture would carry front, rear"):
         rig.bridge.reset(0, episode())
 
@@ -278,12 +278,12 @@ def test_a_flood_between_cases_is_no_cases_fault(rigs):
     rig = rigs()
     publisher = driving(rig.node())
     rig.bridge.reset(0, episode())
-    assert rig.bridge._domain is not None
-    session = rig.bridge._domain._session
+    assert rig.bridge.domain is not None
+    session = rig.bridge.domain.session
     padding = bytes(1 << 20)
     for _ in range(80):
         publisher.put(padding, 0)
-    wait_for(lambda: session._flooded, "the flood")
+    wait_for(lambda: session.flooded, "the flood")
     with pytest.raises(InfrastructureError, match="bytes of nodes wait") as found:
         rig.bridge.reset(0, episode())
     assert not isinstance(found.value, StackFaultError)
@@ -293,10 +293,10 @@ def test_a_flood_within_a_case_is_the_stacks_fault(rigs):
     rig = rigs()
     publisher = driving(rig.node())
     rig.bridge.reset(0, episode())
-    assert rig.bridge._domain is not None
-    session = rig.bridge._domain._session
+    assert rig.bridge.domain is not None
+    session = rig.bridge.domain.session
     for _ in range(80):
         publisher.put(bytes(1 << 20), 0)
-    wait_for(lambda: session._flooded, "the flood")
+    wait_for(lambda: session.flooded, "the flood")
     with pytest.raises(StackFaultError, match="bytes of nodes wait"):
         rig.bridge.step(observed(car_tick().tick))

@@ -206,7 +206,7 @@ def test_a_flood_of_bytes_ends_it_too(ours, theirs):
         until(ours, is_a(Message))  # what was looked at does not wait
     for _ in range(WAITING_BYTES_MAX // MESSAGE_BYTES_MAX + 1):
         theirs.put(KEY, large, attachment=GOOD, congestion_control=zenoh.CongestionControl.BLOCK)
-    wait_for(lambda: ours._flooded, "the flood")
+    wait_for(lambda: ours.flooded, "the flood")
     with pytest.raises(StackFaultError, match=f"or {WAITING_BYTES_MAX} bytes of nodes wait"):
         ours.receive(0.0)
 
