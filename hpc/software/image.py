@@ -12,6 +12,7 @@ import re
 import shutil
 import sys
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 
 from hpc.software.container import BIN_FOLDER, MOUNT_POINTS
@@ -142,22 +143,12 @@ def write_context(source: Path, out: Path, base: str, wheels: Path | None) -> No
         InfrastructureError: pip failed.
     """
     text = containerfile(base)
-    out = out.absolute()
-    if out.exists():
-        raise UsageError(f"{out}: exists already; remove it or choose another --out")
-    if wheels is not None:
-        own_wheel(wheels)
-    out.parent.mkdir(parents=True, exist_ok=True)
+    out = _new(out, wheels)
     with tempfile.TemporaryDirectory(prefix=f".{out.name}.", dir=out.parent) as name:
         folder = Path(name) / out.name
         folder.mkdir()
         (folder / CONTAINER_FILE).write_text(text)
-        shutil.copy(source / LOCK_FILE, folder)
-        if wheels is None:
-            (folder / "wheels").mkdir()
-            fill_wheels(source, folder / "wheels")
-        else:
-            shutil.copytree(wheels, folder / "wheels")
+        _add_software(source, folder, wheels, shutil.copytree)
         folder.rename(out)
 
 
@@ -175,22 +166,12 @@ def build(source: Path, out: Path, base: str, wheels: Path | None) -> None:
         InfrastructureError: pip or Apptainer failed.
     """
     text = definition(base)
-    out = out.absolute()
-    if out.exists():
-        raise UsageError(f"{out}: exists already; remove it or choose another --out")
-    if wheels is not None:
-        own_wheel(wheels)
-    out.parent.mkdir(parents=True, exist_ok=True)
+    out = _new(out, wheels)
     # Beside the image: the temporary folder of a login node is seldom large enough.
     with tempfile.TemporaryDirectory(prefix=f".{out.name}.", dir=out.parent) as name:
         folder = Path(name)
         (folder / DEFINITION_FILE).write_text(text)
-        shutil.copy(source / LOCK_FILE, folder)
-        if wheels is None:
-            (folder / "wheels").mkdir()
-            fill_wheels(source, folder / "wheels")
-        else:
-            (folder / "wheels").symlink_to(wheels.absolute())
+        _add_software(source, folder, wheels, os.symlink)
         made = folder / out.name
         scratch = {"APPTAINER_TMPDIR": name, "APPTAINER_CACHEDIR": f"{name}/cache"}
         kind = [] if out.suffix == ".sif" else ["--sandbox"]
@@ -201,3 +182,30 @@ def build(source: Path, out: Path, base: str, wheels: Path | None) -> None:
             environment={**scratch, **os.environ},
         )
         made.rename(out)
+
+
+def _new(out: Path, wheels: Path | None) -> Path:
+    """``out`` as an absolute path, in a folder that is there.
+
+    Raises:
+        UsageError: it exists, or the wheels cannot be used.
+    """
+    out = out.absolute()
+    if out.exists():
+        raise UsageError(f"{out}: exists already; remove it or choose another --out")
+    if wheels is not None:
+        own_wheel(wheels)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    return out
+
+
+def _add_software(
+    source: Path, folder: Path, wheels: Path | None, bring: Callable[[Path, Path], object]
+) -> None:
+    """The lock file and ``wheels/``, in ``folder``; wheels that are given come by ``bring``."""
+    shutil.copy(source / LOCK_FILE, folder)
+    if wheels is not None:
+        bring(wheels.absolute(), folder / "wheels")
+        return
+    (folder / "wheels").mkdir()
+    fill_wheels(source, folder / "wheels")

@@ -4,16 +4,12 @@ from __future__ import annotations
 
 import json
 import os
-import socket
 import subprocess
-import sys
 from pathlib import Path
 
 from attacks import Found, attack, refused_if
+from parser_theft import READS_S, read_by
 from theatre import Theatre
-
-READS_S = 60.0
-"""A file is read, or refused, within this time."""
 
 
 def validated(theatre: Theatre, path: Path) -> str:
@@ -81,32 +77,11 @@ def package_that_runs(theatre: Theatre) -> Found:
     )
 
 
-TAKEN_OVER = """
-import os, socket
-from pathlib import Path
-import numpy as np
+TAKES_OVER = """
 from twin.world.apart.checks import Text
 from twin.world.apart.parser import Parser
 
-def tries(path):
-    secret, port, pid = path.read_text().split()
-    done = []
-    def attempt(name, action):
-        try:
-            action()
-            done.append(name)
-        except (OSError, MemoryError):
-            pass
-    attempt("read a key", lambda: Path(secret).read_text())
-    attempt("read /etc/shadow", lambda: Path("/etc/shadow").read_text())
-    attempt("changed the mesh", lambda: path.write_text("v 0 0 0"))
-    attempt("wrote a file", lambda: Path(secret + ".new").write_text("x"))
-    attempt("connected", lambda: socket.create_connection(("127.0.0.1", int(port)), 5))
-    attempt("signalled a process", lambda: os.kill(int(pid), 0))
-    attempt("took 50 GB", lambda: np.ones(50 << 27))
-    return ", ".join(done) or "nothing"
-
-TRIES = Parser("taken_over:tries", Text(), "cannot be read as a mesh")
+TRIES = Parser("taken_over:reached", Text(), "cannot be read as a mesh")
 """
 
 READS_MESH = """
@@ -125,20 +100,7 @@ print(json.dumps([found, unprotected()]))
 @attack(15, "a mesh that takes its parser over", "who sends a scene", "files")
 def mesh_that_takes_over(theatre: Theatre) -> Found:
     """What code in the parser's process reaches."""
-    parser = theatre.write("taken_over.py", TAKEN_OVER)
-    with socket.socket() as listener:
-        listener.bind(("127.0.0.1", 0))
-        listener.listen()
-        port = listener.getsockname()[1]
-        mesh = theatre.write("scan.obj", f"{theatre.secret} {port} {os.getpid()}")
-        done = subprocess.run(
-            [sys.executable, "-c", READS_MESH, str(mesh), str(parser)],
-            env={**os.environ, "PYTHONPATH": str(theatre.folder)},
-            capture_output=True,
-            text=True,
-            timeout=READS_S,
-            check=False,
-        )
+    done = read_by(theatre, READS_MESH, TAKES_OVER, "scan.obj")
     if done.returncode:
         return Found("open", f"the reader broke: {done.stderr.strip().splitlines()[-1:]}")
     reached, unprotected = json.loads(done.stdout)

@@ -4,20 +4,17 @@ from __future__ import annotations
 
 import json
 import os
-import socket
-import subprocess
-import sys
 from pathlib import Path
 
 from attacks import Found, attack, refused_if
 from backports import zstd
 from input_rows import all_refused
+from parser_theft import read_by
 from ros2_recordings import STORE, circle_rows, write_bag
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from scenario_rows import played
 from theatre import Theatre
 
-_ROOT = Path(__file__).resolve().parents[2]
 BOMB_BYTES = 16 << 30
 """What a chunk of the bomb becomes, four times what its reader may have [bytes]."""
 
@@ -80,32 +77,13 @@ def hostile_recordings(theatre: Theatre) -> Found:
     return all_refused(found, f"{len(paths)} recordings: one line and exit code 2 each")
 
 
-TAKEN_OVER = """
-import os, socket
-from pathlib import Path
-import numpy as np
+TAKES_OVER = """
 from twin.drives.drive import DRIVE_CHECK, RecordedDrive
 from twin.world.apart.parser import Parser
 
 def tries(path, question):
-    secret, port, pid = path.read_text().split()
-    done = []
-    def attempt(name, action):
-        try:
-            action()
-            done.append(name)
-        except (OSError, MemoryError):
-            pass
-    attempt("read a key", lambda: Path(secret).read_text())
-    attempt("read what lies beside it", lambda: (path.parent / "beside.mcap").read_text())
-    attempt("read /etc/shadow", lambda: Path("/etc/shadow").read_text())
-    attempt("changed the recording", lambda: path.write_text("x"))
-    attempt("wrote a file", lambda: Path(secret + ".new").write_text("x"))
-    attempt("connected", lambda: socket.create_connection(("127.0.0.1", int(port)), 5))
-    attempt("signalled a process", lambda: os.kill(int(pid), 0))
-    attempt("took 50 GB", lambda: np.ones(50 << 27))
     ego = np.array([[0.0, 0.0, 0.0, 0.0, 0.0], [1.0, 1.0, 0.0, 0.0, 0.0]])
-    return RecordedDrive("e", "", "map", ego, [], [", ".join(done) or "nothing"], [])
+    return RecordedDrive("e", "", "map", ego, [], [reached(path, "beside.mcap")], [])
 
 TRIES = Parser("taken_over:tries", DRIVE_CHECK, "cannot be read")
 """
@@ -126,20 +104,8 @@ print(json.dumps([drive.topics[0], apart.note_of_reading()]))
 @attack(15, "a recording that takes its parser over", "who sends a recording", "files")
 def recording_that_takes_over(theatre: Theatre) -> Found:
     """What code in the parser's process reaches."""
-    parser = theatre.write("taken_over.py", TAKEN_OVER)
     theatre.write("beside.mcap", "another recording")
-    with socket.socket() as listener:
-        listener.bind(("127.0.0.1", 0))
-        listener.listen()
-        port = listener.getsockname()[1]
-        file = theatre.write("drive.mcap", f"{theatre.secret} {port} {os.getpid()}")
-        done = subprocess.run(
-            [sys.executable, "-c", READS_RECORDING, str(file), str(parser)],
-            env={**os.environ, "PYTHONPATH": os.pathsep.join(map(str, (theatre.folder, _ROOT)))},
-            capture_output=True,
-            text=True,
-            check=False,
-        )
+    done = read_by(theatre, READS_RECORDING, TAKES_OVER, "drive.mcap")
     assert done.returncode == 0, done.stderr[-2000:]
     reached, unprotected = json.loads(done.stdout)
     by = "it is parsed by a process in a sandbox, which sees its files and nothing else"

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import json
 import os
-import socket
 import subprocess
-import sys
-from pathlib import Path
 
 from attacks import Found, attack, refused_if
 from hostile_scenarios import HOSTILE
-from input_rows import READS_S, all_refused
+from input_rows import all_refused
+from parser_theft import READS_S, read_by
 from theatre import Theatre
 
 LINES_MAX = 3
@@ -73,10 +71,7 @@ def hostile_roads(theatre: Theatre) -> Found:
     return all_refused(found, "one line and exit code 2")
 
 
-TAKEN_OVER = """
-import os, socket
-from pathlib import Path
-import numpy as np
+TAKES_OVER = """
 from twin.scenario.storyboard.parsing import FAILED, PROGRAM, NamesAnswer, ProgramAnswer
 from twin.scenario.storyboard.parsing import answer_bytes
 from twin.world.apart.checks import Array
@@ -86,23 +81,7 @@ def names(path, question):
     return answer_bytes(NamesAnswer(()))
 
 def tries(path, question):
-    secret, port, pid = path.read_text().split()
-    done = []
-    def attempt(name, action):
-        try:
-            action()
-            done.append(name)
-        except (OSError, MemoryError):
-            pass
-    attempt("read a key", lambda: Path(secret).read_text())
-    attempt("read what lies beside it", lambda: (path.parent / "beside.xosc").read_text())
-    attempt("read /etc/shadow", lambda: Path("/etc/shadow").read_text())
-    attempt("changed the scenario", lambda: path.write_text("<OpenSCENARIO/>"))
-    attempt("wrote a file", lambda: Path(secret + ".new").write_text("x"))
-    attempt("connected", lambda: socket.create_connection(("127.0.0.1", int(port)), 5))
-    attempt("signalled a process", lambda: os.kill(int(pid), 0))
-    attempt("took 50 GB", lambda: np.ones(50 << 27))
-    words = ", ".join(done) or "nothing"
+    words = reached(path, "beside.xosc")
     return [answer_bytes(ProgramAnswer((words,))), np.zeros(0, np.uint8)]
 
 NAMES = Parser("taken_over:names", Array("uint8", ("n",)), FAILED)
@@ -128,21 +107,8 @@ print(json.dumps([found, unprotected()]))
 @attack(15, "a scenario that takes its parser over", "who sends a scenario", "files")
 def scenario_that_takes_over(theatre: Theatre) -> Found:
     """What code in the parser's process reaches."""
-    parser = theatre.write("taken_over.py", TAKEN_OVER)
     theatre.write("beside.xosc", "another scenario")
-    with socket.socket() as listener:
-        listener.bind(("127.0.0.1", 0))
-        listener.listen()
-        port = listener.getsockname()[1]
-        file = theatre.write("scan.xosc", f"{theatre.secret} {port} {os.getpid()}")
-        done = subprocess.run(
-            [sys.executable, "-c", READS_SCENARIO, str(file), str(parser)],
-            env={**os.environ, "PYTHONPATH": os.pathsep.join(map(str, (theatre.folder, _ROOT)))},
-            capture_output=True,
-            text=True,
-            timeout=READS_S,
-            check=False,
-        )
+    done = read_by(theatre, READS_SCENARIO, TAKES_OVER, "scan.xosc")
     if done.returncode:
         return Found("open", f"the reader broke: {done.stderr.strip().splitlines()[-1:]}")
     reached, unprotected = json.loads(done.stdout)
@@ -150,6 +116,3 @@ def scenario_that_takes_over(theatre: Theatre) -> Found:
         return Found("not run", "no bubblewrap")
     by = "it is parsed by a process in a sandbox, which sees its files and nothing else"
     return refused_if(reached == "nothing", by, f"it {reached}")
-
-
-_ROOT = Path(__file__).parents[2]
