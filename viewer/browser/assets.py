@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import importlib.metadata
+import threading
 import time
 import urllib.error
 import urllib.request
@@ -36,6 +37,28 @@ class Asset:
     def packed(self) -> bytes:
         """Compressed with gzip; 43 MB of WebAssembly become 16 in a second."""
         return gzip.compress(self.data, compresslevel=1, mtime=0)
+
+
+class WebViewer:
+    """The files, taken out of the binary when the first of them is asked for, which takes seconds:
+    the console needs none."""
+
+    def __init__(self) -> None:
+        self._files: dict[str, Asset] | None = None
+        self._lock = threading.Lock()
+
+    def get(self, name: str) -> Asset | None:
+        """The file of that name; None: there is none.
+
+        Raises:
+            InfrastructureError: the binary is missing or does not serve them.
+        """
+        if name not in NAMES:
+            return None
+        with self._lock:
+            if self._files is None:
+                self._files = web_viewer()
+            return self._files[name]
 
 
 def web_viewer() -> dict[str, Asset]:
