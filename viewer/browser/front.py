@@ -29,8 +29,11 @@ from twin.base.errors import TwinError, UsageError
 from twin.fabric.loopback import is_ours, is_own_name
 from viewer.browser.assets import Asset
 from viewer.browser.desk import Desk, refusal
+from viewer.console.live_console import LiveConsole
 from viewer.console.run_folder import RunFolder
-from viewer.console.site import ConsoleSite, SiteAnswer
+from viewer.console.shown_run import JSON, SiteAnswer, as_json
+from viewer.console.site import ConsoleSite
+from viewer.console.stream import HEARTBEAT, HEARTBEAT_S, sse
 from viewer.playback.catalogue import read_row
 from viewer.playback.folder import find_recording
 
@@ -46,6 +49,8 @@ READS = "/rerun.sdk_comms.v1alpha1.MessageProxyService/ReadMessages"
 
 STEERS = "/steer"
 """Path to which the control panel posts."""
+ACTS = "/act/"
+"""Begins the paths to which the console posts."""
 
 BODY_BYTES_MAX = 1 << 16
 """Largest request [bytes]."""
@@ -128,6 +133,8 @@ class ShownSite:
     """Moment at which recordings open."""
     hub: Callable[[], tuple[str, int] | None] | None = None
     """Host and port of a live hub, which is started when first asked for; None: nothing is live."""
+    live: LiveConsole | None = None
+    """What runs now, for the console; None: nothing is live."""
     desk: Desk | None = None
     """Way to running cases, for pages that know its token; None: there is none."""
     single: SingleRecording | None = None
@@ -245,26 +252,21 @@ class Handler(BaseHTTPRequestHandler):
         """The live stream, passed on from the hub as it comes; and what the panel asks."""
         if not self._welcome():
             return
-        hub, desk = self.server.site.hub, self.server.site.desk
-        length = self.headers.get("Content-Length", "")
-        steers = desk is not None and self.path == STEERS
-        if hub is None or not (self.path == READS or steers):
-            self.close_connection = True
-            self.send_error(HTTPStatus.NOT_FOUND)
+        site, length = self.server.site, self.headers.get("Content-Length", "")
+        desk = site.desk
+        asks = desk is not None and (self.path == STEERS or self.path.startswith(ACTS))
+        if site.hub is None or not (self.path == READS or asks):
+            self._refuse(HTTPStatus.NOT_FOUND)
         elif not (length.isascii() and length.isdecimal()):
-            self.close_connection = True
-            self.send_error(HTTPStatus.BAD_REQUEST)
+            self._refuse(HTTPStatus.BAD_REQUEST)
         elif len(length) > LENGTH_DIGITS_MAX or int(length) > BODY_BYTES_MAX:
-            self.close_connection = True
-            self.send_error(HTTPStatus.REQUEST_ENTITY_TOO_LARGE)
-        elif desk is not None and steers and not self._trusted(desk):
-            self.close_connection = True
-            self.send_error(HTTPStatus.FORBIDDEN, "open the address that viewer web printed")
-        elif desk is not None and steers:
-            self._steer(desk, self.rfile.read(int(length)))
-        elif (address := hub()) is None:
-            self.close_connection = True
-            self.send_error(HTTPStatus.BAD_GATEWAY, "the live hub is gone")
+            self._refuse(HTTPStatus.REQUEST_ENTITY_TOO_LARGE)
+        elif desk is not None and asks and not self._trusted(desk):
+            self._refuse(HTTPStatus.FORBIDDEN, "open the address that viewer web printed")
+        elif desk is not None and asks:
+            self._do(desk, self.rfile.read(int(length)))
+        elif (address := site.hub()) is None:
+            self._refuse(HTTPStatus.BAD_GATEWAY, "the live hub is gone")
         else:
             self._pass_on(address, self.rfile.read(int(length)))
 
@@ -290,6 +292,11 @@ class Handler(BaseHTTPRequestHandler):
         self.send_error(HTTPStatus.FORBIDDEN, "ask for localhost")
         return False
 
+    def _refuse(self, status: HTTPStatus, words: str | None = None) -> None:
+        """Answer without having read what else was sent."""
+        self.close_connection = True
+        self.send_error(status, words)
+
     def _trusted(self, desk: Desk) -> bool:
         """Asked by our own page, which knows the token; no other site can send such a request."""
         kind = self.headers.get("Content-Type", "").partition(";")[0]
@@ -297,18 +304,20 @@ class Handler(BaseHTTPRequestHandler):
         ours = self.headers.get("Origin") is not None  # which one, `_welcome` has looked at
         return ours and kind == "application/json" and desk.knows(token)
 
-    def _steer(self, desk: Desk, body: bytes) -> None:
+    def _do(self, desk: Desk, body: bytes) -> None:
+        """What a trusted page asks to be done."""
+        live = self.server.site.live
         status = HTTPStatus.OK
         try:
-            data = desk.do(body)
+            if self.path == STEERS:
+                data = desk.do(body)
+            elif live is None:
+                raise UsageError("nothing is live here")
+            else:
+                data = as_json(live.act(self.path.removeprefix(ACTS), body)).data
         except TwinError as error:
             status, data = HTTPStatus.CONFLICT, refusal(error)
-        self.send_response(status)
-        self.send_header("Content-Type", "application/json")
-        self.send_header("Cache-Control", "no-store")
-        self.send_header("Content-Length", str(len(data)))
-        self.end_headers()
-        self.wfile.write(data)
+        self._answer(status, data, JSON)
 
     def _page(self, name: str) -> None:
         """A file of the pages; that of the console is built apart."""
@@ -332,12 +341,51 @@ class Handler(BaseHTTPRequestHandler):
 
     def _data(self, console: ConsoleSite, path: str) -> None:
         """What the console's page asks for, by the same rules as a file of it."""
+        live = self.server.site.live
+        if live is not None and path == "events":
+            self._events(live)
+            return
         try:
-            answer = console.answer(path)
+            self._file(self._live_answer(live, console, path) or console.answer(path))
         except (TwinError, OSError) as error:
             self._missing(error)
-        else:
-            self._file(answer)
+
+    def _live_answer(
+        self, live: LiveConsole | None, console: ConsoleSite, path: str
+    ) -> SiteAnswer | None:
+        """What depends on who asks, and when; None: it does not."""
+        if path == "runs.json" and live is not None:
+            desk = self.server.site.desk
+            trusted = desk is not None and desk.knows(self.headers.get("X-Steer-Token", ""))
+            return as_json(console.runs_json() | {"roles": live.role(trusted)})
+        if path.startswith("runs/") and path.endswith("/workers.json") and live is not None:
+            run = unquote(path.removeprefix("runs/").removesuffix("/workers.json"))
+            return as_json(live.workers(run))
+        return None
+
+    def _events(self, live: LiveConsole) -> None:
+        """Events as they come, from where the page was, until it goes or we end."""
+        self.close_connection = True
+        stream = live.stream
+        query = parse_qs(urlsplit(self.path).query)
+        last_id = self.headers.get("Last-Event-ID") or query.get("since", [""])[0]
+        with stream.followed() as welcome:
+            if not welcome:
+                self._refuse(HTTPStatus.SERVICE_UNAVAILABLE, "too many pages; close one")
+                return
+            number, resync = stream.after(last_id)
+            self.send_response(HTTPStatus.OK)
+            self.send_header("Content-Type", "text/event-stream; charset=utf-8")
+            self.send_header("Cache-Control", "no-store")
+            self.send_header("Connection", "close")
+            self.end_headers()
+            self.wfile.write(sse("hello", live.hello(resync), f"{stream.epoch}-{number}"))
+            while not stream.closed:
+                events = stream.wait(number, HEARTBEAT_S)
+                if events is None:
+                    return  # too slow: it comes back, and asks for all anew
+                self.wfile.write(b"".join(event.text for event in events) or HEARTBEAT)
+                number = events[-1].number if events else number
 
     def _report(self, run: str) -> None:
         """The report of a campaign, in a sandbox."""

@@ -11,14 +11,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import quote, urlsplit
 
+from schemas.words import counted
+from twin.base.errors import UsageError
 from twin.base.process import end, spawn
 from twin.base.stop_signal import StopSignal
 from viewer.browser.assets import WebViewer
 from viewer.browser.desk import Desk
-from viewer.browser.front import BrowserFront, ShownSite, SingleRecording
-from viewer.console.run_folder import find_runs
+from viewer.browser.front import BrowserFront, ShownSite, SingleRecording, built_pages
+from viewer.console.live_console import LiveConsole
+from viewer.console.run_folder import RunFolder, find_runs
 from viewer.console.site import ConsoleSite
-from viewer.live.command import LiveOptions
+from viewer.console.static_site import write_static
+from viewer.live.command import LiveOptions, say
 from viewer.playback import native
 from viewer.playback.folder import RecordedMoment
 
@@ -58,18 +62,55 @@ def run_web(options: WebOptions) -> int:
         single = SingleRecording(options.file, options.case, at_s)
         _serve(ShownSite(WebViewer(), single=single), options, stop)
         return 0
-    console = ConsoleSite(find_runs(options.folder) if options.folder is not None else [])
+    console = ConsoleSite(_runs(options))
     if options.where is None:
         _serve(ShownSite(WebViewer(), console, options.at), options, stop)
         return 0
     desk, hub = Desk(options.where), LiveHub(options.live, stop)
+    here = options.where.run is not None
+    live = LiveConsole(console, options.where.target, desk, here=here, say=say)
     try:
-        site = ShownSite(WebViewer(), console, options.at, hub=hub.address, desk=desk)
+        live.start()
+        site = ShownSite(WebViewer(), console, options.at, hub=hub.address, live=live, desk=desk)
         _serve(site, options, stop)
     finally:
+        live.close()
         hub.close()
         desk.close()
+    if live.watch.error is not None:
+        raise live.watch.error
     return 0
+
+
+def write_files(folder: Path, out: Path, *, recordings: bool, as_json: bool) -> int:
+    """Write the console of the campaigns of ``folder`` into ``out``; the exit code.
+
+    Raises:
+        UsageError: there is no campaign, or ``out`` cannot be written.
+    """
+    written = write_static(
+        ConsoleSite(find_runs(folder)), built_pages(), out, recordings=recordings
+    )
+    for line in written.left_out:
+        say(line)
+    if as_json:
+        print(json.dumps({"files": written.files, "bytes": written.size_bytes}))
+    else:
+        size = f"{written.size_bytes / 1e6:.1f} MB"
+        print(f"{out}: {counted(written.files, 'file')}, {size}; open {out / 'index.html'}")
+    return 0
+
+
+def _runs(options: WebOptions) -> list[RunFolder]:
+    """The campaigns that are shown from the start; a conductor's folder may have none yet."""
+    if options.folder is None:
+        return []
+    if options.where is None:
+        return find_runs(options.folder)
+    try:
+        return find_runs(options.folder)
+    except UsageError:
+        return []
 
 
 def _serve(site: ShownSite, options: WebOptions, stop: StopSignal) -> None:
@@ -77,7 +118,8 @@ def _serve(site: ShownSite, options: WebOptions, stop: StopSignal) -> None:
         threading.Thread(target=front.serve_forever, name="front", daemon=True).start()
         _tell(front, options)
         while not stop.wait(POLL_S):
-            pass
+            if site.live is not None and site.live.watch.error is not None:
+                break
         front.shutdown()
 
 

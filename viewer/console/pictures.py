@@ -215,7 +215,10 @@ def pixels_of(frame: PlayedTick) -> Picture:
 
 def picture_from(data: bytes) -> Picture | None:
     """Pixels of a WebP or JPEG file; None: it is none."""
-    return cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR) if data else None
+    if not data:
+        return None
+    picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+    return None if picture is None else np.asarray(picture, np.uint8)
 
 
 def fitted(picture: Picture, width: int, height: int, *, enlarge: bool = True) -> Picture:

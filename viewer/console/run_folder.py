@@ -85,7 +85,7 @@ class RunFolder:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        self.id = folder.resolve().name
+        self.id = folder.absolute().name or folder.resolve().name
         """Name in addresses."""
         self._lock = threading.Lock()
         self._ending: tuple[Version, CampaignEnding] | None = None

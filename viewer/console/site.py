@@ -5,190 +5,38 @@ The same function makes both, so a console that was written out shows what the s
 
 from __future__ import annotations
 
-import gzip
-import hashlib
 import json
 import subprocess
 import sys
-import threading
-from collections import OrderedDict
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
-from functools import cached_property
-from pathlib import Path
+from collections.abc import Iterator
 from typing import Any
-from urllib.parse import quote, unquote
-
-import msgspec
+from urllib.parse import unquote
 
 from schemas.files.rulebook_result import FILE_NAME as RULEBOOK_FILE
 from schemas.files.search_result import FILE_NAME as SEARCH_FILE
 from twin.base.errors import EXIT_FAILED, UsageError
 from viewer.console.case_page import case_page, film_of
+from viewer.console.overview import atlas_json, run_json, run_row, table_json
 from viewer.console.pictures import (
     FILM_FRAMES,
-    MOMENT_SIZE,
     PER_SHEET,
     SIZES,
     PictureCache,
     cache_folder,
     film_size,
-    moment_picture,
     picture_from,
     sheet,
     strip,
 )
-from viewer.console.recorded import RecordedAttempt, has_recording
-from viewer.console.run_folder import CaseEnding, RunFolder, plain_axes
+from viewer.console.run_folder import RunFolder
 from viewer.console.series import case_series
-from viewer.console.table import ConsoleTable, case_table, verdict_words
-from viewer.playback.frames import read_pictures
+from viewer.console.shown_run import JPEG, JSON, WEBP, ShownRun, SiteAnswer, as_json, component
 from viewer.playback.video import schedule
 
-PACK_LEVEL = 5
-"""Of gzip: 6 takes twice as long for two per cent."""
-JSON, WEBP = "application/json", "image/webp"
 FILE_BYTES_MAX = 256 << 20
 """Largest search or rulebook file that is passed on [bytes]."""
-ATTEMPTS_MAX = 8
-"""Cases whose recording stays in memory, for the page that looks at them."""
 COMPARE_S = 600.0
 """Longest time a comparison may take [s]."""
-
-
-@dataclass(frozen=True)
-class SiteAnswer:
-    """Content of an address."""
-
-    data: bytes
-    media_type: str
-
-    @cached_property
-    def tag(self) -> str:
-        """Changes when the content does."""
-        return hashlib.sha256(self.data).hexdigest()[:20]
-
-    @cached_property
-    def packed(self) -> bytes:
-        """The data compressed with gzip; a table of ten thousand cases shrinks to a tenth."""
-        return gzip.compress(self.data, compresslevel=PACK_LEVEL, mtime=0)
-
-
-def as_json(value: Any) -> SiteAnswer:
-    """A value as JSON; a number that is none becomes null."""
-    try:
-        return SiteAnswer(msgspec.json.encode(value), JSON)
-    except UnicodeEncodeError:  # a name of a file that is no text
-        return SiteAnswer(json.dumps(value).encode(), JSON)
-
-
-@dataclass
-class ShownRun:
-    """A campaign with what was made of it."""
-
-    run: RunFolder
-    cache: PictureCache
-    running: frozenset[str] = frozenset()
-    """Cases that a worker has now."""
-    live_pictures: dict[str, bytes] = field(default_factory=dict)
-    """Latest picture of cases that ran while we looked, JPEG."""
-    _table: tuple[Any, ConsoleTable] | None = None
-    _answers: dict[str, tuple[Any, SiteAnswer]] = field(default_factory=dict)
-    _recorded: tuple[Any, list[bool]] | None = None
-    _attempts: OrderedDict[tuple[str, str], RecordedAttempt] = field(default_factory=OrderedDict)
-    _lock: threading.RLock = field(default_factory=threading.RLock)
-
-    def table(self) -> ConsoleTable:
-        """The table as it stands; raises TwinError as :meth:`RunFolder.ending`."""
-        with self._lock:
-            version = (self.run.version, self.running)
-            if self._table is None or self._table[0] != version:
-                points = self.run.points()
-                axes = {name: plain_axes(point) for name, point in points.items()}
-                endings = self.run.ending().cases
-                if not endings:
-                    endings = {name: CaseEnding() for name in points}
-                self._table = version, case_table(endings, axes, self.running)
-            return self._table[1]
-
-    def kept(self, name: str, make: Callable[[], Any]) -> SiteAnswer:
-        """An answer that stays as long as the table does."""
-        with self._lock:
-            version = (self.run.version, self.running, self.run.served)
-            if name not in self._answers or self._answers[name][0] != version:
-                self._answers[name] = version, as_json(make())
-            return self._answers[name][1]
-
-    def index(self, case: str) -> int:
-        """Place of a case in the table; raises UsageError: there is none."""
-        try:
-            return self.table().cases.index(case)
-        except ValueError:
-            raise UsageError(f"{self.run.id}: no case '{case}'") from None
-
-    def ending(self, case: str) -> CaseEnding:
-        """How a case ended."""
-        return self.run.ending().cases.get(case, CaseEnding())
-
-    def attempt(self, case: str) -> RecordedAttempt:
-        """What a case left, kept for as long as it is looked at; raises UsageError: no such
-        case."""
-        self.index(case)
-        committed = Path(self.ending(case).attempt_dir).name
-        with self._lock:
-            key = (case, committed)
-            # Of one that runs the files grow, so nothing is kept.
-            if key not in self._attempts or not committed:
-                self._attempts[key] = RecordedAttempt(self.run, case, committed)
-            self._attempts.move_to_end(key)
-            while len(self._attempts) > ATTEMPTS_MAX:
-                self._attempts.popitem(last=False)
-            return self._attempts[key]
-
-    def recorded(self) -> list[bool]:
-        """Whether there is a picture of each case."""
-        with self._lock:
-            version = (self.run.version, len(self.live_pictures))
-            if self._recorded is None or self._recorded[0] != version:
-                endings = self.run.ending().cases
-                self._recorded = (
-                    version,
-                    [
-                        case in self.live_pictures
-                        or has_recording(
-                            self.run, case, Path(endings.get(case, CaseEnding()).attempt_dir).name
-                        )
-                        for case in self.table().cases
-                    ],
-                )
-            return self._recorded[1]
-
-    def moment_picture(self, case: str) -> bytes:
-        """A WebP of the decisive moment, or the latest JPEG of one that runs.
-
-        Raises:
-            UsageError: there is no picture.
-        """
-        ending = self.ending(case)
-        if not ending.outcome and case in self.live_pictures:
-            return self.live_pictures[case]
-        committed = Path(ending.attempt_dir).name
-        attempt = RecordedAttempt(self.run, case, committed)
-        if attempt.found is None:
-            if case in self.live_pictures:
-                return self.live_pictures[case]
-            raise UsageError(f"{case}: not recorded; run the campaign with --view record")
-        path = attempt.found.path
-        status = path.stat()
-        key = (
-            f"moment {MOMENT_SIZE} {case} {path.parent.name} {status.st_mtime_ns} {status.st_size}"
-        )
-
-        def make() -> bytes:
-            moment = attempt.moment
-            return moment_picture(read_pictures(path), moment.sim_time_ns if moment else 0)
-
-        return self.cache.get(key, make)
 
 
 class ConsoleSite:
@@ -201,14 +49,19 @@ class ConsoleSite:
             keep: pictures are kept beside the runs, else in memory.
         """
         self.runs: dict[str, ShownRun] = {}
+        self.live = False
+        """Whether a conductor is listened to."""
         for run in runs:
             self.add(run, keep=keep)
 
     def add(self, run: RunFolder, *, keep: bool = True) -> ShownRun:
-        """Show one more campaign; one that is shown already stays."""
-        if run.id not in self.runs:
-            folder = cache_folder(run.folder) if keep else None
-            self.runs[run.id] = ShownRun(run, PictureCache(folder))
+        """Show one more campaign; the second of a name gets a number."""
+        number, name = 2, run.id
+        while run.id in self.runs:
+            run.id = f"{name}-{number}"
+            number += 1
+        folder = cache_folder(run.folder) if keep else None
+        self.runs[run.id] = ShownRun(run, PictureCache(folder))
         return self.runs[run.id]
 
     def run(self, name: str) -> RunFolder:
@@ -239,14 +92,14 @@ class ConsoleSite:
 
     def runs_json(self) -> dict[str, Any]:
         """The list of campaigns."""
-        rows = [run_row(shown) for shown in self.runs.values()]
-        return {"live": False, "roles": "look", "runs": rows}
+        rows = [run_row(shown) for shown in list(self.runs.values())]
+        return {"live": self.live, "roles": "look", "runs": rows}
 
     def addresses(self) -> Iterator[str]:
         """Every address with a content, of what has ended; those of one case stand together."""
         yield "runs.json"
         for run in self.runs.values():
-            base = f"runs/{quote(run.run.id, safe='')}"
+            base = f"runs/{component(run.run.id)}"
             yield from (f"{base}/run.json", f"{base}/table.json", f"{base}/pictures/atlas.json")
             for name in (SEARCH_FILE, RULEBOOK_FILE):
                 if (run.run.folder / name).is_file():
@@ -257,7 +110,7 @@ class ConsoleSite:
                     if any(recorded[number * PER_SHEET : (number + 1) * PER_SHEET]):
                         yield f"{base}/pictures/{width}x{height}/{number}.webp"
             for case, has in zip(run.table().cases, recorded, strict=True):
-                at = f"{base}/cases/{quote(case, safe='')}"
+                at = f"{base}/cases/{component(case)}"
                 yield from (f"{at}/case.json", f"{at}/series.json")
                 if not has:
                     continue
@@ -299,94 +152,6 @@ class ConsoleSite:
         return SiteAnswer(before.cache.get(key, lambda: _compared(folders)), JSON)
 
 
-def run_row(shown: ShownRun) -> dict[str, Any]:
-    """A campaign in the list."""
-    ending, times = shown.run.ending(), shown.run.times()
-    table = shown.table()
-    verdicts: dict[str, int] = {}
-    for row in ending.cases.values():
-        if row.status:
-            verdicts[row.status] = verdicts.get(row.status, 0) + 1
-    done = sum(verdicts.values())
-    state = "finished" if ending.complete else "running" if shown.run.served else "waiting"
-    elapsed_s = None
-    if times.first_s is not None and times.last_s is not None:
-        elapsed_s = times.last_s - times.first_s
-    rig_s = sum(row.rig_wall_s for row in ending.cases.values())
-    return {
-        "id": shown.run.id,
-        "name": ending.campaign,
-        "state": state,
-        "cases": len(table.cases),
-        "done": done,
-        "verdicts": verdicts,
-        "started_s": times.first_s,
-        "elapsed_s": elapsed_s,
-        "eta_s": None,
-        "per_minute": 60 * done / elapsed_s if elapsed_s and done else None,
-        "workers": times.workers,
-        "gpus": None,
-        "device_hours": rig_s / 3600 if rig_s else None,
-    }
-
-
-def run_json(shown: ShownRun) -> dict[str, Any]:
-    """A campaign with what its table holds."""
-    table, ending, folder = shown.table(), shown.run.ending(), shown.run.folder
-    name = quote(shown.run.id, safe="")
-    return {
-        **run_row(shown),
-        "version": table_version(shown),
-        "axes": table.axes,
-        "columns": table.heads,
-        "verdict_words": verdict_words(),
-        "links": {
-            "report": f"report/{name}/report.html" if (folder / "report.html").is_file() else None,
-            "search": f"data/runs/{name}/search.json" if (folder / SEARCH_FILE).is_file() else None,
-            "rulebook": f"data/runs/{name}/rulebook.json"
-            if (folder / RULEBOOK_FILE).is_file()
-            else None,
-        },
-        "digest": ending.digest or None,
-        "software": ending.software or None,
-        "device_classes": ending.device_classes,
-        "fingerprint": fingerprint_of(shown.run),
-    }
-
-
-def table_json(shown: ShownRun) -> dict[str, Any]:
-    """The table of all cases, in columns."""
-    table = shown.table()
-    return {"version": table_version(shown), "cases": table.cases, "columns": table.columns}
-
-
-def fingerprint_of(run: RunFolder) -> str | None:
-    """The fingerprint that the signed manifest names; None: nobody has signed it."""
-    try:
-        manifest = json.loads(run.read("manifest.json", FILE_BYTES_MAX))
-        return str(manifest["fingerprint"]) or None
-    except (OSError, ValueError, KeyError, TypeError):
-        return None
-
-
-def table_version(shown: ShownRun) -> str:
-    """Changes when the table does."""
-    text = f"{shown.run.version} {sorted(shown.running)}"
-    return hashlib.sha256(text.encode()).hexdigest()[:12]
-
-
-def atlas_json(shown: ShownRun) -> dict[str, Any]:
-    """Which cases have a picture. Moments are in ``case.json``: here they would take reading the
-    rows of all cases."""
-    recorded = shown.recorded()
-    return {
-        "sizes": [list(size) for size in SIZES],
-        "per_atlas": PER_SHEET,
-        "has": recorded,
-        "moment": [None] * len(recorded),
-    }
-
-
 def _sheet(shown: ShownRun, size: str, number: int) -> SiteAnswer:
     for width, height in SIZES:
         if size == f"{width}x{height}":
@@ -425,12 +190,12 @@ def _of_case(shown: ShownRun, case: str, name: str) -> SiteAnswer:
         case "moment.webp":
             shown.index(case)
             data = shown.moment_picture(case)
-            return SiteAnswer(data, WEBP if data[:4] == b"RIFF" else "image/jpeg")
+            return SiteAnswer(data, WEBP if data[:4] == b"RIFF" else JPEG)
     raise UsageError("nothing has this address")
 
 
 def _with_links(shown: ShownRun, case: str, page: dict[str, Any]) -> dict[str, Any]:
-    run, name = quote(shown.run.id, safe=""), quote(case, safe="")
+    run, name = component(shown.run.id), component(case)
     seconds = page["moment"]["t"] if page["moment"] else 0
     there = page["links"]["recording"]
     page["links"] |= {

@@ -68,7 +68,7 @@ class ConsoleTable:
         return rows
 
 
-def case_table(
+def console_table(
     endings: Mapping[str, CaseEnding],
     axes_of: Mapping[str, Mapping[str, Any]],
     running: frozenset[str] = frozenset(),
