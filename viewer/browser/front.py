@@ -17,6 +17,7 @@ import sys
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib import resources
@@ -27,20 +28,20 @@ from urllib.parse import parse_qs, unquote, urlsplit
 from schemas.files.regular_file import open_below, open_regular
 from twin.base.errors import TwinError, UsageError
 from twin.fabric.loopback import is_ours, is_own_name
-from viewer.browser.assets import Asset
+from viewer.browser.assets import PLOTLY, Asset, plotly_script
 from viewer.browser.desk import Desk, refusal
 from viewer.console.live_console import LiveConsole
 from viewer.console.run_folder import RunFolder
 from viewer.console.shown_run import JSON, SiteAnswer, as_json
 from viewer.console.site import ConsoleSite
-from viewer.console.stream import HEARTBEAT, HEARTBEAT_S, sse
+from viewer.console.stream import BEAT, HEARTBEAT_S, sse
 from viewer.playback.catalogue import read_row
 from viewer.playback.folder import find_recording
 
 POLICY = (
     "default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; style-src 'self' 'unsafe-inline'; "
     "img-src 'self' data: blob:; connect-src 'self' data: blob:; worker-src 'self' blob:; "
-    "base-uri 'none'; form-action 'none'; frame-ancestors 'self'"
+    "frame-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'self'"
 )
 """Content-Security-Policy: this front only, whatever a script wants."""
 
@@ -179,6 +180,7 @@ class BrowserFront(ThreadingHTTPServer):
             UsageError: the port is in use.
         """
         self.site = site
+        self.plotly = cache(plotly_script)
         self.downloads = threading.BoundedSemaphore(DOWNLOADS_MAX)
         self.files = {name: _page(name, kind) for name, kind in _PAGES.items()}
         self.files |= built_pages() if site.single is None else {}
@@ -328,9 +330,9 @@ class Handler(BaseHTTPRequestHandler):
         self._answer(HTTPStatus.NOT_FOUND, words, "text/plain; charset=utf-8")
 
     def _viewer_file(self, name: str) -> None:
-        """A file of Rerun's viewer."""
+        """A file of Rerun's viewer, or Plotly."""
         try:
-            file = self.server.site.assets.get(name)
+            file = self.server.plotly() if name == PLOTLY else self.server.site.assets.get(name)
         except TwinError as error:
             self._missing(error)
             return
@@ -384,7 +386,7 @@ class Handler(BaseHTTPRequestHandler):
                 events = stream.wait(number, HEARTBEAT_S)
                 if events is None:
                     return  # too slow: it comes back, and asks for all anew
-                self.wfile.write(b"".join(event.text for event in events) or HEARTBEAT)
+                self.wfile.write(b"".join(event.text for event in events) or BEAT)
                 number = events[-1].number if events else number
 
     def _report(self, run: str) -> None:

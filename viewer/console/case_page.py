@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import math
 import shlex
-from collections.abc import Mapping, Sequence
 from typing import Any
 
 from schemas.escape import escape
-from schemas.kinds.kpi import scalars_by_name
 from twin.base.errors import UsageError
 from twin.base.process import last_frames
-from viewer.console.pictures import FILM_FRAMES, film_size
+from viewer.console.pictures import FILM_FRAMES, film_size, pixels_of
 from viewer.console.recorded import RecordedAttempt
 from viewer.console.run_folder import CaseEnding
 from viewer.console.table import ConsoleTable, kpis_of, title_of
@@ -21,7 +19,6 @@ EVENTS_MAX = 1000
 """Most events of a case."""
 LINE_CHARS_MAX = 2000
 """Longest line of a log that is shown [characters]."""
-REALS = ("sim_time_s",)
 
 
 def case_page(
@@ -103,6 +100,7 @@ def film_of(attempt: RecordedAttempt) -> dict[str, Any] | None:
     try:
         times_ns, period_ns = schedule(attempt.recording)
         size = film_size(attempt.recording)
+        pixels = pixels_of(attempt.recording.picture_at(times_ns[0]))
     except UsageError:
         return None
     return {
@@ -112,6 +110,7 @@ def film_of(attempt: RecordedAttempt) -> dict[str, Any] | None:
         "fps": 1e9 / period_ns,
         "frames": len(times_ns),
         "size": list(size),
+        "picture": [pixels.shape[1], pixels.shape[0]],
         "first_t": times_ns[0] / 1e9,
     }
 
@@ -186,9 +185,3 @@ def _attempts(attempt: RecordedAttempt, ending: CaseEnding) -> dict[str, Any]:
 
 def _finite(value: float | int | None) -> float | int | None:
     return value if value is not None and math.isfinite(value) else None
-
-
-def limits_of(scalars: Mapping[str, Any], names: Sequence[str]) -> dict[str, str]:
-    """Units of scalars by name, those that are declared."""
-    known = scalars_by_name()
-    return {name: known[name].unit for name in names if name in known and name in scalars}

@@ -20,7 +20,8 @@ MANIFEST_BYTES_MAX = 256 << 20
 
 def run_row(shown: ShownRun) -> dict[str, Any]:
     """A campaign in the list."""
-    ending, times, live = shown.run.ending(), shown.run.times(), shown.live
+    ending, times = shown.run.ending(), shown.run.times()
+    live = None if ending.complete else shown.live
     endings = shown.endings()
     verdicts: dict[str, int] = {}
     for row in endings.values():
@@ -35,7 +36,7 @@ def run_row(shown: ShownRun) -> dict[str, Any]:
     done = max(done, live.cases - live.left if live else 0)
     per_minute = 60 * done / elapsed_s if elapsed_s and done else None
     eta_s = None
-    if live is not None and not ending.complete:
+    if live is not None:
         per_minute = live.per_minute
         eta_s = 60 * live.left / per_minute if per_minute else None
     return {

@@ -31,6 +31,7 @@ from viewer.console.pictures import (
 from viewer.console.run_folder import RunFolder
 from viewer.console.series import case_series
 from viewer.console.shown_run import JPEG, JSON, WEBP, ShownRun, SiteAnswer, as_json, component
+from viewer.console.table import verdict_words
 from viewer.playback.video import schedule
 
 FILE_BYTES_MAX = 256 << 20
@@ -93,7 +94,12 @@ class ConsoleSite:
     def runs_json(self) -> dict[str, Any]:
         """The list of campaigns."""
         rows = [run_row(shown) for shown in list(self.runs.values())]
-        return {"live": self.live, "roles": "look", "runs": rows}
+        return {
+            "live": self.live,
+            "roles": "look",
+            "runs": rows,
+            "verdict_words": verdict_words(),
+        }
 
     def addresses(self) -> Iterator[str]:
         """Every address with a content, of what has ended; those of one case stand together."""

@@ -10,16 +10,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import unquote
 
+import msgspec
+
 from schemas.files.regular_file import open_below
 from twin.base.errors import TwinError, UsageError, storage_error
-from viewer.browser.assets import Asset
+from viewer.browser.assets import PLOTLY, Asset, plotly_script
 from viewer.console.shown_run import JSON, component
 from viewer.console.site import ConsoleSite
 from viewer.playback.folder import find_recording
 
 DATA_FOLDER = "data"
 SCRIPT_SUFFIX = ".js"
-"""Of the script beside every JSON file: pages that come from a disk may load scripts, but fetch
+"""Of the script that JSON is written as: pages that come from a disk may load scripts, but fetch
 nothing."""
 REPORT_FILE = "report.html"
 
@@ -54,7 +56,7 @@ def write_static(
     _check_out(site, out)
     writing = _Writing(out)
     try:
-        for name, asset in pages.items():
+        for name, asset in {**pages, PLOTLY: plotly_script()}.items():
             data = asset.data
             if name == "index.html":
                 data = data.replace(b"<html", b"<html data-static", 1)
@@ -103,18 +105,24 @@ class _Writing:
         name = f"{DATA_FOLDER}/{address}"
         try:
             answer = site.answer(address)
-            self.write(name, answer.data)
             if answer.media_type == JSON:
                 self.write(name + SCRIPT_SUFFIX, as_script(address, answer.data))
+            else:
+                self.write(name, answer.data)
         except TwinError as error:
             self.left_out.append(f"{address}: {error}")
 
 
 def as_script(address: str, data: bytes) -> bytes:
-    """JSON as a script that hands it to the page. What ends a line in older scripts is escaped."""
-    escaped = data.replace("\u2028".encode(), b"\\u2028").replace("\u2029".encode(), b"\\u2029")
-    quoted = address.replace("\\", "\\\\").replace('"', '\\"')
-    return b'consoleData("' + quoted.encode() + b'", ' + escaped + b");\n"
+    """JSON as a script that hands its text to the page.
+
+    A text, because JSON is no JavaScript: a key ``__proto__`` means another thing there. JSON of a
+    text is JavaScript, once what ends lines in older scripts is escaped.
+    """
+    call = msgspec.json.encode([unquote(address), data.decode()])[1:-1]
+    for mark, escaped in (("\u2028", b"\\u2028"), ("\u2029", b"\\u2029")):
+        call = call.replace(mark.encode(), escaped)
+    return b"consoleData(" + call + b");\n"
 
 
 def _check_out(site: ConsoleSite, out: Path) -> None:

@@ -122,5 +122,5 @@ def sse(kind: str, data: Any, number: str = "") -> bytes:
     return head + b"event: " + kind.encode() + b"\ndata: " + msgspec.json.encode(data) + b"\n\n"
 
 
-HEARTBEAT = b": here\n\n"
-"""A comment: says that the stream stands."""
+BEAT = sse("beat", {})
+"""Says that the stream stands."""

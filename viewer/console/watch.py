@@ -44,6 +44,8 @@ TABLE_S = 0.5
 TABLE_SHARE = 20
 """A table is made when so many times as long has passed as the last one took: one core's
 twentieth."""
+SILENCE_S = 10.0
+"""Time without a status after which nobody knows what runs [s]."""
 PICTURE_BYTES_MAX = 64 << 10
 """Largest thumbnail that is kept [bytes]."""
 PICTURES_MAX = 20_000
@@ -139,6 +141,8 @@ class LiveWatch:
             TwinError: waiting does not help any more.
         """
         self._hear(now_s)
+        if self.status_s is not None and now_s - self.status_s > SILENCE_S:
+            self._silent()
         for sample in self.slots.take():
             self._thumbnail(sample, now_s)
         if self.stream.followers:
@@ -172,6 +176,11 @@ class LiveWatch:
                     self._log("info", line)
                 case LinkEnded(error):
                     raise error
+
+    def _silent(self) -> None:
+        """Nobody knows what runs while the conductor is away."""
+        for shown in self._runs.values():
+            shown.running, shown.live = frozenset(), None
 
     def _status(self, found: ConductorStatus, now_s: float) -> None:
         self.status, self.status_s = found, now_s
