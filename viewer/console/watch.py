@@ -189,21 +189,22 @@ class LiveWatch:
         running: dict[str, set[str]] = {}
         for lease in found.get("running", []):
             running.setdefault(lease["campaign"], set()).add(lease["case"])
-        present = [worker for worker in found.get("workers", []) if worker["present"]]
+        present = [worker for worker in found.get("workers", []) if worker.get("present")]
         for name, row in list(found.get("campaigns", {}).items())[:CAMPAIGNS_MAX]:
             shown = self._known(name, row)
             shown.running = frozenset(running.get(name, ()))
             for case in shown.running:
                 shown.heard.leased(case)
+            cases, left = row.get("cases", 0), row.get("left", 0)
             if isinstance(shown.run, RemoteRun):
-                shown.run.complete = row["left"] == 0
+                shown.run.complete = left == 0
             pace = self._paces.setdefault(name, Throughput())
             shown.live = LiveFigures(
-                cases=row["cases"],
-                left=row["left"],
-                leased=row["leased"],
-                paused=row["paused"],
-                per_minute=pace.count(row["cases"] - row["left"], now_s),
+                cases=cases,
+                left=left,
+                leased=row.get("leased", 0),
+                paused=row.get("paused", False),
+                per_minute=pace.count(cases - left, now_s),
                 workers=len(present),
             )
         self.stream.put("workers", {"draining": found.get("draining", False)})
