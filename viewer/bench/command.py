@@ -38,6 +38,8 @@ CAMPAIGN = Path(__file__).with_name("bench_campaign.yaml")
 SIMULATED = 32
 """Cases of it that are simulated unless somebody says otherwise."""
 
+WAIT_S = 120
+"""Longest time until a campaign's conductor is there [s]."""
 LOOK_S = 0.1
 """Time between two looks at a campaign's progress [s]."""
 
@@ -187,7 +189,7 @@ def _simulate(options: BenchOptions, mode: str, out: Path) -> CampaignRun:
         with ExitStack() as looking:
             summary, course = _run(arguments, out, looks=lambda: _look_on(looking, out))
     else:
-        with _viewer("--run", str(out)) as child:
+        with _viewer("--run", str(out), "--wait", str(WAIT_S)) as child:
             summary, course = _run(arguments, out, child if mode == "frozen" else None)
     sizes = [path.stat().st_size / 1e6 for path in out.glob(f"cases/*/*/{naming.RECORDING_FILE}")]
     measured = window(course.samples, course.workers * options.slots)
