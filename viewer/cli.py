@@ -404,6 +404,9 @@ def bench_command(
     console: Annotated[
         int, typer.Option(min=0, max=1000, help="Synthetic cases of the console; 0: none.")
     ] = 256,
+    ended: Annotated[
+        int, typer.Option(min=0, max=100_000, help="Of a finished campaign in it; 0: none.")
+    ] = 10_240,
     seconds: Annotated[float, duration("How long each of them is measured; 0: not [s].")] = 60.0,
     campaign: Annotated[
         str | None,
@@ -430,7 +433,7 @@ def bench_command(
     if campaign is None:
         campaign, simulate = str(CAMPAIGN), simulate or SIMULATED
     options = BenchOptions(
-        *(cases, focus, console, seconds, campaign, rounds, simulate, workers, slots, device)
+        *(cases, focus, console, ended, seconds, campaign, rounds, simulate, workers, slots, device)
     )
     raise typer.Exit(bench(options, as_json=output is Output.json, check=check))
 
