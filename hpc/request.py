@@ -28,6 +28,7 @@ CPUS_PER_GPU_WORKER = 4
 CPUS_PER_CPU_WORKER = 1
 """Default: a simulator on the CPU uses one core, and the stack waits for it in lockstep."""
 
+_ENDPOINT = re.compile(r"tls/(\[[0-9A-Fa-f:.]{2,45}\]|[A-Za-z0-9][A-Za-z0-9.-]{0,252}):[0-9]{1,5}")
 _ALLOCATION = re.compile(rf"{SITE_PATTERN}-[0-9]{{1,9}}")
 _WALLTIME = re.compile(r"([0-9]{1,5}):([0-5][0-9])")
 _SITE_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.,@+/:-]{0,199}")
@@ -190,6 +191,8 @@ class JobRequest:
                 "autonomy.placement: node: stacks on other nodes are announced in a folder that "
                 "the workers of other sites do not see; take it out of the campaign"
             )
+        if not _ENDPOINT.fullmatch(self.connect):
+            raise UsageError(f"conductor at {self.connect!r}: expected tls/HOST:PORT")
         if self.site and not re.fullmatch(SITE_PATTERN, self.site):
             raise UsageError(f"site {self.site!r}: allowed are 1 to 32 letters, digits and -")
         if self.allocation and not _ALLOCATION.fullmatch(self.allocation):

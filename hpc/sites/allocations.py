@@ -139,14 +139,15 @@ class Allocations:
         request = self.request_of(site, allocation.id)
         system = backend(site.scheduler)
         kind = batch_systems().find(site.scheduler)
-        place = replace(site.place, once=request.out, submits=kind.submits)
+        once = replace(site.place, once=request.out, submits=kind.submits)
         script = f"{request.out}/{kind.script}"
         try:
             text = system.render(request)
-            with at(place):
+            with at(site.place):
                 write_there(request.join, self._key_of(site), 0o600)
                 write_there(script, text.encode(), 0o700)
                 system.check(text, request)
+            with at(once):
                 allocation.job = system.submit(Path(script), Path(request.out))
         except UnknownOutcomeError:
             # It may be there, and is looked for no more when its time is over in any case.

@@ -75,11 +75,8 @@ def submit_on(
     check_campaign(facts)
     with alone(out):
         for site in sites:  # before anything is started
-            probe = request_of(
-                site, f"{site.name}-1", campaign=facts.name, out=out, connect="", common=common
-            )
-            with at(site.place):
-                backend(site.scheduler).render(probe)
+            if not site.entry.dials_out:
+                _try(site, facts.name, out, site.entry.connect or listen, common)
         served = conductor.serving(out)
         if served is None:
             served = conductor.start(out, facts.name, listen)
@@ -105,6 +102,15 @@ def submit_on(
                 "ends it"
             )
     return EXIT_PASS if not refused else EXIT_INFRASTRUCTURE
+
+
+def _try(site: NamedSite, campaign: str, out: Path, connect: str, common: CommonOptions) -> None:
+    """Write the script of an allocation, only to see whether it can be written."""
+    request = request_of(
+        site, f"{site.name}-1", campaign=campaign, out=out, connect=connect, common=common
+    )
+    with at(site.place):
+        backend(site.scheduler).render(request)
 
 
 def _first(book: Allocations, site: NamedSite, there: list[Allocation]) -> Allocation:

@@ -81,6 +81,9 @@ class Scaler:
         if not self.dry_run:
             self._submit_wanted(now_s)
         demand = demand_of(found, workers, self.slots)
+        if demand.left and not demand.waiting and all_paused(found):
+            self._note("paused; nothing is asked for or ended meanwhile", now_s)
+            return None
         decision = decide(
             demand,
             [self._room(room) for room in self.rooms.values()],
@@ -217,7 +220,7 @@ def by_allocation(workers: list[WorkerStatus]) -> dict[str, list[WorkerStatus]]:
 def demand_of(status: ConductorStatus, workers: list[WorkerStatus], slots: int) -> CaseDemand:
     """What the campaigns of a conductor need."""
     campaigns = [*status.get("campaigns", {}).values()]
-    left = sum(row["left"] for row in campaigns if not row.get("paused"))
+    left = sum(row["left"] for row in campaigns)
     weighted = [(row["left"], row["p95_s"]) for row in campaigns]
     known = [(count, each_s) for count, each_s in weighted if each_s is not None and count]
     counts = sum(count for count, _ in known)
@@ -227,6 +230,12 @@ def demand_of(status: ConductorStatus, workers: list[WorkerStatus], slots: int) 
         case_s=sum(count * each_s for count, each_s in known) / counts if counts else None,
         slots=max((worker.get("slots", slots) for worker in workers), default=slots),
     )
+
+
+def all_paused(status: ConductorStatus) -> bool:
+    """Whether somebody has paused every campaign that has not ended."""
+    rows = status.get("campaigns", {}).values()
+    return all(row.get("paused") for row in rows if row["left"])
 
 
 def standing_of(allocation: Allocation, workers: list[WorkerStatus]) -> Standing:

@@ -86,7 +86,7 @@ class WorkerTarget:
 
 @dataclass(frozen=True, slots=True)
 class AskSite:
-    """AskSite a site for one more allocation."""
+    """Ask a site for one more allocation."""
 
     site: str
     why: str
@@ -94,7 +94,7 @@ class AskSite:
 
 @dataclass(frozen=True, slots=True)
 class EndAllocation:
-    """EndAllocation an allocation."""
+    """End an allocation."""
 
     id: str
     why: str
