@@ -110,7 +110,7 @@ stack() {{ # serves simulators of other nodes (autonomy.placement: node)
     if request.join:
         marks = f"--site {request.site} " if request.site else ""
         marks += f"--tag {ALLOCATION_TAG}{request.allocation} " if request.allocation else ""
-        where = f'--key "$key" {marks}--wait {JOIN_WAIT_S} --started-again'
+        where = f'--key "$key" {marks}\\\n    --wait {JOIN_WAIT_S} --started-again'
     else:
         where = '--state "$out" --wait 120'
         here = f"""

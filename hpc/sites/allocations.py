@@ -102,6 +102,12 @@ class Allocations:
             for each in self.book.allocations
         )
 
+    @property
+    def found_none_left(self) -> bool:
+        """Whether workers of the newest allocation have left because no case was left."""
+        ended = [each for each in self.book.allocations if each.state == "ended"]
+        return bool(ended) and max(ended, key=lambda each: each.ended_s).code == EXIT_PASS
+
     def ask(self, site: NamedSite, why: str, now_s: float) -> Allocation:
         """Ask a site for one more.
 
@@ -224,7 +230,7 @@ class Allocations:
         if found.state in ("pending", "running"):
             each.state = "queued" if found.state == "pending" else "running"
             return
-        code = found.exit_code
+        each.code = code = found.exit_code
         failed = not each.dismissed and (
             not each.joined or code not in (None, EXIT_PASS, EXIT_UNFINISHED, TERMINATED)
         )

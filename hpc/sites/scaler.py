@@ -51,8 +51,6 @@ class Scaler:
     dry_run: bool = False
     _notes: set[str] = field(default_factory=set)
     _silent_since_s: float | None = None
-    _seen: bool = False
-    """Whether the conductor has answered."""
 
     def run(self, period_s: float, *, once: bool = False) -> int:
         """Until every case has ended, or until it is told to stop; the exit code."""
@@ -73,7 +71,7 @@ class Scaler:
             found = self.status()
         except TwinError as error:
             return self._silence(error, now_s)
-        self._silent_since_s, self._seen = None, True
+        self._silent_since_s = None
         workers = [w for w in found.get("workers", []) if w.get("present")]
         present = by_allocation(workers)
         for line in self.allocations.refresh({*present}, now_s):
@@ -94,30 +92,31 @@ class Scaler:
         )
         self._carry_out(decision, now_s)
         if demand.left == 0 and found.get("campaigns"):
-            self._log("end", "every case has ended", now_s)
-            return EXIT_PASS
+            return self._over("every case has ended", now_s)
         return None
 
     def _silence(self, error: TwinError, now_s: float) -> int | None:
         """The conductor does not answer: it may start again, or have ended."""
         if is_complete(self.allocations.folder):
-            for each in self.allocations.open:
-                self._end(each, "every case has ended", now_s)
-            self._log("end", "every case has ended", now_s)
-            return EXIT_PASS
+            return self._over("every case has ended", now_s)
         if self._silent_since_s is None:
             self._silent_since_s = now_s
             self._log("wait", f"{escape(str(error), 300)}; nothing is asked for meanwhile", now_s)
         for line in self.allocations.refresh(set(), now_s):
             self._log("look", line, now_s)
-        if now_s - self._silent_since_s < GONE_S and self.allocations.open:
+        if now_s - self._silent_since_s < GONE_S and not self.allocations.found_none_left:
             return None
-        if now_s - self._silent_since_s < GONE_S and not self._seen:
-            return None
+        if self.allocations.found_none_left:
+            return self._over("workers have left because no case is left", now_s)
+        self._over("the conductor has gone", now_s)
+        return EXIT_UNFINISHED
+
+    def _over(self, why: str, now_s: float) -> int:
         for each in self.allocations.open:
-            self._end(each, "the conductor has gone", now_s)
-        self._log("end", "the conductor has gone", now_s)
-        return EXIT_PASS if self._seen else EXIT_UNFINISHED
+            if not each.dismissed:
+                self._end(each, why, now_s)
+        self._log("end", why, now_s)
+        return EXIT_PASS
 
     def _room(self, room: SiteRoom) -> SiteRoom:
         record = self.allocations.book.sites.get(room.name, SiteRecord())

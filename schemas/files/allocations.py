@@ -45,6 +45,8 @@ class Allocation(Struct, kw_only=True):
     dismissed: bool = False
     """Whether it was told to end."""
     ended_s: float = 0.0
+    code: int | None = None
+    """Exit code, where the batch system tells it."""
     why: str = ""
     """Why it was asked for; of one that has ended, why it did."""
 

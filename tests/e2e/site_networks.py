@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 import shlex
 import shutil
-import signal
 import subprocess
 import sys
 import uuid
@@ -36,8 +36,11 @@ def missing() -> str:
 class SiteNetwork:
     """One namespace and its cable."""
 
-    def __init__(self, number: int, hidden: Path) -> None:
+    def __init__(self, site: str, number: int, hidden: Path) -> None:
         """``hidden``: folder of this host in whose place its processes see an empty one."""
+        self.site = site
+        self.there = f"10.79.{number}.1"
+        """Its own address."""
         tag = uuid.uuid4().hex[:5]
         self.name, self.cable = f"site{tag}", f"v{tag}"
         self.here = f"10.79.{number}.254"
@@ -46,10 +49,21 @@ class SiteNetwork:
         _ip("netns", "add", self.name)
         try:
             _ip("-n", self.name, "link", "set", "lo", "up")
-            _ip("link", "add", self.cable, "type", "veth", "peer", "name", "eth0", "netns", self.name)
+            _ip(
+                "link",
+                "add",
+                self.cable,
+                "type",
+                "veth",
+                "peer",
+                "name",
+                "eth0",
+                "netns",
+                self.name,
+            )
             _ip("addr", "add", f"{self.here}/24", "dev", self.cable)
             _ip("link", "set", self.cable, "up")
-            _ip("-n", self.name, "addr", "add", f"10.79.{number}.1/24", "dev", "eth0")
+            _ip("-n", self.name, "addr", "add", f"{self.there}/24", "dev", "eth0")
             _ip("-n", self.name, "link", "set", "eth0", "up")
         except BaseException:
             self.remove()
@@ -69,6 +83,8 @@ class SiteNetwork:
     def nobody_in(self) -> None:
         """Connections begin inside of it alone."""
         rule = ("iptables", "-A", "INPUT", "-i", "eth0", "-p", "tcp", "--syn", "-j", "DROP")
+        # DROP would do; a refusal is seen at once.
+        rule = (*rule[:-1], "REJECT", "--reject-with", "tcp-reset")
         subprocess.run([*self.inside, *rule], check=True, capture_output=True)
 
     def cut(self) -> None:
@@ -92,14 +108,6 @@ class SiteNetwork:
                     found.append(pid)
         return found
 
-    def kill(self, word: str) -> int:
-        """Kill them; how many."""
-        found = self.processes(word)
-        for pid in found:
-            with contextlib.suppress(ProcessLookupError):
-                os.kill(pid, signal.SIGKILL)
-        return len(found)
-
     def remove(self) -> None:
         """The cable goes first."""
         _ip("link", "del", self.cable, check=False)
@@ -114,6 +122,12 @@ class SiteCluster(SlurmCluster):
         self.network = network
         self.prefix = network.apart
 
+    @property
+    def port(self) -> int:
+        """Of its controller."""
+        text = (self.folder / "slurm.conf").read_text()
+        return int(re.findall("SlurmctldPort=([0-9]+)", text)[0])
+
     def reach(self, **variables: str) -> list[str]:
         """Words before a line of shell on its login node, as ``ssh`` would be."""
         return [
@@ -127,12 +141,12 @@ class SiteCluster(SlurmCluster):
 
 
 @contextlib.contextmanager
-def networks(count: int, hidden: Path) -> Iterator[list[SiteNetwork]]:
-    """So many sites, none of which reaches another."""
+def networks(names: tuple[str, ...], hidden: Path) -> Iterator[list[SiteNetwork]]:
+    """Sites, none of which reaches another."""
     with contextlib.ExitStack() as stack:
         made = []
-        for number in range(1, count + 1):
-            network = SiteNetwork(number, hidden)
+        for number, name in enumerate(names, 1):
+            network = SiteNetwork(name, number, hidden)
             stack.callback(network.remove)
             made.append(network)
         yield made

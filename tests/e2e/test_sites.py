@@ -5,18 +5,18 @@ from __future__ import annotations
 
 import json
 import shutil
-import subprocess
-from pathlib import Path
+import signal
+import socket
 
 import kube_cluster
 import pytest
 import site_networks
 import yaml
-from kube_cluster import IMAGE, KubeCluster
-from kube_site import free_port
-from processes import MARK, Marked, committed, outcomes
+from kube_cluster import IMAGE, KubeCluster, send
+from kube_site import free_port, with_kernels
+from processes import MARK, complete, outcomes
 from site_networks import SiteCluster, networks, own_bin
-from waiting import wait_for
+from waiting import PATIENCE_S, wait_for
 
 from conductor.records.fingerprint import fingerprint
 from schemas.wire.site_name import site_of
@@ -32,8 +32,11 @@ class Sites:
 
     def __init__(self, marked, folder, found, port):
         self.marked, self.folder, self.port = marked, folder, port
+        self.networks = {network.site: network for network in found}
         self.north, self.south, self.pool = found
-        self.kube = KubeCluster(variables={MARK: marked.mark})
+        own = {"WARP_CACHE_PATH": "/kernels", MARK: marked.mark}
+        self.kube = KubeCluster(variables=own)
+        self.kube.image_folders["/kernels"] = with_kernels(folder / "kernels")
         self.kube.prefix = self.pool.inside
         self.slurm, self.pbs = SiteCluster(self.north), SiteCluster(self.south)
         self.hub = self.north.hidden
@@ -97,6 +100,19 @@ class Sites:
         rows = [json.loads(line) for line in (self.out / "timeline.jsonl").open()]
         return sum(r["event"] == "committed" and site_of(r["worker"]) == site for r in rows)
 
+    def signal(self, site, number):
+        """Send a signal to the workers of a site; there must be some."""
+        if site == "pool":
+            sent = [send(pod.pid, number) for pod in [*self.kube.running.values()] if pod.pid]
+        else:
+            sent = [send(pid, number) for pid in self.networks[site].processes("worker")]
+        assert any(sent)
+
+    def vanish(self, site):
+        """The cable first, so that nobody hears of it; then its workers."""
+        self.networks[site].cut()
+        self.signal(site, signal.SIGKILL)
+
     def scale_from_here(self):
         """The scaler of the sites that are reached from here."""
         return self.marked.start(
@@ -127,7 +143,7 @@ def sites(marked, tmp_path, monkeypatch):
     hub = tmp_path / "hub"
     hub.mkdir()
     monkeypatch.setenv("DRIVETWIN_HOME", str(hub / "home"))
-    with networks(3, hub) as found:
+    with networks(("north", "south", "pool"), hub) as found:
         made = Sites(marked, tmp_path, found, free_port())
         made.south.nobody_in()
         with made.kube:
@@ -142,17 +158,49 @@ def sites(marked, tmp_path, monkeypatch):
                 made.pbs.stop()
 
 
-def test_each_site_goes_in_turn(sites, tmp_path):
+def test_each_site_goes_in_turn(sites, quiet, tmp_path):
+    """Each is cut off and killed in mid-run, one after the other; nothing is lost or differs."""
     out = sites.out
-    said = sites.hpc("submit", "many.yaml", *ON, "--out", str(out), "--time", "00:30")
-    sites.run("conductor", "pause", "many", "--state", str(out))
+    said = sites.hpc("submit", "chaos-16", *ON, "--out", str(out), "--time", "00:30")
+    sites.run("conductor", "pause", "chaos-16", "--state", str(out))
     assert "south: copy" in said
-    south = sites.scale_from_south(tmp_path / "south")
-    wait_for(lambda: {"north", "pool"} <= sites.present(), "workers of two sites")
-    sites.run("conductor", "resume", "many", "--state", str(out))
-    here = sites.scale_from_here()
+    assert not reached(sites.south.there, sites.pbs.port)
+    wait_for(lambda: sites.present() == {"north", "pool"}, "workers of two sites")
+    sites.signal("north", signal.SIGSTOP)
+    sites.signal("pool", signal.SIGSTOP)
+    sites.run("conductor", "resume", "chaos-16", "--state", str(out))
+    from_south, here = sites.scale_from_south(tmp_path / "south"), sites.scale_from_here()
     wait_for(lambda: sites.commits("south"), "a case of the south")
-    print(said, (sites.hub / "scale.out").read_text())
+    sites.vanish("south")
+    sites.signal("north", signal.SIGCONT)
+    wait_for(lambda: sites.commits("north"), "a case of the north")
+    sites.vanish("north")
+    sites.south.mend()
+    sites.signal("pool", signal.SIGCONT)
+    wait_for(lambda: sites.commits("pool"), "a case of the pool")
+    sites.vanish("pool")
+    assert not complete(out), "all three have vanished in mid-run"
+    sites.north.mend()
+    sites.pool.mend()
+    wait_for(lambda: (out / "report.html").exists(), "the end")
+    assert here.wait(PATIENCE_S) == 0
+    from_south.terminate()  # it may have seen the end, or wait for another conductor
+    assert from_south.wait(PATIENCE_S) in (0, 75)
+    rows = outcomes(out)
+    assert {row["outcome"] for row in rows.values()} == {"verdict"}
+    assert {site_of(row["worker"]) for row in rows.values()} == {"north", "south", "pool"}
+    assert fingerprint(out).sha256 == quiet["fingerprint"]
+    print((sites.hub / "scale.out").read_text())
+    print((tmp_path / "south" / "scale.out").read_text())
+
+
+def reached(host, port):
+    """Whether somebody answers there."""
+    try:
+        socket.create_connection((host, port), 5).close()
+    except OSError:
+        return False
+    return True
 
 
 ON = ("--on", "slurm:north", "--on", "pbs:south", "--on", "k8s:pool")
