@@ -43,7 +43,9 @@ def with_kernels(folder: Path) -> Path:
     words = "prepare_kernels(); import warp; print(warp.config.kernel_cache_dir)"
     words = f"from twin.world.kernel_cache import prepare_kernels; {words}"
     done = subprocess.run([sys.executable, "-c", words], capture_output=True, text=True, check=True)
-    shutil.copytree(done.stdout.splitlines()[-1], folder)
+    kept = Path(done.stdout.splitlines()[-1])
+    # In a folder of Warp's version, where those who are told WARP_CACHE_PATH look.
+    shutil.copytree(kept, folder / kept.name)
     subprocess.run(["chown", "-R", f"{USER}:{USER}", str(folder)], check=True)
     return folder
 
