@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import fcntl
 import os
+import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -79,6 +80,7 @@ class Allocations:
         self.sites = sites
         self.request_of, self._key_of = request_of, key_of
         self.book = book_of(folder) or AllocationBook(campaign=campaign)
+        self._check()
         if self.book.campaign != campaign:
             raise UsageError(
                 f"{folder}: has allocations for {escape(self.book.campaign, 200)}; choose another "
@@ -87,6 +89,16 @@ class Allocations:
         for name, site in sites.items():
             record = self.book.sites.setdefault(name, SiteRecord())
             record.cost = site.entry.cost
+
+    def _check(self) -> None:
+        """What runs as this user may write there, and job ids become words of commands."""
+        for each in self.book.allocations:
+            kind = batch_systems().get(each.scheduler)
+            if kind is None or (each.job and not re.fullmatch(kind.job_ids, each.job)):
+                what = f"{escape(each.scheduler, 80)} job {escape(each.job, 80)}"
+                raise UsageError(
+                    f"{self.folder / FILE_NAME}: {each.id}: {what} cannot be; choose another --out"
+                )
 
     @property
     def open(self) -> list[Allocation]:
@@ -173,6 +185,12 @@ class Allocations:
             self.save()
 
     def refresh(self, joined: set[str], now_s: float) -> list[str]:
+        """:meth:`look`, and write down what was seen; for whoever is :func:`alone`."""
+        lines = self.look(joined, now_s)
+        self.save()
+        return lines
+
+    def look(self, joined: set[str], now_s: float) -> list[str]:
         """Look at those that have not ended; lines about what has changed.
 
         ``joined``: ids of those of which the conductor sees a worker.
@@ -196,7 +214,6 @@ class Allocations:
             if each.state != before:
                 said = f", {each.why}" if each.state == "ended" else ""
                 lines.append(f"{each.id}: {each.state}{said}")
-        self.save()
         return lines
 
     def end(self, allocation: Allocation, why: str, now_s: float) -> None:

@@ -84,7 +84,7 @@ def run_status(run: Path, sites: Path | None, *, as_json: bool) -> bool:
     book = reopened(run.absolute(), sites)
     if book is None:
         return False
-    lines = book.refresh(set(), time())
+    lines = book.look(set(), time())
     allocations = book.book.allocations
     if as_json:
         rows = [
@@ -105,18 +105,21 @@ def run_cancel(run: Path, sites: Path | None) -> bool:
     """End all allocations of a run on several sites, and its conductor; False: it is none."""
     from time import time
 
+    from hpc.sites.allocations import alone, book_of
     from hpc.sites.command import dismiss, reopened
 
-    book = reopened(run.absolute(), sites)
-    if book is None:
+    if book_of(run) is None:
         return False
     failures = []
-    for each in book.open:
-        try:
-            book.end(each, "cancelled", time())
-            print(f"{each.id}: told to end")
-        except TwinError as error:
-            failures.append(f"{each.id}: {error}")
+    with alone(run):
+        book = reopened(run.absolute(), sites)
+        assert book is not None
+        for each in book.open:
+            try:
+                book.end(each, "cancelled", time())
+                print(f"{each.id}: told to end")
+            except TwinError as error:
+                failures.append(f"{each.id}: {error}")
     if dismiss(run.absolute()):
         print("conductor: told to end; the same `hpc submit` goes on later")
     if failures:

@@ -18,7 +18,7 @@ from hpc.sites import conductor
 from hpc.sites.allocations import Allocations, alone, book_of
 from hpc.sites.file import NamedSite, load_sites
 from hpc.sites.requests import FOLDER_NAME, CommonOptions, check_campaign, request_of
-from hpc.sites.scaler import Scaler
+from hpc.sites.scaler import Scaler, is_complete
 from hpc.sites.scaling import SiteRoom, WorkerTarget
 from schemas.files.allocations import Allocation
 from schemas.words import counted
@@ -73,10 +73,10 @@ def submit_on(
         TwinError: nothing could be asked for; the line says why.
     """
     check_campaign(facts)
+    for site in sites:  # before anything is started or left behind
+        if not site.entry.dials_out:
+            _try(site, facts.name, out, site.entry.connect or listen, common)
     with alone(out):
-        for site in sites:  # before anything is started
-            if not site.entry.dials_out:
-                _try(site, facts.name, out, site.entry.connect or listen, common)
         served = conductor.serving(out)
         if served is None:
             served = conductor.start(out, facts.name, listen)
@@ -141,11 +141,20 @@ def scale(
     Raises:
         TwinError: it cannot begin.
     """
+    if is_complete(out):
+        say("every case has ended")
+        return EXIT_PASS
+    if key is None and not out.is_dir():
+        raise UsageError(
+            f"{out}: no such run folder; `hpc submit CAMPAIGN --on ...` makes one, --key names a "
+            "conductor elsewhere"
+        )
     look = partial(_served, out) if key is None else partial(conductor.target_of, key)
+    served = look()
     with alone(out):
         known = book_of(out)
         campaign = known.campaign if known is not None else out.name
-        book = opened(out, campaign, sites, look(), common, key)
+        book = opened(out, campaign, sites, served, common, key)
         rooms = {site.name: _room(book, site) for site in sites}
         slots = common.slots or 1
         scaler = Scaler(book, lambda: conductor.status(look()), target, rooms, say, slots, dry_run)

@@ -48,9 +48,6 @@ SITES_MAX = 64
 ALLOCATIONS_MAX = 1000
 """Most allocations of a site that may be there at once."""
 
-SHORT = {"k8s": "kubernetes"}
-"""Short words for batch systems in ``--on``."""
-
 _LOGIN = r"([A-Za-z0-9_][A-Za-z0-9_.-]{0,63}@)?[A-Za-z0-9][A-Za-z0-9.-]{0,252}"
 _ENDPOINT = r"tls/(\[[0-9A-Fa-f:.]{2,45}\]|[A-Za-z0-9][A-Za-z0-9.-]{0,252}):[0-9]{1,5}"
 _COUNT = Meta(ge=0, le=4096)
@@ -153,12 +150,13 @@ def chosen_sites(words: list[str], file: SitesFile) -> list[NamedSite]:
         UsageError: there is no such site, or it has another batch system.
     """
     chosen: dict[str, NamedSite] = {}
+    short = {kind.short: kind.name for kind in batch_systems().declared if kind.short}
     for word in words:
         kind, colon, name = word.partition(":")
-        kind = SHORT.get(kind, kind)
+        kind = short.get(kind, kind)
         entry = file.sites.get(name)
         if not colon or kind not in batch_systems().names():
-            kinds = ", ".join((*batch_systems().names(), *SHORT))
+            kinds = ", ".join((*batch_systems().names(), *short))
             raise UsageError(f"--on {escape(word, 80)}: expected KIND:SITE with a KIND of {kinds}")
         if entry is None:
             known = ", ".join(file.sites) or "none"

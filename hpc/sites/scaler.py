@@ -31,7 +31,7 @@ LOG_NAME = "scale.jsonl"
 """File in the run folder: what was done, and why, a line each."""
 LOG_BYTES_MAX = 16 << 20
 """Size of it from which on a new one is begun; the one before is ``scale.1.jsonl`` [bytes]."""
-GONE_S = 600.0
+GONE_S = 600
 """Silence of the conductor after which nobody looks any more [s]."""
 
 
@@ -220,7 +220,7 @@ def demand_of(status: ConductorStatus, workers: list[WorkerStatus], slots: int) 
     """What the campaigns of a conductor need."""
     campaigns = [*status.get("campaigns", {}).values()]
     left = sum(row["left"] for row in campaigns)
-    weighted = [(row["left"], row["p95_s"]) for row in campaigns]
+    weighted = [(row["left"], row.get("p95_s")) for row in campaigns]
     known = [(count, each_s) for count, each_s in weighted if each_s is not None and count]
     counts = sum(count for count, _ in known)
     return CaseDemand(

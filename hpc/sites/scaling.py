@@ -17,7 +17,7 @@ from schemas.words import counted
 WORTHWHILE_S = 60.0
 """Work that another worker should find, at least: it waits in a queue, and takes a while to
 start [s]."""
-FIRST_REST_S, LONGEST_REST_S = 30.0, 3600.0
+FIRST_REST_S, LONGEST_REST_S = 30, 3600
 """Rest of a site after its first failure, doubled with each further one up to the second [s]."""
 FAILURES_MAX = 6
 """Failures in a row after which nothing more is asked of a site."""

@@ -88,6 +88,14 @@ def test_asked_for(ledger, tmp_path):
     assert book.spent_h == 2.0
 
 
+def test_written_down_before_it_is_submitted(ledger, tmp_path, monkeypatch):
+    seen = []
+    monkeypatch.setattr(ledger, "check", lambda *_: seen.append(book_of(tmp_path)))
+    allocations(tmp_path).ask(site(), "because", NOW_S)
+    (book,) = seen
+    assert [(each.id, each.state) for each in book.allocations] == [("north-1", "wanted")]
+
+
 def test_a_refusal_ends_it_and_the_site_rests(ledger, tmp_path):
     book = allocations(tmp_path)
     ledger.answer = UsageError("Slurm did not take the job: no such account")
@@ -163,6 +171,30 @@ def test_a_book_of_another_campaign_or_a_damaged_one(ledger, tmp_path):
     (tmp_path / "allocations.json").write_text('{"campaign": "aeb-demo", "allocations": [{}]}')
     with pytest.raises(UsageError, match=r"allocations\.json"):
         allocations(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("scheduler", "job"), [("slurm", "--help"), ("slurm", "a"), ("lsf", "1"), ("kubernetes", "1")]
+)
+def test_job_ids_that_are_none_reach_no_command(ledger, tmp_path, scheduler, job):
+    book = allocations(tmp_path)
+    book.ask(site(), "because", NOW_S)
+    made = book.book.allocations[0]
+    made.scheduler, made.job = scheduler, job
+    book.save()
+    with pytest.raises(UsageError, match=r"north-1: .* cannot be"):
+        allocations(tmp_path)
+
+
+def test_looking_writes_nothing(ledger, tmp_path):
+    book = allocations(tmp_path)
+    book.ask(site(), "because", NOW_S)
+    before = (tmp_path / "allocations.json").read_bytes()
+    ledger.jobs["1"] = JobStatus("running", "RUNNING")
+    assert book.look(set(), NOW_S) == ["north-1: running"]
+    assert (tmp_path / "allocations.json").read_bytes() == before
+    book.refresh(set(), NOW_S)
+    assert (tmp_path / "allocations.json").read_bytes() != before
 
 
 def test_only_one_asks(tmp_path):
