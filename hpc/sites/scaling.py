@@ -141,7 +141,7 @@ def decide(
     have = sum(_counts(each) for each in standings)
     if have < wanted:
         return _more(wanted - have, why, rooms, standings, target, spent_h, now_s)
-    return _fewer(have - wanted, why, demand, standings)
+    return _fewer(have - wanted, have - target.most, why, demand, standings)
 
 
 def wanted_workers(
@@ -246,16 +246,25 @@ class _Tally:
         return ""
 
 
-def _fewer(surplus: int, why: str, demand: CaseDemand, standings: Sequence[Standing]) -> Decision:
-    """The newest that wait go first, then those that have nothing to do."""
+def _fewer(
+    surplus: int, excess: int, why: str, demand: CaseDemand, standings: Sequence[Standing]
+) -> Decision:
+    """The newest that wait go first, then those that have nothing to do; above what the user
+    allows (``excess`` workers) also those that work, whose cases go back uncharged."""
     decision = Decision()
-    for standing in reversed(standings):
+    newest_first = standings[::-1]
+    ranked = sorted(newest_first, key=lambda each: (each.state != "queued", each.held))
+    for standing in ranked:
         if standing.workers > surplus:
             continue
         idle = standing.state == "running" and standing.present and not standing.held
-        if standing.state == "queued" or (idle and demand.waiting == 0):
-            decision.ends.append(
-                EndAllocation(standing.id, why if standing.state == "queued" else "idle")
-            )
-            surplus -= standing.workers
+        if standing.state == "queued" or excess >= standing.workers:
+            reason = why
+        elif idle and demand.waiting == 0:
+            reason = "idle"
+        else:
+            continue
+        decision.ends.append(EndAllocation(standing.id, reason))
+        surplus -= standing.workers
+        excess -= standing.workers
     return decision

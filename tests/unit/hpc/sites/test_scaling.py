@@ -126,6 +126,26 @@ def test_the_newest_that_wait_go_first_and_idle_ones_next():
     assert [end.id for end in last.ends] == ["south-3", "south-2"]
 
 
+def test_above_what_is_allowed_also_those_that_work_end_the_least_busy_first():
+    standings = [
+        Standing("south-1", "south", 1, "running", present=1, held=0),
+        Standing("south-2", "south", 1, "running", present=1, held=2),
+        Standing("south-3", "south", 1, "running", present=1, held=1),
+        Standing("north-4", "north", 2, "running", present=2, held=1),
+        Standing("south-5", "south", 1, "queued"),
+    ]
+    ends = [
+        [end.id for end in decision(demand(), standings=standings, target=target).ends]
+        for target in (WorkerTarget(0, most) for most in (6, 5, 4, 1))
+    ]
+    assert ends == [
+        [],
+        ["south-5"],
+        ["south-5", "south-1"],
+        ["south-5", "south-1", "north-4", "south-3"],
+    ]
+
+
 def test_all_end_when_no_case_is_left():
     standings = [Standing("north-1", "north", 2, "running", present=2)]
     found = decision(demand(left=0), standings=standings, target=WorkerTarget(2, 9))
