@@ -73,6 +73,9 @@ def submit_on(
         TwinError: nothing could be asked for; the line says why.
     """
     check_campaign(facts)
+    if is_complete(out) and conductor.serving(out) is None:
+        say(f"every case has ended: `conductor report {shlex.quote(str(out))}`")
+        return EXIT_PASS
     for site in sites:  # before anything is started or left behind
         if not site.entry.dials_out:
             _try(site, facts.name, out, site.entry.connect or listen, common)

@@ -74,8 +74,7 @@ class Scaler:
         self._silent_since_s = None
         workers = [w for w in found.get("workers", []) if w.get("present")]
         present = by_allocation(workers)
-        for line in self.allocations.refresh({*present}, now_s):
-            self._log("look", line, now_s)
+        self._look({*present}, now_s)
         if not self.dry_run:
             self._submit_wanted(now_s)
         demand = demand_of(found, workers, self.slots)
@@ -102,8 +101,7 @@ class Scaler:
         if self._silent_since_s is None:
             self._silent_since_s = now_s
             self._log("wait", f"{escape(str(error), 300)}; nothing is asked for meanwhile", now_s)
-        for line in self.allocations.refresh(set(), now_s):
-            self._log("look", line, now_s)
+        self._look(set(), now_s)
         if now_s - self._silent_since_s < GONE_S and not self.allocations.found_none_left:
             return None
         if self.allocations.found_none_left:
@@ -117,6 +115,11 @@ class Scaler:
                 self._end(each, why, now_s)
         self._log("end", why, now_s)
         return EXIT_PASS
+
+    def _look(self, joined: set[str], now_s: float) -> None:
+        look = self.allocations.look if self.dry_run else self.allocations.refresh
+        for line in look(joined, now_s):
+            self._log("look", line, now_s)
 
     def _room(self, room: SiteRoom) -> SiteRoom:
         record = self.allocations.book.sites.get(room.name, SiteRecord())
