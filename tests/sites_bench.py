@@ -26,7 +26,7 @@ import conductor
 from conductor.records.fingerprint import fingerprint
 
 WORKERS = 3
-REPEATS = 6
+REPEATS = 5
 TARGET = 1.05
 
 
@@ -71,8 +71,18 @@ def at_sites(
     south |= {"reach": sites.pbs.reach(), "folder": str(sites.pbs.folder / "jobs")}
     sites.file.write_text(yaml.safe_dump(data))
     sites.hpc("submit", str(file), *on, "--out", str(out), "--time", "00:30")
+    # Begin together: a busy machine may start the last worker when the others are done.
+    sites.run("conductor", "pause", "bench", "--state", str(out))
+    wait_for(lambda: present(sites, out) == WORKERS, "all workers")
+    sites.run("conductor", "resume", "bench", "--state", str(out))
     wait_for((out / "report.html").exists, "the end of the campaign")
     wait_for(lambda: not sites.marked.processes("serve"), "the end of the conductor")
+
+
+def present(sites: ThreeSites, out: Path) -> int:
+    """Workers that the conductor sees."""
+    text = sites.run("conductor", "status", "--state", str(out), "--output", "json")
+    return sum(bool(worker["present"]) for worker in json.loads(text)["workers"])
 
 
 def measure(way, sites: ThreeSites, file: Path, out: Path) -> dict[str, float | str]:
