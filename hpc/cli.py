@@ -9,12 +9,14 @@ import dataclasses
 import json
 import re
 import shlex
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from hpc.options import Options, SchedulerName, own_bin_folder
+from hpc.sites.cli import OnOption, SitesOption, run_cancel, run_status, scale
 from hpc.software.cli import add_commands
 from schemas.kinds.batch_system import AUTO, batch_systems
 from twin.base.cli import Output, OutputOption, make_app, run
@@ -83,12 +85,23 @@ def render(
 
 @app.command()
 @with_options
-def submit(campaign: Campaign, output: OutputOption = Output.human, *, options: Options) -> None:
+def submit(
+    campaign: Campaign,
+    on: OnOption = None,
+    sites: SitesOption = None,
+    output: OutputOption = Output.human,
+    *,
+    options: Options,
+) -> None:
     """Write a job script into the run folder, check it, submit it, and say what to do next.
 
     Whatever is wrong is said in one line, and then nothing was submitted. The same command again
     goes on with a campaign that has stopped.
+
+    With --on the conductor runs here, and each site is asked for workers that join it.
     """
+    if on:
+        raise typer.Exit(_submit_on(campaign, on, sites, options))
     from hpc.backends import scheduler
     from hpc.submit import submit as submit_job
 
@@ -107,9 +120,39 @@ def submit(campaign: Campaign, output: OutputOption = Output.human, *, options: 
         print(f"  {name:7} {command}")
 
 
+def _submit_on(campaign: str, on: list[str], sites: Path | None, options: Options) -> int:
+    from hpc.campaigns import checked
+    from hpc.script import job_name
+    from hpc.sites.command import submit_on
+    from hpc.sites.file import chosen_sites, load_sites
+    from hpc.sites.requests import CommonOptions, refuse_of_one_site
+
+    refuse_of_one_site(options)
+    file = load_sites(sites)
+    chosen = chosen_sites(on, file)
+    facts = checked(campaign)
+    return submit_on(
+        facts,
+        chosen,
+        out=(options.out or Path("runs") / job_name(campaign)).absolute(),
+        listen=file.listen,
+        common=CommonOptions(
+            time=options.time, workers=options.workers, gpus=options.gpus, slots=options.slots
+        ),
+        say=partial(print, flush=True),
+    )
+
+
 @app.command()
-def status(job: Job, which: Which = _AUTO, output: OutputOption = Output.human) -> None:
+def status(
+    job: Job,
+    which: Which = _AUTO,
+    sites: SitesOption = None,
+    output: OutputOption = Output.human,
+) -> None:
     """Say how a job stands in the queue; what its cases do, `conductor status` tells."""
+    if run_status(Path(job), sites, as_json=output is Output.json):
+        return
     system, number = _job(job, which)
     job_status = system.status(number)
     if output is Output.json:
@@ -130,8 +173,10 @@ def status(job: Job, which: Which = _AUTO, output: OutputOption = Output.human) 
 
 
 @app.command()
-def cancel(job: Job, which: Which = _AUTO) -> None:
+def cancel(job: Job, which: Which = _AUTO, sites: SitesOption = None) -> None:
     """End a job for good. Committed cases stay; `hpc submit` goes on where it stopped."""
+    if run_cancel(Path(job), sites):
+        return
     system, number = _job(job, which)
     system.cancel(number)
     print(f"{system.name} job {number}: told to end; the same `hpc submit` goes on later")
@@ -343,6 +388,7 @@ def _short(path: str) -> str:
     )
 
 
+app.command()(scale)
 add_commands(app)
 
 

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
+import shlex
 import shutil
 import subprocess
+from collections.abc import Iterator
+from contextvars import ContextVar
 from dataclasses import dataclass
 from pathlib import Path
 
+from schemas.escape import escape
 from twin.base.errors import InfrastructureError
 
 TIMEOUT_S = 120.0
@@ -29,9 +34,87 @@ class ProgramEnd:
         return lines[-1].strip() if lines else f"exit code {self.code}"
 
 
+class UnknownOutcomeError(InfrastructureError):
+    """Nobody knows whether a submission was taken."""
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Host on which programs are run: a login node of another cluster, say."""
+
+    reach: tuple[str, ...] = ()
+    """Words before one line of shell, e.g. ``ssh me@login``; empty: this host."""
+    once: str = ""
+    """Folder there in which ``submits`` is run once and for all: asked again, it gives the answer
+    of the first time. Empty: nothing is kept."""
+    submits: str = ""
+    """The program that is run once."""
+    kubeconfig: str = ""
+    """File that says which Kubernetes is meant; empty: the user's own."""
+
+
+HERE = Place()
+_PLACE: ContextVar[Place] = ContextVar("place", default=HERE)
+
+
+@contextlib.contextmanager
+def at(place: Place) -> Iterator[None]:
+    """Run programs at ``place`` while the block lasts, whoever asks for them."""
+    token = _PLACE.set(place)
+    try:
+        yield
+    finally:
+        _PLACE.reset(token)
+
+
+def place() -> Place:
+    """Where programs are run now."""
+    return _PLACE.get()
+
+
+_ONCE = """\
+cd {folder} || exit 71
+if mkdir .submitting 2>/dev/null; then
+  {{ {line}; }} > .said 2> .trouble < /dev/null
+  echo $? > .code.tmp && mv .code.tmp .code
+fi
+i=0
+until [ -e .code ]; do
+  i=$((i + 1))
+  [ $i -lt {tries} ] || {{ echo {cut_off} >&2; exit {unknown}; }}
+  sleep 0.1
+done
+cat .said; cat .trouble >&2; exit "$(cat .code)"
+"""
+UNREACHED = 255
+"""Exit code of ``ssh`` that did not get there."""
+CODE_UNKNOWN = 70
+"""Exit code of a submission of which nobody knows whether it was taken: its host died in it."""
+ONCE_TRIES = 300
+"""How often the answer of another submission of the same is looked for, every 0.1 s."""
+
+
 def exists(program: str) -> bool:
     """Whether the program is on the PATH."""
+    if place().reach:
+        return not call("sh", "-c", 'command -v "$0" >/dev/null', program).code
     return shutil.which(program) is not None
+
+
+def write_there(path: str, data: bytes, mode: int) -> None:
+    """Write a file at the current place, complete or not at all; folders above it are made, for
+    their user alone. Its content is in no command line.
+
+    Raises:
+        InfrastructureError: it cannot be written.
+    """
+    script = (
+        'umask 077; mkdir -p "$(dirname "$0")" && cat > "$0.tmp" && chmod "$1" "$0.tmp" '
+        '&& mv "$0.tmp" "$0"'
+    )
+    done = call("sh", "-c", script, path, f"{mode:o}", text=data.decode())
+    if done.code:
+        raise InfrastructureError(f"{path}: cannot be written there: {done.last_words}")
 
 
 def call(
@@ -39,19 +122,24 @@ def call(
 ) -> ProgramEnd:
     """Run a program to its end, with ``text`` on its standard input.
 
+    At another :class:`Place` the folder is one over there.
+
     Raises:
         InfrastructureError: it is not there, or does not answer.
     """
+    words, apart = _words(arguments, folder)
     try:
         done = subprocess.run(
-            arguments,
+            words,
             input=text if text is not None else "",
             capture_output=True,
             text=True,
             errors="replace",
             timeout=wait_s,
             check=False,
-            cwd=folder,
+            cwd=None if apart else folder,
+            # A submission goes on when whoever asked for it is stopped, and its answer is kept.
+            start_new_session=apart,
         )
     except subprocess.TimeoutExpired:
         raise InfrastructureError(
@@ -59,7 +147,54 @@ def call(
         ) from None
     except OSError as error:
         raise InfrastructureError(f"`{arguments[0]}` cannot be run: {error.strerror}") from None
+    here = place()
+    if here.reach and done.returncode == UNREACHED:
+        said = ProgramEnd(1, "", done.stderr).last_words
+        raise InfrastructureError(f"{escape(here.reach[-1])}: not reached: {escape(said)}")
+    if here.once and done.returncode == CODE_UNKNOWN and arguments[0] == here.submits:
+        raise UnknownOutcomeError(
+            "whether the job was taken is not known: its host was lost while it was submitted"
+        )
     return ProgramEnd(done.returncode, done.stdout, done.stderr)
+
+
+def _words(arguments: tuple[str, ...], folder: Path | None) -> tuple[tuple[str, ...], bool]:
+    """What is run in place of ``arguments``, and whether it finds its folder by itself."""
+    here = place()
+    once = bool(here.once) and arguments[0] == here.submits
+    if not here.reach and not once:
+        return arguments, False
+    line = shlex.join(arguments)
+    if folder is not None:
+        line = f"cd {shlex.quote(str(folder))} && {line}"
+    if once:
+        line = _ONCE.format(
+            folder=shlex.quote(here.once),
+            line=line,
+            tries=ONCE_TRIES,
+            cut_off=shlex.quote("its host was lost while it was submitted"),
+            unknown=CODE_UNKNOWN,
+        )
+    return (*here.reach, f"sh -c {shlex.quote(line)}") if here.reach else ("sh", "-c", line), True
+
+
+def start_apart(*arguments: str, log: Path) -> subprocess.Popen[bytes]:
+    """Start a program that goes on when this one has ended; what it says is added to ``log``.
+
+    Raises:
+        InfrastructureError: it cannot be started.
+    """
+    try:
+        with log.open("ab") as file:
+            return subprocess.Popen(
+                arguments,
+                stdin=subprocess.DEVNULL,
+                stdout=file,
+                stderr=file,
+                start_new_session=True,
+            )
+    except OSError as error:
+        raise InfrastructureError(f"`{arguments[0]}` cannot be run: {error.strerror}") from None
 
 
 def watch(*arguments: str) -> int:

@@ -6,6 +6,7 @@ import re
 from dataclasses import dataclass
 
 from hpc.software.container import Container, Runtime
+from schemas.wire.site_name import SITE_PATTERN
 from twin.base.errors import UsageError
 
 WORKERS_MAX = 4096
@@ -27,6 +28,8 @@ CPUS_PER_GPU_WORKER = 4
 CPUS_PER_CPU_WORKER = 1
 """Default: a simulator on the CPU uses one core, and the stack waits for it in lockstep."""
 
+_ENDPOINT = re.compile(r"tls/(\[[0-9A-Fa-f:.]{2,45}\]|[A-Za-z0-9][A-Za-z0-9.-]{0,252}):[0-9]{1,5}")
+_ALLOCATION = re.compile(rf"{SITE_PATTERN}-[0-9]{{1,9}}")
 _WALLTIME = re.compile(r"([0-9]{1,5}):([0-5][0-9])")
 _SITE_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.,@+/:-]{0,199}")
 _ADDRESS = re.compile(r"([A-Za-z0-9][A-Za-z0-9.-]{0,252}|\[[0-9A-Fa-f:.]{2,45}\])")
@@ -107,6 +110,16 @@ class JobRequest:
     """Whether the campaign leaves recordings."""
     own_files: tuple[str, ...] = ()
     """Files beside the campaign file that it names."""
+    join: str = ""
+    """Key file with which workers join a conductor elsewhere, which it names; absolute, as the
+    nodes see it. The job is workers then, and queues itself no more. Empty: the conductor runs in
+    the job."""
+    connect: str = ""
+    """Endpoint that :attr:`join` names, ``tls/HOST:PORT``; for rules of networks."""
+    site: str = ""
+    """Name of the cluster, where workers of several join; empty: none."""
+    allocation: str = ""
+    """Name of this job among those of the run; its workers carry it as a tag."""
 
     def __post_init__(self) -> None:
         self._check_paths()
@@ -136,6 +149,7 @@ class JobRequest:
                 "port, e.g. 10.1.2.3 or [fd00::1]"
             )
         self._check_site()
+        self._check_join()
         self._check_times()
         _ = self.inside  # checks it
 
@@ -169,15 +183,29 @@ class JobRequest:
                     f"directive {line!r}: expected an option of the scheduler, e.g. --qos=long"
                 )
 
+    def _check_join(self) -> None:
+        if not self.join:
+            return
+        if self.remote_stacks:
+            raise UsageError(
+                "autonomy.placement: node: stacks on other nodes are announced in a folder that "
+                "the workers of other sites do not see; take it out of the campaign"
+            )
+        if not _ENDPOINT.fullmatch(self.connect):
+            raise UsageError(f"conductor at {self.connect!r}: expected tls/HOST:PORT")
+        if self.site and not re.fullmatch(SITE_PATTERN, self.site):
+            raise UsageError(f"site {self.site!r}: allowed are 1 to 32 letters, digits and -")
+        if self.allocation and not _ALLOCATION.fullmatch(self.allocation):
+            raise UsageError(f"allocation {self.allocation!r}: expected SITE-NUMBER")
+
     def _check_paths(self) -> None:
-        for option, path in (
-            ("--out", self.out),
-            ("working folder", self.folder),
-            ("--bin", self.bin_folder),
-        ):
+        given = {"--out": self.out, "working folder": self.folder, "--bin": self.bin_folder}
+        if self.join:
+            given["key of the workers"] = self.join
+        for option, path in given.items():
             if not path.startswith("/"):
                 raise UsageError(f"{option} {path!r}: give an absolute path")
-        paths = (self.out, self.folder, self.bin_folder, self.home)
+        paths = (self.out, self.folder, self.bin_folder, self.home, self.join)
         for text in (self.campaign, *paths):
             if _CONTROL.search(text):
                 raise UsageError(f"{text!r}: a name with a line break or control character")

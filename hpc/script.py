@@ -15,6 +15,20 @@ from schemas.words import counted
 
 JOB_NAME_CHARS_MAX = 64
 """Longest job name [characters]."""
+JOIN_WAIT_S = 120
+"""How long a worker waits for a conductor elsewhere that does not answer [s]."""
+ALLOCATION_TAG = "allocation:"
+"""Beginning of the tag by which the conductor's list of workers says of which job one is."""
+
+
+AFTER = "# Submitted again after it has ended for whatever reason, it goes on where it stopped."
+AFTER_JOIN = "# Results are with the conductor; submitted again it is as many workers again."
+"""Last line of the head of a script: what comes of it when it is submitted again."""
+
+
+def title(request: JobRequest) -> str:
+    """The job's name in the queue: the campaign's, or the allocation's of a run over several."""
+    return request.allocation or job_name(request.campaign)
 
 
 def job_name(campaign: str) -> str:
@@ -27,7 +41,10 @@ def job_name(campaign: str) -> str:
 def who(request: JobRequest) -> str:
     """``aeb-demo with 2 CPU workers``."""
     kind = "GPU" if request.gpus else "CPU"
-    return f"{job_name(request.campaign)} with {counted(request.worker_count, f'{kind} worker')}"
+    workers = counted(request.worker_count, f"{kind} worker")
+    if request.join:
+        return f"{workers} that join a conductor elsewhere, for {job_name(request.campaign)}"
+    return f"{job_name(request.campaign)} with {workers}"
 
 
 def names(request: JobRequest, ends: str = "") -> str:
@@ -48,6 +65,10 @@ kernels={kernels}
 restarts_max={request.restarts_max}
 folder={quote(request.folder)}
 cd "$folder" || exit 2"""
+    if request.join:
+        text += f"""
+# The key says where the conductor is, and lets workers commit results there, nothing else.
+key={quote(request.join)}"""
     if request.home:
         text += f"""
 # Keys of the conductor lie here, for you alone, and not among the results.
@@ -83,18 +104,27 @@ stack() {{ # serves simulators of other nodes (autonomy.placement: node)
 }}"""
     array = "" if request.inside is None else " inside"
     array += " DRIVETWIN_HOME" if request.home else ""
+    array += " key" if request.join else ""
     slots = "" if request.slots is None else f"--slots {request.slots} "
+    here = where = ""
+    if request.join:
+        marks = f"--site {request.site} " if request.site else ""
+        marks += f"--tag {ALLOCATION_TAG}{request.allocation} " if request.allocation else ""
+        where = f'--key "$key" {marks}\\\n    --wait {JOIN_WAIT_S} --started-again'
+    else:
+        where = '--state "$out" --wait 120'
+        here = f"""
+here() {{ # the address of this node that the others reach
+{_here(request, scheduler_address)}
+}}"""
     return f"""\
 # --- What runs on a node, and what it needs there.
 setup() {{
 {_setup(request)}
-}}
-here() {{ # the address of this node that the others reach
-{_here(request, scheduler_address)}
-}}
+}}{here}
 worker() {{
   setup
-  exec {inside(request)}"$bin/twin" worker --state "$out" --wait 120 --until-done \\
+  exec {inside(request)}"$bin/twin" worker {where} --until-done \\
     {slots}--device {device}{listen}
 }}{stack}
 # This text carries names and functions to another node; it needs no file there.
@@ -160,6 +190,18 @@ until [ -s "$out/conductor.json" ] && [ "$(cat "$out/conductor.json")" != "$befo
   sleep 0.2
 done"""
 
+
+WAIT_FOR_WORKERS = """\
+# --- Wait for the workers. They leave when no case is left (0), or before the time is over (75).
+while :; do
+  signalled=no
+  wait "$workers"
+  code=$?
+  [ "$signalled" = yes ] && kill -0 "$workers" 2>/dev/null || break
+done
+exit "$code"
+"""
+"""Lines that end a job of workers alone; the trap of a signal says ``signalled=yes``."""
 
 WAIT = """\
 # --- Wait for the conductor. A signal interrupts `wait`; then wait again for its real exit code.

@@ -25,7 +25,8 @@ if "DRIVETWIN_HOME" not in os.environ or "PYTEST_XDIST_WORKER" not in os.environ
 
 CLUSTER = (
     *("test_containers", "test_faults", "test_kubernetes", "test_offline", "test_pbs_wrapper"),
-    *("test_slurm", "test_slurm_nodes", "test_two_clusters", "test_two_hosts"),
+    *("test_scale", "test_sites", "test_slurm", "test_slurm_nodes", "test_two_clusters"),
+    "test_two_hosts",
 )
 """They make networks and schedulers on this machine, and there is one machine."""
 APART = (

@@ -48,6 +48,7 @@ from twin.worker.command_options import (
     JoinDirOption,
     LoadSimulatorOption,
     MemoryGbOption,
+    SiteOption,
     SlotsOption,
     SpoolOption,
     StartedAgainOption,
@@ -57,6 +58,7 @@ from twin.worker.command_options import (
     ViewOption,
     WaitOption,
     WalltimeSOption,
+    checked_site,
     stay_on,
 )
 
@@ -94,6 +96,7 @@ def worker(
     walltime_s: WalltimeSOption = None,
     memory_gb: MemoryGbOption = None,
     tag: TagOption = None,
+    site: SiteOption = "",
     spool: SpoolOption = None,
     load_simulator: LoadSimulatorOption = False,
 ) -> None:
@@ -101,9 +104,7 @@ def worker(
     if cores:
         stay_on(cores)
     if explain:
-        from twin.worker.explain import explanation
-
-        print("\n".join(explanation(device)))
+        _explain(device)
         return
     loading, share = None, None
     if connect == LATER:
@@ -140,10 +141,17 @@ def worker(
         walltime_s=walltime_s,
         memory_gb=memory_gb,
         tags=tuple(tag or ()),
+        site=checked_site(site),
         share=share,
         spool=spool,
     )
     raise typer.Exit(Worker(options, loading).serve())
+
+
+def _explain(device: str) -> None:
+    from twin.worker.explain import explanation
+
+    print("\n".join(explanation(device)))
 
 
 def _conductor(

@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from hpc.commands import place
 from hpc.kubernetes.objects import COMPONENT, INSTANCE, Object
 from twin.base.errors import InfrastructureError, TwinError, UsageError
 
@@ -76,7 +77,8 @@ class Namespace:
                 if not name:
                     usual = OWN_NAMESPACE.read_text(encoding="utf-8").strip()
             else:
-                known, current = config.list_kube_config_contexts()
+                file = place().kubeconfig or None
+                known, current = config.list_kube_config_contexts(config_file=file)
                 names = [str(found["name"]) for found in known]
                 self.context = context or str(current["name"])
                 if self.context not in names:
@@ -85,7 +87,11 @@ class Namespace:
                         f"{', '.join(names)}"
                     )
                 usual = known[names.index(self.context)]["context"].get("namespace", "")
-                config.load_kube_config(context=self.context, client_configuration=configuration)
+                config.load_kube_config(
+                    config_file=file,
+                    context=self.context,
+                    client_configuration=configuration,
+                )
         except (ConfigException, OSError, KeyError, TypeError) as error:
             raise UsageError(
                 f"no cluster: {error}; set KUBECONFIG to a file that names one"

@@ -15,6 +15,9 @@ from hpc.kubernetes.api import AlreadyThereError, Namespace, NotThereError, comp
 from hpc.kubernetes.copying import copy_run
 from hpc.kubernetes.objects import (
     CAMPAIGN_BYTES_MAX,
+    COMPONENT,
+    INSTANCE,
+    JOIN_KEY,
     Object,
     as_yaml,
     kustomization,
@@ -30,7 +33,7 @@ from schemas.files.regular_file import read_regular
 from schemas.kinds.batch_system import KUBERNETES
 from twin.base.errors import TwinError, UsageError
 from twin.fabric.keys.authority import make_keys
-from twin.fabric.keys.key_file import load_key
+from twin.fabric.keys.key_file import load_key, read_private
 from twin.fabric.keys.own_keys import fabric_folder, fabric_name, make_way, note
 from twin.fabric.keys.roles import Role
 
@@ -73,15 +76,19 @@ class Kubernetes:
         objects = _read(path.read_text(encoding="utf-8"))
         said = next((found["metadata"].get("namespace", "") for found in objects), "")
         namespace = Namespace(name=said)
-        run = next(f["metadata"]["name"] for f in objects if f["kind"] == "PersistentVolumeClaim")
+        run = objects[0]["metadata"]["labels"][INSTANCE]
         job = f"{namespace.name}/{run}@{namespace.context}"
-        _refuse_others_claim(namespace, run, job, folder)
-        keys = {name: _key(folder, role) for name, role in _MEMBERS.items()}
+        joins = not any(found["metadata"]["labels"][COMPONENT] == "conductor" for found in objects)
+        if joins:
+            keys = {"worker": base64.b64encode(read_private(folder / JOIN_KEY)).decode()}
+        else:
+            _refuse_others_claim(namespace, run, job, folder)
+            keys = {name: _key(folder, role) for name, role in _MEMBERS.items()}
         objects[:0] = secrets_of(run, said, keys)
         made: list[Object] = []
         try:
             for found in objects:
-                _create(namespace, found, made)
+                _create(namespace, found, made, keep=joins)
         except BaseException:  # also Ctrl-C: no key and no half of a run may stay there
             for found in reversed(made):
                 with contextlib.suppress(TwinError):
@@ -169,15 +176,18 @@ def _refuse_others_claim(namespace: Namespace, run: str, job: str, folder: Path)
         )
 
 
-def _create(namespace: Namespace, found: Object, made: list[Object]) -> None:
+def _create(namespace: Namespace, found: Object, made: list[Object], *, keep: bool = False) -> None:
     """Create an object; one of an earlier start is kept if it is storage, else replaced.
+
+    ``keep``: an allocation's name is never used again, so what is there is of this submission,
+    whose answer was lost.
 
     ``made`` gets what is to be deleted if the run cannot be submitted. Storage is there only when
     it was created for certain; whatever else has this name is of this run, also when no answer
     came.
     """
     kind, name = found["kind"], found["metadata"]["name"]
-    storage = kind == "PersistentVolumeClaim"
+    storage = kind == "PersistentVolumeClaim" or keep
     if not storage:
         made.append(found)
     try:

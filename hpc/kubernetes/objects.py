@@ -29,9 +29,10 @@ import yaml
 
 from hpc.kubernetes.options import SPOT, KubernetesOptions, Toleration
 from hpc.request import JobRequest
-from hpc.script import job_name, who
+from hpc.script import ALLOCATION_TAG, job_name, who
 from hpc.software.container import BIN_FOLDER
 from twin.base.errors import UsageError
+from twin.fabric.endpoint import host_and_port
 
 Object = dict[str, Any]
 """An object as the API takes it."""
@@ -53,6 +54,9 @@ WORKER_FAILURES = 2
 WORK, RUN, HOME, KEYS = "/work", "/work/run", "/work/home", "/keys"
 """Mount of the claim; the run folder and the conductor's own folder there; folder of the key."""
 
+JOIN_KEY = "worker.key"
+"""File beside the objects of workers that join a conductor elsewhere: the key for their Secret."""
+
 INSTANCE, COMPONENT = "app.kubernetes.io/instance", "app.kubernetes.io/component"
 """Labels that say of an object to which run it belongs, and as what."""
 IMAGE, PULL_SECRET = "drivetwin/image", "drivetwin/pull-secret"
@@ -71,7 +75,8 @@ _SMALL = {"cpu": "100m", "memory": "64Mi"}
 def run_name(request: JobRequest) -> str:
     """Name of a run in its namespace: of the campaign, and of the run folder, which it may run in
     only once."""
-    stem = re.sub(r"[^a-z0-9]+", "-", job_name(request.campaign).lower()).strip("-")
+    said = request.allocation or job_name(request.campaign)
+    stem = re.sub(r"[^a-z0-9]+", "-", said.lower()).strip("-")
     mark = hashlib.sha256(request.out.encode()).hexdigest()[:8]
     return f"dt-{stem[: NAME_CHARS_MAX - 12].strip('-')}-{mark}"
 
@@ -93,6 +98,8 @@ def objects_of(request: JobRequest, options: KubernetesOptions, campaign: str = 
             "put it into the image as a shipped campaign of a package"
         )
     run = _Run(request, options, campaign)
+    if request.join:
+        return [run.policy_of_joining_workers(), run.workers()]
     found = [run.claim(), run.service(), run.policy_of_conductor(), run.policy_of_workers()]
     if campaign:
         found.insert(0, run.campaign_file())
@@ -137,6 +144,11 @@ def reader_of(run: str, image: str, pull_secret: str, duration_s: int) -> Object
 def as_yaml(request: JobRequest, objects: list[Object]) -> str:
     """The objects as one file."""
     name = run_name(request)
+    if request.join:
+        return f"""\
+# Objects of Kubernetes, written by `hpc`: {who(request)}.
+# They need the Secret {name}-worker with the file worker.key, which `hpc` makes.
+{_dumped(objects)}"""
     head = f"""\
 # Objects of Kubernetes, written by `hpc`: {who(request)}.
 # They need the keys of a fabric, which `hpc submit` makes by itself. By hand:
@@ -273,16 +285,24 @@ class _Run:
     def policy_of_workers(self) -> Object:
         """Workers, and the stacks in them, reach the conductor and look up its name."""
         conductor = [{"podSelector": {"matchLabels": self._selector("conductor")}}]
+        return self._policy_of_workers({"to": conductor, "ports": [self._port()]})
+
+    def policy_of_joining_workers(self) -> Object:
+        """The conductor is outside of the cluster: its address where that is known, its port."""
+        host, port = host_and_port(self.request.connect)
+        way: Object = {"ports": [{"protocol": "TCP", "port": port}]}
+        if re.fullmatch(r"[0-9]{1,3}(\.[0-9]{1,3}){3}", host):
+            way = {"to": [{"ipBlock": {"cidr": f"{host}/32"}}], **way}
+        return self._policy_of_workers(way)
+
+    def _policy_of_workers(self, way: Object) -> Object:
         names = {"namespaceSelector": {}, "podSelector": {"matchLabels": {"k8s-app": "kube-dns"}}}
         lookups = [{"protocol": protocol, "port": 53} for protocol in ("UDP", "TCP")]
         spec = {
             "podSelector": {"matchLabels": self._selector("worker")},
             "policyTypes": ["Ingress", "Egress"],
             "ingress": [],
-            "egress": [
-                {"to": conductor, "ports": [self._port()]},
-                {"to": [names], "ports": lookups},
-            ],
+            "egress": [way, {"to": [names], "ports": lookups}],
         }
         return self._policy("worker", spec)
 
@@ -321,8 +341,14 @@ class _Run:
     def workers(self) -> Object:
         """A work queue: pods until one has found that no case is left."""
         request, lead_s = self.request, self.request.signal_lead_s
+        # An invitation says by itself where the conductor is.
+        where = ["--connect", f"tls/{self.name}:{self.options.port}"]
+        if request.join:
+            where = ["--site", request.site] if request.site else []
+            if request.allocation:
+                where += ["--tag", f"{ALLOCATION_TAG}{request.allocation}"]
         command = [
-            *(f"{BIN_FOLDER}/twin", "worker", "--connect", f"tls/{self.name}:{self.options.port}"),
+            *(f"{BIN_FOLDER}/twin", "worker", *where),
             *("--key", f"{KEYS}/worker.key", "--wait", str(START_WAIT_S)),
             *("--until-done", "--started-again", "--drain-s", str(max(0, lead_s - HAND_BACK_S))),
             *(() if request.slots is None else ("--slots", str(request.slots))),
@@ -370,6 +396,8 @@ class _Run:
         }
         if component == "conductor":
             spec = {"completions": 1, **spec}
+        if self.request.join:
+            spec = {"activeDeadlineSeconds": 60 * self.request.walltime_min, **spec}
         if self.options.queue:
             job["metadata"]["labels"] |= {QUEUE: self.options.queue}
             spec = {"suspend": True, **spec}

@@ -25,8 +25,7 @@ def standing(namespace: Namespace, run: str) -> JobStatus:
     try:
         job = namespace.read("Job", f"{run}-conductor")
     except NotThereError:
-        gone = "" if namespace.exists() else f"namespace {namespace.name} is not there"
-        return JobStatus("unknown", native=gone)
+        return _joining(namespace, run)
     pods = namespace.pods(run)
     conductors = [pod for pod in pods if component_of(pod) == "conductor"]
     workers = [pod for pod in pods if component_of(pod) == "worker"]
@@ -48,6 +47,30 @@ def standing(namespace: Namespace, run: str) -> JobStatus:
         reason=escape(reason, WORDS_CHARS_MAX),
         nodes=_nodes(last, workers) if state == "running" else "",
         exit_code=_exit_code(job, last) if state == "ended" else None,
+        restarts=job.status.failed or 0,
+    )
+
+
+def _joining(namespace: Namespace, run: str) -> JobStatus:
+    """The status of workers that have their conductor elsewhere."""
+    try:
+        job = namespace.read("Job", f"{run}-worker")
+    except NotThereError:
+        gone = "" if namespace.exists() else f"namespace {namespace.name} is not there"
+        return JobStatus("unknown", native=gone)
+    workers = namespace.pods(run)
+    running = [pod for pod in workers if pod.status.phase == "Running"]
+    state, native = _state(job, running[0] if running else None)
+    waits = "suspended, until its queue admits it" if job.spec.suspend else ""
+    if state != "ended":
+        waits = waits or _workers_wait(namespace, run, workers)
+    nodes = sorted({pod.spec.node_name for pod in running if pod.spec.node_name})
+    return JobStatus(
+        state=state,
+        native=native,
+        reason=escape(waits, WORDS_CHARS_MAX),
+        nodes=", ".join(nodes[:8]) + (" ..." if len(nodes) > 8 else ""),
+        exit_code=(0 if job.status.succeeded else None) if state == "ended" else None,
         restarts=job.status.failed or 0,
     )
 

@@ -19,12 +19,21 @@ from __future__ import annotations
 
 from hpc import script
 from hpc.request import JobRequest, hours_minutes
-from hpc.script import job_name
 
 
 def render(request: JobRequest) -> str:
     """The whole job script, ending with a line break."""
     device = "cuda:0" if request.gpus else "cpu"
+    if request.join:
+        return "\n\n".join(
+            (
+                _head(request) + "\n" + _asked_for(request) + "\n" + _NOT_AGAIN,
+                script.names(request, _ends(request)),
+                script.on_each_node(request, _NODE_ADDRESS, device),
+                _workers(request),
+                script.WAIT_FOR_WORKERS,
+            )
+        )
     return "\n\n".join(
         (
             _head(request) + "\n" + _asked_for(request) + "\n" + _BEHAVIOUR,
@@ -45,14 +54,14 @@ def _head(request: JobRequest) -> str:
 #!/bin/bash
 # A PBS job script, written by `hpc`: {script.who(request)}.
 # Submit it with `qsub FILE`, watch it with `qstat -u $USER`; its log is NAME.oNUMBER.
-# Submitted again after it has ended for whatever reason, it goes on where it stopped.
+{script.AFTER_JOIN if request.join else script.AFTER}
 """
 
 
 def options(request: JobRequest) -> list[str]:
     """The resources as options of ``qsub``, one string each, as they stand after ``#PBS``."""
     lines = [
-        f"-N {job_name(request.campaign)}",
+        f"-N {script.title(request)}",
         f"-l walltime={hours_minutes(request.walltime_min)}:00",
         f"-l select={_select(request)}",
     ]
@@ -96,6 +105,11 @@ _BEHAVIOUR = """\
 #PBS -r y
 #PBS -j oe"""
 
+_NOT_AGAIN = """\
+# Whoever submitted it submits another one; one log for both streams.
+#PBS -r n
+#PBS -j oe"""
+
 _SELF = """\
 # --- This text is what is submitted again later; PBS runs a copy that only this node sees.
 mkdir -p "$out" || exit 2
@@ -136,6 +150,9 @@ one_gpu() { # RANK: of the GPUs that PBS gives this job on the node, or simply b
 }
 on_node="$on_node; $(declare -f one_gpu)\""""
     pin = "one_gpu $rank; " if request.gpus else ""
+    traps, begin, waiting = "", _WITH_CONDUCTOR, _until_all_ended(count, stacks)
+    if request.join:
+        traps, begin, waiting = _JOIN_TRAPS, "", _WORST_CODE
     note = "# --- The workers, one per line of the node file."
     if request.gpus:
         note += " Each sees one GPU only, so that is cuda:0."
@@ -152,9 +169,8 @@ launch() {{ # HOST TEXT: run TEXT there instead of this shell
 mapfile -t hosts < "${{PBS_NODEFILE:-/dev/null}}"
 [ ${{#hosts[@]}} -gt 0 ] || hosts=("$(hostname)") # not told: everything runs here
 end_workers() {{ kill -s "$1" "$workers" 2>/dev/null; }}
-{{
-  kill -0 "$conductor" 2>/dev/null || exit
-  declare -A used
+{traps}{{
+{begin}  declare -A used
   started=()
   for ((task = 0; task < {request.tasks}; task++)); do
     host=${{hosts[task % ${{#hosts[@]}}]}}
@@ -164,6 +180,36 @@ end_workers() {{ kill -s "$1" "$workers" 2>/dev/null; }}
     started+=($!)
   done
   trap 'kill -TERM "${{started[@]}}" 2>/dev/null' TERM
+{waiting}
+}} &
+workers=$!"""
+
+
+_WITH_CONDUCTOR = """\
+  kill -0 "$conductor" 2>/dev/null || exit
+"""
+
+_JOIN_TRAPS = """\
+signalled=no
+trap 'signalled=yes; end_workers TERM' TERM
+"""
+
+_WORST_CODE = """\
+  worst=0
+  for pid in "${started[@]}"; do
+    while :; do
+      wait "$pid"
+      code=$?
+      [ $code -gt 128 ] && kill -0 "$pid" 2>/dev/null || break
+    done
+    [ $code -le $worst ] || worst=$code
+  done
+  exit $worst"""
+
+
+def _until_all_ended(count: int, stacks: str) -> str:
+    """Lines that wait for workers of a conductor that is in this job."""
+    return f"""\
   while :; do
     ended=yes
     for ((task = 0; task < {count}; task++)); do
@@ -171,9 +217,7 @@ end_workers() {{ kill -s "$1" "$workers" 2>/dev/null; }}
     done
     [ $ended = no ] || break
   done{stacks}
-{script.LOST}
-}} &
-workers=$!"""
+{script.LOST}"""
 
 
 def _seconds(request: JobRequest) -> int:

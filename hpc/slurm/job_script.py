@@ -20,12 +20,22 @@ from __future__ import annotations
 
 from hpc import script
 from hpc.request import JobRequest, hours_minutes
-from hpc.script import job_name
 
 
 def render(request: JobRequest) -> str:
     """The whole job script, ending with a line break."""
     device = "cuda:0" if request.gpus else "cpu"
+    if request.join:
+        signal = _SIGNAL.format(request=request).replace(_AGAIN, _NOT_AGAIN)
+        return "\n\n".join(
+            (
+                _head(request) + "\n" + asked_for(request) + "\n" + signal,
+                script.names(request, _ENDS.format(request=request)),
+                script.on_each_node(request, _NODE_ADDRESS, device),
+                _joining(request),
+                script.WAIT_FOR_WORKERS,
+            )
+        )
     return "\n\n".join(
         (
             _head(request) + "\n" + asked_for(request) + "\n" + _SIGNAL.format(request=request),
@@ -44,14 +54,14 @@ def _head(request: JobRequest) -> str:
 #!/bin/bash
 # A Slurm job script, written by `hpc`: {script.who(request)}.
 # Submit it with `sbatch FILE`, watch it with `squeue --me`; its log is slurm-JOBID.out.
-# Submitted again after it has ended for whatever reason, it goes on where it stopped.
+{script.AFTER_JOIN if request.join else script.AFTER}
 """
 
 
 def options(request: JobRequest) -> list[str]:
     """The resources as options of ``sbatch`` and ``salloc``."""
     lines = [
-        f"--job-name={job_name(request.campaign)}",
+        f"--job-name={script.title(request)}",
         f"--time={hours_minutes(request.walltime_min)}:00",
     ]
     if request.partition:
@@ -79,6 +89,13 @@ def asked_for(request: JobRequest) -> str:
     first = "# --- What the job asks for; options given to sbatch itself win over these lines."
     return "\n".join([first, *lines])
 
+
+_AGAIN = """\
+# The job may be queued again; a node that fails does not end it.
+#SBATCH --requeue"""
+_NOT_AGAIN = """\
+# Whoever submitted it submits another one; a node that fails does not end it.
+#SBATCH --no-requeue"""
 
 _SIGNAL = """\
 # This script, and nothing else, gets SIGTERM so many seconds before the time is over,
@@ -114,10 +131,29 @@ trap 'signalled=yes stopping=yes; kill -TERM "$conductor" 2>/dev/null' TERM
 trap 'signalled=yes lost=yes; kill -TERM "$conductor" 2>/dev/null' USR1"""
 
 
-def _workers(request: JobRequest) -> str:
+_KEEP = "--no-kill --wait=0 --kill-on-bad-exit=0 --label"
+
+
+def _per_task(request: JobRequest) -> str:
     gpu = " --gpus-per-task=1" if request.gpus else ""
-    per_task = f"--ntasks={request.worker_count} --cpus-per-task={request.cpus}{gpu}"
-    keep = "--no-kill --wait=0 --kill-on-bad-exit=0 --label"
+    return f"--ntasks={request.worker_count} --cpus-per-task={request.cpus}{gpu}"
+
+
+def _joining(request: JobRequest) -> str:
+    """Workers without a conductor beside them."""
+    return f"""\
+# --- The workers, one per task. One that dies does not take the others with it.
+end_workers() {{ scancel --signal="$1" "$SLURM_JOB_ID.0" 2>/dev/null; }}
+signalled=no
+trap 'signalled=yes; end_workers TERM' TERM
+srun {_per_task(request)} \\
+  {_KEEP} \\
+  bash -c "$on_node; worker" &
+workers=$!"""
+
+
+def _workers(request: JobRequest) -> str:
+    per_task, keep = _per_task(request), _KEEP
     note = "# --- The workers, one per task."
     if request.gpus:
         note += " Each sees one GPU only (CUDA_VISIBLE_DEVICES), so that is cuda:0."

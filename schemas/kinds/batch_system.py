@@ -26,6 +26,8 @@ class BatchSystemKind:
     """The word for `--scheduler` and site files, e.g. ``slurm``."""
     title: str
     """The name in sentences, e.g. ``Slurm``."""
+    short: str = ""
+    """A shorter word for it in `--on`; empty: none."""
     implementation: str
     """``module:attribute`` of its :class:`hpc.scheduler.Scheduler`, a class without arguments."""
     submits: str = ""
@@ -84,6 +86,7 @@ PBS = BatchSystemKind(
 KUBERNETES = BatchSystemKind(
     name="kubernetes",
     title="Kubernetes",
+    short="k8s",
     implementation="hpc.kubernetes.commands:Kubernetes",
     constraint="label=value of nodes",
     job_variable="DRIVETWIN_JOB",

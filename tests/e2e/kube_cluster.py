@@ -81,6 +81,8 @@ class KubeCluster:
         """Whether a node takes pods."""
         self.variables = variables or {}
         """Environment of the image."""
+        self.prefix: tuple[str, ...] = ()
+        """Words before each container, into another network."""
         self.image_folders: dict[str, Path] = {}
         """Further folders of the image, by their place in it."""
         self.store = Store()
@@ -420,7 +422,14 @@ class KubeCluster:
     def _words(
         self, pod: Object, container: Object, mounts: dict[str, Path], folder: Path, info: int
     ) -> list[str]:
-        words = ["bwrap", "--die-with-parent", "--unshare-pid", "--unshare-ipc", "--unshare-uts"]
+        words = [
+            *self.prefix,
+            "bwrap",
+            "--die-with-parent",
+            "--unshare-pid",
+            "--unshare-ipc",
+            "--unshare-uts",
+        ]
         words += ["--as-pid-1", "--info-fd", str(info), "--new-session", "--clearenv"]
         words += ["--hostname", pod["spec"].get("hostname", pod["metadata"]["name"])]
         words += ["--dev", "/dev", "--proc", "/proc", "--ro-bind", "/usr", "/usr"]

@@ -5,8 +5,10 @@ from __future__ import annotations
 import contextlib
 import json
 import secrets
+import shutil
 import socket
 import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +16,8 @@ import yaml
 from kube_cluster import IMAGE, KubeCluster
 from processes import Marked
 from waiting import wait_for
+
+from hpc.kubernetes.objects import USER
 
 CASES = 120
 """Some seconds for a few workers."""
@@ -32,6 +36,18 @@ def free_port() -> int:
         with socket.socket() as probe, contextlib.suppress(OSError):
             probe.bind(("127.0.0.1", port))
             return port
+
+
+def with_kernels(folder: Path) -> Path:
+    """A copy of this machine's compiled kernels for pods, which may write there."""
+    words = "prepare_kernels(); import warp; print(warp.config.kernel_cache_dir)"
+    words = f"from twin.world.kernel_cache import prepare_kernels; {words}"
+    done = subprocess.run([sys.executable, "-c", words], capture_output=True, text=True, check=True)
+    kept = Path(done.stdout.splitlines()[-1])
+    # In a folder of Warp's version, where those who are told WARP_CACHE_PATH look.
+    shutil.copytree(kept, folder / kept.name)
+    subprocess.run(["chown", "-R", f"{USER}:{USER}", str(folder)], check=True)
+    return folder
 
 
 class Site:

@@ -95,6 +95,8 @@ class SlurmCluster:
 
     address = "127.0.0.1"
     """Of the controller."""
+    prefix: tuple[str, ...] = ()
+    """Words before each daemon and each command."""
 
     def __init__(self) -> None:
         # Unix sockets have short names, so not below pytest's folder.
@@ -157,7 +159,7 @@ class SlurmCluster:
     ) -> subprocess.CompletedProcess[str]:
         """Run a Slurm command against this cluster."""
         done = subprocess.run(
-            arguments,
+            [*self.prefix, *arguments],
             env={**self.environment, **(environment or {})},
             cwd=folder or self.folder,
             capture_output=True,
@@ -242,7 +244,7 @@ class SlurmCluster:
         with log:
             self._daemons.append(
                 subprocess.Popen(
-                    [_program(program), *arguments],
+                    [*self.prefix, _program(program), *arguments],
                     env={**self.environment, MARK: self.mark},
                     cwd=self.folder,
                     stdin=subprocess.DEVNULL,

@@ -40,6 +40,7 @@ ELSEWHERE = {
     "hpc leave": "podman: tests/unit/twin/sandbox/test_enter",
     "hpc pull": "ssh: tests/unit/hpc/test_hpc_commands",
     "hpc requeue": "a scheduler: test_slurm",
+    "hpc scale": "a scheduler: test_scale",
     "hpc shell": "a scheduler: test_slurm",
     "hpc status": "a scheduler: test_slurm",
     "hpc submit": "a scheduler: test_slurm",

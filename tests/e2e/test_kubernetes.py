@@ -7,7 +7,6 @@ import shutil
 import signal
 import stat
 import subprocess
-import sys
 import threading
 
 import kube_cluster
@@ -15,7 +14,7 @@ import pytest
 import yaml
 from kube_api import Api, RefusalError, Store
 from kube_cluster import IMAGE, KubeCluster, send
-from kube_site import CASES, NOOP, Site
+from kube_site import CASES, NOOP, Site, with_kernels
 from kubernetes import client, config, watch
 from processes import MARK, Marked, committed, outcomes
 from waiting import wait_for
@@ -23,7 +22,6 @@ from waiting import wait_for
 from conductor.records.fingerprint import fingerprint
 from hpc.kubernetes.api import Namespace
 from hpc.kubernetes.commands import Kubernetes
-from hpc.kubernetes.objects import USER
 from hpc.request import JobRequest
 from hpc.submit import submit
 from twin.base.errors import InfrastructureError
@@ -71,16 +69,6 @@ def batch(site):
     configuration = client.Configuration()
     config.load_kube_config(str(site.folder / "kubeconfig"), client_configuration=configuration)
     return client.BatchV1Api(client.ApiClient(configuration))
-
-
-def with_kernels(folder):
-    """A copy of this machine's compiled kernels for pods, which may write there."""
-    words = "prepare_kernels(); import warp; print(warp.config.kernel_cache_dir)"
-    words = f"from twin.world.kernel_cache import prepare_kernels; {words}"
-    done = subprocess.run([sys.executable, "-c", words], capture_output=True, text=True, check=True)
-    shutil.copytree(done.stdout.splitlines()[-1], folder)
-    subprocess.run(["chown", "-R", f"{USER}:{USER}", str(folder)], check=True)
-    return folder
 
 
 def held(kube, count):

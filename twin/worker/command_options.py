@@ -9,7 +9,9 @@ from typing import Annotated
 
 import typer
 
+from schemas.escape import escape
 from schemas.sections.view_mode import ViewMode
+from schemas.wire.site_name import SITE_PATTERN
 from twin.base.cli import SECONDS_MAX, duration
 from twin.base.errors import UsageError
 
@@ -82,11 +84,28 @@ TagOption = Annotated[
     list[str] | None,
     typer.Option(help="A word that campaigns may ask for (`requires.tags`); repeatable."),
 ]
+SiteOption = Annotated[
+    str,
+    typer.Option(help="Cluster that this host belongs to, for reports over several; e.g. north."),
+]
 SpoolOption = Annotated[
     Path | None,
     typer.Option(help="Folder for results while the conductor is away; default STATE/spool."),
 ]
 LoadSimulatorOption = Annotated[bool, typer.Option("--load-simulator", hidden=True)]
+
+
+def checked_site(text: str) -> str:
+    """``text``, which is the name of a site, or empty.
+
+    Raises:
+        UsageError: it is none.
+    """
+    if text and not re.fullmatch(SITE_PATTERN, text):
+        raise UsageError(
+            f"--site {escape(text, 80)}: allowed are 1 to 32 letters, digits and -, e.g. north"
+        )
+    return text
 
 
 def stay_on(text: str) -> None:

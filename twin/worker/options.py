@@ -50,6 +50,8 @@ class WorkerOptions:
     """Most memory that the processes of a rig may use together; None: no limit [GB]."""
     tags: tuple[str, ...] = ()
     """Tags that campaigns may ask for."""
+    site: str = ""
+    """Site whose name is added to the host's, :mod:`schemas.wire.site_name`; empty: none."""
     share: Share | None = None
     """Cases that the worker prefers, where several work side by side; None: any."""
     spool: Path | None = None

@@ -28,6 +28,7 @@ from schemas.wire import topics
 from schemas.wire.codec import WireError, decode, encode
 from schemas.wire.control import Beat, Hello, Lease, Next, Reply, Request, Result
 from schemas.wire.rpc_routes import route_key
+from schemas.wire.site_name import host_at
 from twin.base.errors import (
     EXIT_PASS,
     EXIT_UNFINISHED,
@@ -135,7 +136,7 @@ class Worker:
         self._error = ""
         self._left = False
         self._memory_at_ns = 0
-        host = socket.gethostname()
+        host = host_at(socket.gethostname(), options.site)
         memory_bytes = None if options.memory_gb is None else int(options.memory_gb * 1e9)
         self.id = f"{host}-{options.device.replace(':', '')}-{secrets.token_hex(6)}"
         # In the memory of this process alone: no child inherits it, and nothing of it is written.

@@ -16,6 +16,7 @@ from conductor.report.reading.kpi_files import NOTHING_KNOWN, Known, KpiReading,
 from conductor.report.reading.leases import Leases, read_leases
 from conductor.report.reading.resources import read_resources
 from conductor.report.reading.resources_use import Resources, no_resources, resources_of
+from conductor.report.reading.site_shares import SiteShare, prices_of, site_shares
 from conductor.report.reading.speedup import SpeedUp, speed_up
 from conductor.report.rulebook.results import rulebook_result
 from conductor.report.searching.grid_coverage import grid_coverage
@@ -47,6 +48,8 @@ class Content:
     evidence: Evidence
     resources: Resources
     leases: Leases
+    sites: list[SiteShare]
+    """What each site has done; none: its workers are of no site."""
     speed_up: SpeedUp
     effects: list[Effect]
     findings: list[Finding]
@@ -109,6 +112,7 @@ def read_content(
         evidence=evidence,
         resources=_resources(dossier),
         leases=leases,
+        sites=site_shares(dossier.outcomes.cases, leases, prices_of(dossier.folder)),
         speed_up=pace,
         effects=main_effects(dossier),
         findings=findings(dossier),

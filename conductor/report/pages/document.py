@@ -155,6 +155,7 @@ def tables_of(content: Content) -> dict[str, Any]:
         "perception": [asdict(line) for line in perception_costs(dossier)],
         "resources": _resources(content.resources) if ran else None,
         "speed": _speed(content.speed_up) if ran else None,
+        "sites": [asdict(line) for line in content.sites],
     }
 
 

@@ -33,6 +33,16 @@ REQUESTS = {
         **PLACE,
     ),
     "one_node": JobRequest(campaign="aeb-256", out="/project/runs/x", gpus=4, nodes=1, **PLACE),
+    "joining": JobRequest(
+        campaign="aeb-demo",
+        out="/home/me/dt/aeb-demo-1a/north-3",
+        gpus=4,
+        join="/home/me/dt/aeb-demo-1a/north-3/worker.key",
+        connect="tls/login:7447",
+        site="north",
+        allocation="north-3",
+        **PLACE,
+    ),
     "hostile": JobRequest(
         campaign=f"{HOSTILE}.yaml",
         out=HOSTILE,
@@ -41,11 +51,13 @@ REQUESTS = {
         walltime_min=3,
         workers=1,
         home=HOSTILE,
+        join=f"{HOSTILE}/worker.key",
+        connect="tls/login:7447",
     ),
 }
 
 
-@pytest.mark.parametrize("name", ["two_cpu_workers", "gpus_with_everything", "one_node"])
+@pytest.mark.parametrize("name", ["two_cpu_workers", "gpus_with_everything", "one_node", "joining"])
 def test_golden(name):
     path = GOLDEN / f"{name}.sh"
     text = render(REQUESTS[name])

@@ -48,6 +48,28 @@ REQUESTS = {
         ),
         **PLACE,
     ),
+    "joining": JobRequest(
+        campaign="aeb-demo",
+        out="/home/me/runs/aeb-demo/sites/pool-3",
+        gpus=4,
+        directives=(IMAGE, "--namespace=robots"),
+        join="/home/me/runs/aeb-demo/sites/pool-3/worker.key",
+        connect="tls/10.1.2.3:7447",
+        site="pool",
+        allocation="pool-3",
+        **PLACE,
+    ),
+    "joining_by_name": JobRequest(
+        campaign="aeb-demo",
+        out="/home/me/runs/aeb-demo/sites/pool-4",
+        workers=1,
+        directives=(IMAGE,),
+        join="/home/me/runs/aeb-demo/sites/pool-4/worker.key",
+        connect="tls/login.example:7447",
+        site="pool",
+        allocation="pool-4",
+        **PLACE,
+    ),
 }
 CAMPAIGN = {"gpus_with_everything": "campaign: night\nmatrix: {repeat: [0, 1]}\n"}
 
@@ -104,7 +126,7 @@ def test_schemas_notice_a_field_that_is_none():
 
 def test_policy():
     specs = pod_specs()
-    assert len(specs) == 5
+    assert len(specs) == 7
     assert {name: violations(spec) for name, spec in specs.items() if violations(spec)} == {}
 
 

@@ -1,0 +1,140 @@
+"""Requests for jobs of workers at sites: what the file says of a site, and what the command line
+says of all."""
+
+from __future__ import annotations
+
+import hashlib
+import socket
+from dataclasses import dataclass
+from pathlib import Path
+from typing import cast
+
+from hpc.campaigns import CampaignFacts
+from hpc.options import Options, own_bin_folder
+from hpc.request import JobRequest, parse_walltime
+from hpc.script import job_name
+from hpc.sites.file import NamedSite
+from hpc.software.container import BIN_FOLDER, Runtime
+from twin.base.errors import UsageError
+
+FOLDER_NAME = "sites"
+"""Folder in the run folder for what sites without one of their own need."""
+JOIN_KEY = "worker.key"
+"""Name of the key beside a job script."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CommonOptions:
+    """What the command line says of sites whose entry does not."""
+
+    time: str = ""
+    workers: int = 0
+    gpus: int = 0
+    slots: int | None = None
+
+
+def request_of(
+    site: NamedSite,
+    allocation: str,
+    *,
+    campaign: str,
+    out: Path,
+    connect: str,
+    common: CommonOptions,
+) -> JobRequest:
+    """What is asked of a site for one allocation.
+
+    Args:
+        site: the site.
+        allocation: name of the allocation.
+        campaign: shipped name, or path of the campaign file.
+        out: run folder on this host.
+        connect: endpoint by which workers of the site reach the conductor.
+        common: what the command line says.
+
+    Raises:
+        UsageError: a value cannot be used.
+    """
+    entry = site.entry
+    where = f"site {site.name}"
+    if not (walltime := entry.time or common.time):
+        raise UsageError(f"{where}: how long may an allocation take? give --time HH:MM")
+    said = entry.workers is not None or entry.gpus is not None
+    folder = f"{remote_folder(entry.folder, out) if entry.folder else out / FOLDER_NAME}"
+    own = f"{folder}/{allocation}"
+    bin_folder = BIN_FOLDER if entry.container else entry.bin or str(own_bin_folder())
+    try:
+        return JobRequest(
+            campaign=campaign,
+            out=own,
+            folder=own,
+            bin_folder=bin_folder,
+            walltime_min=parse_walltime(walltime),
+            gpus=(entry.gpus or 0) if said else common.gpus,
+            workers=(entry.workers or 0) if said else common.workers,
+            partition=entry.partition,
+            account=entry.account,
+            constraint=entry.constraint,
+            slots=entry.slots or common.slots,
+            cpus_per_worker=entry.cpus_per_worker,
+            modules=tuple(entry.modules),
+            scratch=entry.scratch,
+            directives=tuple(entry.directives),
+            container=entry.container,
+            container_runtime=cast("Runtime", entry.container_runtime),
+            join=f"{own}/{JOIN_KEY}",
+            connect=connect,
+            site=site.name,
+            allocation=allocation,
+        )
+    except UsageError as error:
+        raise UsageError(f"{where}: {error}") from None
+
+
+_OF_ONE_SITE = (
+    *("scheduler", "nodes", "partition", "account", "constraint", "cpus_per_worker", "address"),
+    *("interface", "scratch", "directive", "bin_folder", "container", "container_bind", "site"),
+)
+"""Options of a job that differ from site to site."""
+
+
+def refuse_of_one_site(options: Options) -> None:
+    """Options that belong into the sites file.
+
+    Raises:
+        UsageError: one was given with ``--on``.
+    """
+    if given := [name for name in _OF_ONE_SITE if getattr(options, name)]:
+        option = given[0].removesuffix("_folder").replace("_", "-")
+        raise UsageError(
+            f"--{option}: differs from site to site, so with --on it belongs into the sites file"
+        )
+
+
+def remote_folder(folder: str, out: Path) -> str:
+    """Folder of a run at a site: other runs, also of other hosts, have others."""
+    mark = hashlib.sha256(f"{socket.gethostname()}:{out}".encode()).hexdigest()[:8]
+    return f"{folder.rstrip('/')}/{job_name(out.name)}-{mark}"
+
+
+def check_campaign(facts: CampaignFacts) -> None:
+    """What workers of other sites cannot have.
+
+    Raises:
+        UsageError: the campaign needs it.
+    """
+    if facts.remote_stacks:
+        raise UsageError(
+            "autonomy.placement: node: stacks on other nodes are announced in a folder that other "
+            "sites do not see; take it out of the campaign"
+        )
+    if facts.records:
+        raise UsageError(
+            "recordings (view: record, recording.drive): workers of other sites share no disk with "
+            "the conductor, so they would be lost; take them out of the campaign"
+        )
+    if facts.files:
+        raise UsageError(
+            f"{facts.name}: names {', '.join(facts.files[:3])}, which other sites do not see; put "
+            "them into a package that is installed at every site"
+        )

@@ -1,0 +1,77 @@
+"""``hpc submit --on`` and ``hpc scale`` as a user who mistypes meets them."""
+
+import subprocess
+import sys
+
+import pytest
+from waiting import PATIENCE_S
+
+from hpc.campaigns import CampaignFacts
+from hpc.sites.requests import check_campaign
+from twin.base.errors import UsageError
+
+SITES = """\
+sites:
+  north: {scheduler: slurm, workers: 1}
+  south: {scheduler: pbs, workers: 1, ssh: login.south, folder: /home/me, bin: /opt/bin}
+"""
+
+
+def hpc(*arguments, folder):
+    """Run the command in ``folder``."""
+    return subprocess.run(
+        [sys.executable, "-m", "hpc", *arguments],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE_S,
+        check=False,
+    )
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "said"),
+    [
+        ("scale runs/x --target 1:2 --sites sites.yaml", 2, "where? give --on KIND:SITE"),
+        ("scale runs/x --target 2:1 --on slurm:north --sites sites.yaml", 2, "expected MIN:MAX"),
+        ("scale runs/x --target 0:1 --on slurm:east --sites sites.yaml", 2, "no site 'east'"),
+        ("scale runs/x --target 0:1 --on slurm:north --sites nowhere.yaml", 2, "nowhere.yaml: No"),
+        ("scale runs/x --target 0:1 --on slurm:north --sites sites.yaml", 2, "no such run folder"),
+        ("scale old --target 0:1 --on slurm:north --sites sites.yaml", 3, "no conductor serves"),
+        ("scale runs/x --target 0:1 --on slurm:north --sites sites.yaml --key k", 2, "no such key"),
+        (
+            "submit aeb-demo --on slurm:north --sites sites.yaml --time 1:00 --partition gpu",
+            2,
+            "--partition: differs from site to site",
+        ),
+        (
+            "submit aeb-demo --on slurm:north --sites sites.yaml --time 0:01",
+            2,
+            "site north: --time",
+        ),
+    ],
+)
+def test_one_line(tmp_path, words, code, said):
+    (tmp_path / "sites.yaml").write_text(SITES)
+    (tmp_path / "sites.yaml").chmod(0o600)
+    (tmp_path / "old").mkdir()
+    done = hpc(*words.split(), folder=tmp_path)
+    assert (done.returncode, done.stdout) == (code, ""), done.stderr
+    assert said in done.stderr
+    assert len(done.stderr.splitlines()) == 1, done.stderr
+    assert not (tmp_path / "runs").exists(), "nothing is left behind"
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"remote_stacks": True}, "autonomy.placement: node"),
+        ({"records": True}, "recordings"),
+        ({"files": ("a.onnx", "b.yaml")}, "names a.onnx, b.yaml, which other sites do not see"),
+    ],
+)
+def test_campaigns_that_need_a_shared_disk(change, said):
+    facts = {"name": "mine", "cases": ("a",), "deadline_s": 60.0, "remote_stacks": False}
+    check_campaign(CampaignFacts(**facts))
+    with pytest.raises(UsageError, match=said):
+        check_campaign(CampaignFacts(**{**facts, **change}))
