@@ -53,7 +53,8 @@ def kind_of(url: str) -> ResultStoreKind:
     for kind in result_stores().declared:
         if scheme in kind.schemes:
             return kind
-    known = ", ".join(f"{name}://" for kind in result_stores().declared for name in kind.schemes)
+    schemes = [name for kind in result_stores().declared for name in kind.schemes]
+    known = ", ".join(f"{name}://" if name else "a path" for name in schemes)
     raise UsageError(
         f"--store {escape(url, 200)}: no store of this scheme; there: {known}; {_examples()}"
     )
