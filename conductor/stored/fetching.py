@@ -6,6 +6,7 @@ logs and recordings. What is there already is not fetched again.
 
 from __future__ import annotations
 
+import contextlib
 import re
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -21,7 +22,7 @@ from schemas.files.regular_file import RUN_FILE_BYTES_MAX, read_regular
 from twin.base.errors import UsageError, storage_error
 from twin.base.files import write_atomic
 from twin.stores.objects import get_attempt, get_object, sha256_of
-from twin.stores.opening import open_store
+from twin.stores.opening import PROBE, open_store
 from twin.stores.protocol import MissingObjectError, ResultStore
 
 SOURCE_FILE = "store.url"
@@ -78,6 +79,8 @@ def _campaign(store: ResultStore, wanted: str) -> str:
     if wanted:
         return wanted
     if not campaigns:
+        with contextlib.suppress(MissingObjectError):  # where there is no bucket, this says so
+            store.get(f"{PROBE}/none")
         raise UsageError(f"{store.url}: holds no run; give the --store of a conductor")
     if len(campaigns) > 1:
         raise UsageError(

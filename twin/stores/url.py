@@ -185,6 +185,8 @@ class UrlStore:
             if tries_left:
                 time.sleep(pause_s)
                 pause_s *= 2
+        if what.startswith("get ") and "checksum" in reason.lower():
+            raise DamagedObjectError(f"{self.url}: {what}: {reason}")
         raise StoreError(
             f"{self.url}: {what}: {reason or 'no answer'}, tried {TRIES} times; it will be tried "
             "again"
