@@ -181,7 +181,8 @@ class Journal:
             raise JournalError(
                 f"storage: {self.path}: {escape(str(error))}; free some space, then retry"
             ) from None
-        self._tell_mirror(self._news)
+        news, self._news = self._news, Written()  # which may be as large as a snapshot
+        self._tell_mirror(news)
 
     def _tell_mirror(self, news: Written | None) -> None:
         """Hand over what was committed, or all there is if the copy begins anew.

@@ -121,6 +121,11 @@ class Replicator:
         if self._taken:
             raise TakenOverError(self._taken)
 
+    @property
+    def is_over(self) -> bool:
+        """Whether another conductor owns the store now."""
+        return bool(self._taken)
+
     def when_kept(self, call: Callable[[], None]) -> None:
         """Call ``call`` when all that was handed over so far is in the store; at once if it is."""
         with self._changed:

@@ -202,7 +202,7 @@ def test_a_reply_that_waits_for_the_store_never_leaves_without_it(site: Site) ->
     second = site.node("b", durable=True)
     assert not second.engine.state.leases, "nobody was told of this lease"
     site.wires[0].down = False
-    wait_for(lambda: first.replicator._taken, "the successor to be found")
+    wait_for(lambda: first.replicator.is_over, "the successor to be found")
     assert (left, len(leases)) == ([], 1)
     second.leased(1)
     second.link.when_kept(lambda: left.append("second"))
