@@ -25,6 +25,8 @@ from conductor.commands.options import (
     ByBatch,
     CampaignToServe,
     Device,
+    Durable,
+    DurableIn,
     FilmsOf,
     FirstCases,
     History,
@@ -36,12 +38,14 @@ from conductor.commands.options import (
     Quick,
     RecordDrive,
     Render,
+    Reported,
     Rows,
     RunFolder,
     Seed,
     Slots,
     Source,
     StateFolder,
+    Store,
     TimeToLive,
     UntilDone,
     View,
@@ -66,6 +70,7 @@ from twin.fabric.connection_options import (
 from twin.fabric.endpoint import LOOPBACK, NAMESPACE
 
 if TYPE_CHECKING:
+    from conductor.stored.link import StoreOptions
     from schemas.campaign import Campaign
     from schemas.plan import Plan
 
@@ -117,6 +122,8 @@ def run_command(
     record_drive: RecordDrive = False,
     render: Render = None,
     memory_gb: MemoryGb = None,
+    store: Store = "",
+    durable: DurableIn = Durable.local,
     output: OutputOption = Output.human,
 ) -> None:
     """Serve, start local workers, wait, report: a whole campaign with one command.
@@ -131,19 +138,17 @@ def run_command(
     from conductor.run.source import chosen, load, with_drive
 
     sees = None if render is None else render is OnOff.on
-    plan = load(campaign, seed=seed, render=sees, weather=weather)
-    plan = chosen(plan, case, cases, rows, quick=quick)
+    loadable = load(campaign, seed=seed, render=sees, weather=weather)
+    plan = chosen(loadable, case, cases, rows, quick=quick)
     loaded = plan.campaign
-    if workers is None and _runs_alone(loaded):
-        workers = "1"
-    if record_drive:
-        plan = with_drive(plan)
+    workers = "1" if workers is None and _runs_alone(loaded) else workers
+    plan = with_drive(plan) if record_drive else plan
     asked, device = where(parse_workers(workers), device)
     with ExitStack() as at_end:
         computed = at_end.enter_context(side_by_side(device))
         at_end.enter_context(turns(device))
         with models_checked(plan, campaign, device):
-            # Here, because importing it takes nearly as long as loading a network.
+            # Here: importing it takes nearly as long as loading a network.
             from conductor.run.command import RunOptions, local_workers, run_campaign
 
             options = RunOptions(
@@ -156,6 +161,7 @@ def run_command(
                 listen=listen,
                 view=view,
                 memory_gb=memory_gb,
+                store=_store_options(store, durable),
                 json=output is Output.json,
             )
             local = local_workers(plan, options)
@@ -180,6 +186,8 @@ def serve(
     view: View = None,
     metrics: Metrics = "",
     allow_unprotected: AllowUnprotected = False,
+    store: Store = "",
+    durable: DurableIn = Durable.local,
 ) -> None:
     """Serve a state folder until stopped; started again, it goes on where it was.
 
@@ -192,6 +200,7 @@ def serve(
             "`conductor submit`"
         )
     keep_to_itself()
+    kept_in = _store_options(store, durable)
     fabric_key = own_key(key, insecure=insecure)
     if metrics:
         from conductor.serve.metrics import checked_address
@@ -214,6 +223,7 @@ def serve(
                 ttl_s=ttl_s,
                 view=view,
                 metrics=metrics,
+                store=kept_in,
             )
             raise typer.Exit(serve_until_done(plan, options))
         from conductor.serve.command import serve_folder
@@ -228,8 +238,23 @@ def serve(
             view=view,
             metrics=metrics,
             allow_unprotected=allow_unprotected,
+            store=kept_in,
         )
     raise typer.Exit(code)
+
+
+def _store_options(url: str, durable: Durable) -> StoreOptions | None:
+    """Result store of the command line; None: none was given."""
+    if not url:
+        if durable is Durable.store:
+            raise UsageError("--durable store belongs to --store; give both or none")
+        return None
+    from conductor.stored.link import StoreOptions
+    from twin.stores.opening import open_store
+
+    options = StoreOptions(url, durable is Durable.store)
+    open_store(url)  # a missing package is said before anything starts
+    return options
 
 
 def _checked(
@@ -407,9 +432,7 @@ add_report_commands(app)
 
 @app.command()
 def report(
-    folder: Annotated[
-        Path | None, typer.Argument(help="Campaign folder, e.g. runs/aeb-demo.")
-    ] = None,
+    folder: Reported = None,
     import_autodrive: Annotated[
         Path | None,
         typer.Option(
@@ -419,7 +442,10 @@ def report(
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option(help="Campaign folder of an import; default runs/imported-DIR."),
+        typer.Option(
+            help="Folder for an import, default runs/imported-DIR, or for what is read from a "
+            "store, default runs/CAMPAIGN."
+        ),
     ] = None,
     markdown: Annotated[
         Path | None,
@@ -458,12 +484,12 @@ def report(
     from conductor.report.pages.content import first_screen
     from conductor.trust.sign_run import sign_derived
 
-    folder = report_folder(folder, import_autodrive, out)
-    made = make_report(folder, anew=anew, serial=serial, films=films is FilmsOf.failures)
-    sign_derived(folder)
+    run = report_folder(folder, import_autodrive, out)
+    made = make_report(run, anew=anew, serial=serial, films=films is FilmsOf.failures)
+    sign_derived(run)
     pages = [made.page, *sorted({path.parent for path in (*made.plots, *made.films)})]
     if markdown is not None:
-        pages.append(write_result_page(folder, markdown, films=films is FilmsOf.failures))
+        pages.append(write_result_page(run, markdown, films=films is FilmsOf.failures))
     as_json = output is Output.json
     print(json.dumps(tables_of(made.content)) if as_json else "\n".join(map(str, pages)))
     alarms = made.content.evidence.alarms

@@ -84,19 +84,25 @@ def child(*arguments: str) -> Iterator[BenchChild]:
 
 
 @contextlib.contextmanager
-def serving(folder: Path, *, judged: bool = False) -> Iterator[tuple[str, int]]:
+def serving(
+    folder: Path, *store: str, judged: bool = False, start_s: float = START_S
+) -> Iterator[tuple[str, int]]:
     """A conductor on ``folder``; yields its endpoint and process id.
 
-    ``judged``: it ends when its judge has read all attempts.
+    Args:
+        folder: state folder.
+        store: URL of a result store and what replies wait for, ``local`` or ``store``; or nothing.
+        judged: it ends when its judge has read all attempts.
+        start_s: longest wait for it [s].
     """
-    with child("conductor.bench.server", str(folder)) as server:
-        yield _await(folder, server), server.process.pid
+    with child("conductor.bench.server", str(folder), *store) as server:
+        yield _await(folder, server, start_s), server.process.pid
         if judged:
             server.finish(JUDGING_S)
 
 
-def _await(folder: Path, server: BenchChild) -> str:
-    until_s = time.monotonic() + START_S
+def _await(folder: Path, server: BenchChild, start_s: float) -> str:
+    until_s = time.monotonic() + start_s
     while time.monotonic() < until_s:
         try:
             conductor = find_conductor(folder)
@@ -108,4 +114,4 @@ def _await(folder: Path, server: BenchChild) -> str:
         if server.process.poll() is not None:
             server.line()
         time.sleep(0.01)
-    raise InfrastructureError(f"{folder}: the conductor did not start in {START_S:g} s")
+    raise InfrastructureError(f"{folder}: the conductor did not start in {start_s:g} s")

@@ -2,7 +2,8 @@
 
 It says hello, prints ``ready``, waits for a line on standard input, and then commits what it was
 leased and leases as many new cases in each round trip until none is left. ``files``: it writes the
-files of every attempt first, as a simulator does.
+files of every attempt first, as a simulator does. ``stored``: it puts its results into a store
+first.
 """
 
 from __future__ import annotations
@@ -27,9 +28,10 @@ from schemas.wire.rpc_routes import route_key
 from twin.base.files import write_atomic
 from twin.base.process import bind_to_parent
 from twin.fabric.bus import Bus
-from twin.fabric.session import new_secret
+from twin.fabric.session import new_secret, seal
 from twin.fabric.zenoh_bus import open_bus
 from twin.records.kpi_file import kpi_sha256, kpi_table, write_kpi
+from twin.stores.putting import Storing
 
 TIMEOUT_S = 10.0
 TRIES = 6
@@ -39,10 +41,10 @@ Made = Callable[[Lease], Result]
 """Result that is committed of a lease."""
 
 
-def drive(endpoint: str, worker: str, k: int, made: Made) -> dict[str, float]:
+def drive(endpoint: str, worker: str, k: int, made: Made, store: str = "") -> dict[str, float]:
     """Serve the bench's campaign at ``endpoint`` as ``worker``, ``k`` cases per request.
 
-    ``made``: its results.
+    ``made``: its results; ``store``: where they are put before they are committed.
     """
     session = new_secret()
     bus = open_bus("client", connect=[endpoint], namespace="bench")
@@ -61,13 +63,17 @@ def drive(endpoint: str, worker: str, k: int, made: Made) -> dict[str, float]:
         print("ready", flush=True)
         sys.stdin.readline()
         started_s = time.perf_counter()
-        cases, requests = _work(bus, worker, session, k, made)
+        storing = Storing(seal)
+        storing.join(store)
+        cases, requests = _work(bus, worker, session, k, made, storing)
         return {"cases": cases, "requests": requests, "wall_s": time.perf_counter() - started_s}
     finally:
         bus.close()
 
 
-def _work(bus: Bus, worker: str, session: bytes, k: int, made: Made) -> tuple[int, int]:
+def _work(
+    bus: Bus, worker: str, session: bytes, k: int, made: Made, storing: Storing
+) -> tuple[int, int]:
     cases = seq = 0
     results: list[Result] = []
     while True:
@@ -75,6 +81,7 @@ def _work(bus: Bus, worker: str, session: bytes, k: int, made: Made) -> tuple[in
         request = Next(
             v=SCHEMA_VERSION, worker=worker, seq=seq, k=k, results=results, session=session
         )
+        storing.put(request, lambda: None)
         reply = _ask(bus, request)
         cases += len(results)
         if reply.fenced or not reply.leases:
@@ -143,4 +150,7 @@ if __name__ == "__main__":
     results: dict[str, Made] = {"noop": noop_result, "full": full_result}
     if kind == "files":
         results["files"] = with_files(msgspec.json.decode(Path(file[0]).read_bytes()))
-    print(json.dumps(drive(endpoint, worker, int(k), results[kind])), flush=True)
+    if kind == "stored":
+        results["stored"] = full_result
+    store = file[0] if kind == "stored" else ""
+    print(json.dumps(drive(endpoint, worker, int(k), results[kind], store)), flush=True)

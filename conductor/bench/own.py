@@ -108,8 +108,9 @@ def work(
     endpoint: str,
     cases: int,
     k: int,
-    kind: Literal["noop", "full", "files"] = "noop",
-    template: Path | None = None,
+    kind: Literal["noop", "full", "files", "stored"] = "noop",
+    template: Path | str | None = None,
+    names: str = "w",
 ) -> float:
     """Two clients commit the ``cases`` cases of the conductor at ``endpoint``; how long it took.
 
@@ -117,14 +118,16 @@ def work(
         endpoint: where the conductor listens.
         cases: all of its cases.
         k: cases per request.
-        kind: ``full``: results are as large as a simulator's; ``files``: and come with its files.
-        template: a made-up attempt, for files.
+        kind: ``full``: results are as large as a simulator's; ``files``: and come with its files;
+            ``stored``: and are put into a result store first.
+        template: a made-up attempt, for files; URL of the store.
+        names: beginning of the clients' ids.
     """
     options = (kind, str(template)) if template else (kind,)
     with ExitStack() as stack:
         clients = [
             stack.enter_context(
-                child("conductor.bench.client", endpoint, f"w{i}", str(k), *options)
+                child("conductor.bench.client", endpoint, f"{names}{i}", str(k), *options)
             )
             for i in range(CLIENTS)
         ]

@@ -6,9 +6,12 @@ import sys
 from pathlib import Path
 
 from conductor.serve.command import serve_folder
+from conductor.stored.link import StoreOptions
 from twin.base.process import bind_to_parent, watch_lifeline
 
 if __name__ == "__main__":
     bind_to_parent()
     watch_lifeline()
-    sys.exit(serve_folder(Path(sys.argv[1]), "tcp/127.0.0.1:0", "bench", by_batch=False))
+    folder, *store = sys.argv[1:]
+    kept_in = StoreOptions(store[0], durable=store[1] == "store") if store else None
+    sys.exit(serve_folder(Path(folder), "tcp/127.0.0.1:0", "bench", by_batch=False, store=kept_in))

@@ -19,6 +19,7 @@ def add_further_commands(app: typer.Typer) -> None:
     app.command("bench")(bench_command)
     app.command("bench-report")(bench_report_command)
     app.command("bench-search")(bench_search_command)
+    app.command("bench-store")(bench_store_command)
     app.command("bench-tls")(bench_tls_command)
     app.command()(fields)
     app.command("campaigns")(campaigns_command)
@@ -87,6 +88,22 @@ def bench_search_command(
 
     load = SearchLoad(chains, generation, cases, slots, spread, sampler)
     raise typer.Exit(bench_search(load, as_json=output is Output.json, check=check))
+
+
+def bench_store_command(
+    store: Annotated[
+        str, typer.Option(metavar="URL", help="Result store; what is put there stays there.")
+    ],
+    cases: Annotated[int, typer.Option(min=32, help="No-op cases; a multiple of 32.")] = 100_000,
+    folder: JournalsOption = Path("runs"),
+    check: CheckOption = False,
+    output: OutputOption = Output.human,
+) -> None:
+    """Measure what a result store costs a conductor, and how long a takeover takes."""
+    from conductor.bench.store import bench_store
+
+    as_json = output is Output.json
+    raise typer.Exit(bench_store(cases, store, folder, as_json=as_json, check=check))
 
 
 def bench_tls_command(

@@ -34,6 +34,36 @@ class FilmsOf(StrEnum):
     failures = "failures"
 
 
+class Durable(StrEnum):
+    """What a reply of a conductor waits for."""
+
+    local = "local"
+    store = "store"
+
+
+Reported = Annotated[
+    str | None,
+    typer.Argument(
+        metavar="FOLDER|STORE",
+        help="Campaign folder, e.g. runs/aeb-demo, or a result store, e.g. s3://bucket/prefix; of "
+        "a store, only what is needed is read.",
+    ),
+]
+Store = Annotated[
+    str,
+    typer.Option(
+        metavar="URL",
+        help="Keep results and journal there, too: a folder, s3://bucket/prefix or another URL of "
+        "fsspec. With an empty --state folder, what the last conductor left there is taken over.",
+    ),
+]
+DurableIn = Annotated[
+    Durable,
+    typer.Option(
+        "--durable",
+        help="What replies wait for: local, this disk; store, also the store of --store.",
+    ),
+]
 View = Annotated[
     ViewMode | None,
     typer.Option(

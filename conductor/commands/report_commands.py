@@ -20,6 +20,7 @@ from schemas.words import counted, unended
 from twin.base.cli import Output, OutputOption
 from twin.base.errors import EXIT_FAILED, UnfinishedError, UsageError, storage_error
 from twin.base.files import write_atomic
+from twin.stores.opening import is_url
 
 if TYPE_CHECKING:
     from conductor.report.compare.comparison import Comparison
@@ -47,8 +48,9 @@ def add_report_commands(app: typer.Typer) -> None:
     app.command("regress")(regress_command)
 
 
-def report_folder(folder: Path | None, logs: Path | None, out: Path | None) -> Path:
-    """The campaign folder to report on; logs are imported into one first.
+def report_folder(folder: str | None, logs: Path | None, out: Path | None) -> Path:
+    """The campaign folder to report on; logs are imported into one first, and of a run in a store
+    what a report reads is fetched.
 
     Raises:
         UsageError: not exactly one of ``folder`` and ``logs``, ``out`` without logs, or no logs.
@@ -62,12 +64,16 @@ def report_folder(folder: Path | None, logs: Path | None, out: Path | None) -> P
         )
     if logs is None:
         assert folder is not None
+        if is_url(folder):
+            from conductor.stored.fetching import fetch_run
+
+            return fetch_run(folder, out)
         if out is not None:
             raise UsageError(
-                "report: --out belongs to --import-autodrive; the report of a campaign is written "
-                "into its folder"
+                "report: --out belongs to --import-autodrive and to stores; the report of a "
+                "campaign is written into its folder"
             )
-        return folder
+        return Path(folder)
     out = out or Path("runs") / f"imported-{logs.absolute().name}"
     _tell(import_autodrive(logs, out).left_out, f"all are in {out}/imported.json")
     return out

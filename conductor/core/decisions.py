@@ -7,7 +7,7 @@ journal anew if the commit fails.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import msgspec
@@ -55,6 +55,7 @@ from schemas.wire.control import (
     Next,
     Reply,
     Request,
+    Sealed,
     StatusRequest,
     Stop,
     Submit,
@@ -70,15 +71,17 @@ WORKERS_MAX = 10_000
 """Most workers that have joined and not left."""
 
 
-def start(state: State, lay_before: str = "") -> list[Fact]:
+def start(state: State, lay_before: str = "", epoch_min: int = 0) -> list[Fact]:
     """A start of a conductor on the folder: a new epoch, to be journalled before it listens.
 
-    ``lay_before``: the folder's place before, for a journal that does not say where it lay.
+    ``lay_before``: the folder's place before, for a journal that does not say where it lay;
+    ``epoch_min``: the least epoch, where a claim in a store decides about it, too.
     """
     turn = RequestTurn(state, 0)
     here, before = state.config.folder, state.folder or lay_before
     moved = before if here and before != here else ""
-    turn.emit(EpochRaised(epoch=state.epoch + 1, folder=here, before=moved))
+    epoch = max(state.epoch + 1, epoch_min)
+    turn.emit(EpochRaised(epoch=epoch, folder=here, before=moved))
     return turn.facts
 
 
@@ -123,6 +126,17 @@ def _forget_silent(turn: RequestTurn, silent_ns: int, reason: str) -> None:
     for name, worker in list(turn.state.workers.items()):
         if not worker.tokens and turn.now_ns - worker.seen_ns >= silent_ns:
             turn.emit(WorkerLeft(worker=name, reason=reason, forgotten=True))
+
+
+def take_found(state: State, found: Iterable[Sealed], now_ns: int) -> list[Fact]:
+    """Results that a successor has found in the store: each counts as if its worker had committed
+    it now, so only with a token that this journal has leased to that worker."""
+    turn = RequestTurn(state, now_ns)
+    for sealed in found:
+        if (unsealed := opened(state, sealed)) is not None:
+            commit(turn, *unsealed)
+    grow(turn)
+    return turn.facts
 
 
 def close(state: State) -> list[Fact]:
@@ -204,7 +218,8 @@ def _hello(turn: RequestTurn, request: Hello) -> Reply:
             "a new start needs a new id"
         )
     turn.emit(seen(state, request.worker, (), turn.now_ns))
-    return turn.reply(status=_notes(mismatches(state, state.workers[request.worker])))
+    notes = _notes(mismatches(state, state.workers[request.worker]))
+    return turn.reply(status=notes, store=state.config.store)
 
 
 def _oversized(request: Hello) -> str:

@@ -101,6 +101,8 @@ class Config:
     """Fewest facts that are worth a snapshot at a clean end."""
     cpu: str = ""
     """Class of the processor that it runs on, which searches note."""
+    store: str = ""
+    """URL of the result store; empty: there is none."""
     folder: str = ""
     """State folder, absolute; a campaign without ``out`` gets a folder below it."""
 

@@ -35,6 +35,7 @@ from conductor.journal.owner import (
     TakenOverError,
     this_process,
 )
+from conductor.journal.written import JournalMirror, Written
 from schemas.escape import escape
 from schemas.wire.codec import WireError, decode, encode
 from twin.base.errors import InfrastructureError, TwinError, UsageError
@@ -107,6 +108,10 @@ class Journal:
         """Digests of the images of the snapshot; None: not looked at yet."""
         self._replies: dict[str, bytes] = {}
         """Digests of the replies that this process has written, by worker."""
+        self.mirror: JournalMirror | None = None
+        """Keeps a copy of what is written; None: there is none."""
+        self._news = Written()
+        """What the transaction has written so far, if there is a mirror."""
         self._claim = FolderClaim(folder, owner or this_process(), stale_s)
         obstacle = self._claim.obstacle()
         if obstacle:
@@ -156,13 +161,17 @@ class Journal:
         if not durable:
             if self._claim.due():
                 self._claim.check()
+            self._tell_mirror(None)
             return
         now_s = time.time()
+        self._news = Written()
         try:
             self._connection.execute("BEGIN IMMEDIATE")
             chain = self._write(durable, now_s)
             self._write_chain(chain)
             self._claim.check()
+            if self.mirror is not None:
+                self.mirror.check()
             self._connection.execute("COMMIT")
             self.chain = chain
         except BaseException as error:  # whatever it is, the next call begins a transaction
@@ -172,6 +181,31 @@ class Journal:
             raise JournalError(
                 f"storage: {self.path}: {escape(str(error))}; free some space, then retry"
             ) from None
+        news, self._news = self._news, Written()  # which may be as large as a snapshot
+        self._tell_mirror(news)
+
+    def _tell_mirror(self, news: Written | None) -> None:
+        """Hand over what was committed, or all there is if the copy begins anew.
+
+        Raises:
+            TakenOverError: another conductor owns the copy now.
+        """
+        if self.mirror is None:
+            return
+        self.mirror.check()
+        if self.mirror.wants_all():
+            self.mirror.committed(self._everything())
+        elif news is not None:
+            news.chain = self.chain
+            self.mirror.committed(news)
+
+    def _everything(self) -> Written:
+        execute = self._connection.execute
+        facts = execute("SELECT unix_s, fact, chain FROM facts ORDER BY id").fetchall()
+        images = execute("SELECT key, image FROM snapshot").fetchall()
+        rows = execute("SELECT worker, seq, reply FROM replies")
+        replies: dict[str, tuple[int, bytes] | None] = {w: (seq, reply) for w, seq, reply in rows}
+        return Written(facts, images, replies, cut=True, whole=True, chain=self.chain)
 
     def probe(self) -> None:
         """Write something that changes nothing.
@@ -197,6 +231,8 @@ class Journal:
             TakenOverError: another conductor writes it now.
         """
         self._claim.check()
+        if self.mirror is not None:
+            self.mirror.check()
         yield from _folded(self._connection, self.path, self.chain)
 
     def close(self) -> None:
@@ -266,6 +302,8 @@ class Journal:
         rows = zip(repeat(now_s), links, heads, strict=False)
         query = "INSERT INTO facts (unix_s, fact, chain) VALUES (?, ?, ?)"
         self._connection.executemany(query, rows)
+        if self.mirror is not None:
+            self._news.facts += zip(repeat(now_s), links, heads, strict=False)
         return chain
 
     def _write_snapshot(self, fact: Snapshot, now_s: float, chain: Chain) -> Chain:
@@ -274,6 +312,10 @@ class Journal:
             ((image.key, image.data) for image in fact.images),
         )
         self._connection.execute("DELETE FROM facts")
+        if self.mirror is not None:
+            self._news.facts.clear()
+            self._news.images += ((image.key, image.data) for image in fact.images)
+            self._news.cut = True
         if self._images is None:
             self._images = _image_digests(self._connection, self.path)
         self._images.update((image.key, image_digest(image.data)) for image in fact.images)
@@ -283,6 +325,8 @@ class Journal:
         row = (fact.worker, fact.seq, encode(fact))
         old = self._reply_digest_of(fact.worker)
         self._connection.execute(_PUT_REPLY, row)
+        if self.mirror is not None:
+            self._news.replies[fact.worker] = (fact.seq, row[2])
         self._replies[fact.worker] = digest = reply_digest(*row)
         return chain.replied(old, digest)
 
@@ -290,6 +334,8 @@ class Journal:
         chain = chain.replied(self._reply_digest_of(worker), b"")
         self._replies.pop(worker, None)
         self._connection.execute("DELETE FROM replies WHERE worker = ?", (worker,))
+        if self.mirror is not None:
+            self._news.replies[worker] = None
         return chain
 
     def _reply_digest_of(self, worker: str) -> bytes:
@@ -320,6 +366,39 @@ class Journal:
         if "not a database" in words:
             return UsageError(f"{self.path}: {words}; choose another folder")
         return JournalError(f"storage: {self.path}: {words}")
+
+
+def write_journal(folder: Path, copy: Written) -> None:
+    """Write a journal anew from all of a copy; :meth:`Journal.fold` holds it against its chain.
+
+    Raises:
+        UsageError: the folder has one.
+        JournalError: it cannot be written.
+    """
+    path = folder / FILE_NAME
+    if path.exists():
+        raise UsageError(f"{path}: is there already; give an empty folder")
+    new = path.with_name(f".{path.name}.new")
+    try:
+        new.unlink(missing_ok=True)
+        with contextlib.closing(sqlite3.connect(new, isolation_level=None)) as connection:
+            connection.execute("BEGIN")
+            for statement in _TABLES.split(";"):
+                connection.execute(statement)
+            put = connection.execute
+            put("INSERT INTO meta VALUES ('version', ?)", (str(VERSION),))
+            put(_PUT_CHAIN, (msgspec.json.encode(copy.chain).decode(),))
+            many = connection.executemany
+            many("INSERT INTO facts (unix_s, fact, chain) VALUES (?, ?, ?)", copy.facts)
+            many("INSERT OR REPLACE INTO snapshot VALUES (?, ?)", copy.images)
+            replies = ((w, *reply) for w, reply in copy.replies.items() if reply)
+            many("INSERT INTO replies VALUES (?, ?, ?)", replies)
+            connection.execute("COMMIT")
+        new.replace(path)
+    except (sqlite3.Error, OSError) as error:
+        raise JournalError(
+            f"storage: {path}: {escape(str(error))}; free some space, then retry"
+        ) from None
 
 
 def read_journal(path: Path) -> tuple[Chain, Iterator[Fact]]:

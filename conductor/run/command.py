@@ -40,6 +40,7 @@ from conductor.run.places import WorkerPlace, WorkersOption, gpu_slots, on_cpu, 
 from conductor.run.report_preload import ReportPreload
 from conductor.serve.command import metrics_of
 from conductor.serve.shell import Conductor
+from conductor.stored.link import StoreOptions, keep_runs
 from conductor.trust.sign_run import (
     UnfitRunError,
     require_agreement,
@@ -107,6 +108,7 @@ class RunOptions:
     memory_gb: float | None = None
     metrics: str = ""
     """``HOST:PORT`` of a Prometheus endpoint, or empty."""
+    store: StoreOptions | None = None  # beside the folder
     json: bool = False
     report: bool = True
     """Report, sign and print results at the end; False: who asked reads the outcomes."""
@@ -205,6 +207,7 @@ def run_campaign(
         finally:
             with contextlib.suppress(TwinError):
                 sign_again(options.out)
+            keep_runs(options.store, [options.out])
     if result is None:
         return read_outcomes(options.out).exit_code
     outcomes, kpi_fingerprint = result
@@ -237,6 +240,7 @@ def _execute(
         namespace=options.namespace,
         key=options.key,
         config=config,
+        store=options.store,
     )
     serving = _Serving(conductor)
     # A signal that raised between the thread's start and `try`, or before the thread is asked to
@@ -452,8 +456,7 @@ def _tell(
     wall_s: float,
     slots: int,
 ) -> int:
-    counts = count_outcomes(outcomes)
-    code = outcomes.exit_code
+    counts, code = count_outcomes(outcomes), outcomes.exit_code
     for line in told(options.out, outcomes):
         print(line, file=sys.stderr)
     if warning := too_slow(outcomes):

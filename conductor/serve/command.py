@@ -18,6 +18,7 @@ from pathlib import Path
 from conductor.core.state import Config
 from conductor.records.outcomes import exit_code, read_outcomes
 from conductor.serve.shell import Conductor
+from conductor.stored.link import StoreOptions, keep_runs
 from conductor.trust.sign_run import require_agreement, sign_run
 from schemas.sections.view_mode import ViewMode
 from schemas.wire.status import counts_of
@@ -43,6 +44,7 @@ def serve_folder(
     view: ViewMode | None = None,
     metrics: str = "",
     allow_unprotected: bool = False,
+    store: StoreOptions | None = None,
 ) -> int:
     """Serve until SIGINT, SIGTERM or ``conductor stop``; the exit code.
 
@@ -56,6 +58,7 @@ def serve_folder(
         view: what is shown of cases submitted from now on; None: what their campaign says.
         metrics: ``HOST:PORT`` of a Prometheus endpoint, or empty.
         allow_unprotected: stacks may run without a sandbox also if others can reach this conductor.
+        store: result store beside the folder; None: there is none.
     """
     logging.basicConfig(level=logging.INFO, format="%(levelname)s %(message)s")
     # Workers that join from anywhere have a device each, as a rule.
@@ -64,7 +67,9 @@ def serve_folder(
         config = replace(config, protected=True)
     if ttl_s is not None:
         config = replace(config, ttl_ns=int(ttl_s * 1e9))
-    conductor = Conductor(folder, listen=listen, namespace=namespace, key=key, config=config)
+    conductor = Conductor(
+        folder, listen=listen, namespace=namespace, key=key, config=config, store=store
+    )
     received: list[int] = []
 
     def on_signal(number: int, _frame: object) -> None:
@@ -83,6 +88,8 @@ def serve_folder(
     finally:
         over.set()
         signing.join()
+        if store is not None and conductor.started.is_set():
+            keep_runs(store, conductor.campaign_folders())
     if signal.SIGINT in received:
         return EXIT_INTERRUPTED
     rows = [counts_of(row) for row in conductor.snapshot().get("campaigns", {}).values()]

@@ -12,7 +12,7 @@ from typing import Protocol
 
 import msgspec
 
-from conductor.core.decisions import close, decide, start, tick, worker_lost
+from conductor.core.decisions import close, decide, start, take_found, tick, worker_lost
 from conductor.core.facts import Fact
 from conductor.core.fold import fold, revive
 from conductor.core.lease import next_expiry_ns
@@ -21,7 +21,7 @@ from conductor.journal.store import JournalError
 from schemas import SCHEMA_VERSION
 from schemas.escape import escape
 from schemas.wire.codec import WireError, encode
-from schemas.wire.control import Reply, Request, StatusRequest, Submit
+from schemas.wire.control import Reply, Request, Sealed, StatusRequest, Submit
 from schemas.wire.rpc_routes import read_request
 from schemas.wire.status import ConductorStatus
 from twin.base.errors import TwinError
@@ -104,6 +104,7 @@ class ConductorEngine:
         counters_beyond: Callable[[], dict[str, float]] = dict,
         audit: Auditor | None = None,
         lay_before: Callable[[State], str] = lambda _: "",
+        claim: Callable[[State], int] = lambda _: 0,
     ) -> None:
         """Fold the journal and raise the epoch, on disk.
 
@@ -115,6 +116,7 @@ class ConductorEngine:
             counters_beyond: what the shell has counted, for the status.
             audit: hears of refusals and requests.
             lay_before: where the state folder of a journal lay that does not say so.
+            claim: claims a store for the journal; the least epoch that it may raise to.
 
         Raises:
             JournalError: the journal cannot be read or written.
@@ -129,7 +131,8 @@ class ConductorEngine:
         self._config = config
         self._now_ns = now_ns
         self.state = self._folded()
-        journal.append(start(self.state, "" if self.state.folder else lay_before(self.state)))
+        before = "" if self.state.folder else lay_before(self.state)
+        journal.append(start(self.state, before, claim(self.state)))
         revive(self.state, now_ns)
 
     def turn(self, messages: Sequence[IncomingRequest]) -> TurnResult:
@@ -157,6 +160,14 @@ class ConductorEngine:
         except JournalError as error:
             self._storage_failed(error)
             return TurnResult()
+
+    def take_found(self, found: Sequence[Sealed], now_ns: int) -> TurnResult:
+        """Commit results that were found in a store.
+
+        Raises:
+            JournalError: the storage refuses.
+        """
+        return self._commit([(take_found(self.state, found, self._clock(now_ns)), None)])
 
     def close(self) -> None:
         """A clean end: the next start reads a snapshot; without one it only takes longer."""

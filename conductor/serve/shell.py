@@ -45,6 +45,7 @@ from conductor.serve.deliveries import Deliveries
 from conductor.serve.engine import ConductorEngine, TurnResult
 from conductor.serve.folders import Folders
 from conductor.serve.inbox import Inbox, Item
+from conductor.stored.link import StoreLink, StoreOptions
 from conductor.trust.judge_feed import JudgeFeed
 from conductor.trust.manifest import RUN_FILE
 from conductor.trust.sign_run import reopen
@@ -56,7 +57,7 @@ from schemas.wire.status import ConductorStatus
 from twin.base.errors import InfrastructureError, TwinError, UsageError, storage_error
 from twin.base.software import device_class, software_digest
 from twin.fabric.address import check_free
-from twin.fabric.bus import Bus
+from twin.fabric.bus import Bus, Respond
 from twin.fabric.discovery import ConductorFile, find_conductor
 from twin.fabric.endpoint import LOOPBACK, is_loopback, is_tls, to_listen
 from twin.fabric.front.rules import Bucket
@@ -101,6 +102,7 @@ class Conductor:
             taken from the user's own folder, or made with those of the other roles.
         config: limits and options; its ``folder`` is replaced.
         bus_factory: opens the session; tests pass an in-memory one.
+        store: result store beside the folder; None: there is none.
     """
 
     def __init__(
@@ -112,6 +114,7 @@ class Conductor:
         key: MemberKey | None = None,
         config: Config | None = None,
         bus_factory: BusFactory = open_router,
+        store: StoreOptions | None = None,
     ) -> None:
         self.folder = folder.absolute()
         self.namespace = namespace
@@ -123,7 +126,17 @@ class Conductor:
         self.fabric = ""
         """Name under which its user's own folder has the keys; empty: those that were given."""
         self._listen = to_listen(listen, keyed=key is not None)
-        self._config = replace(config or Config(), folder=str(self.folder), cpu=device_class("cpu"))
+        self._config = replace(
+            config or Config(),
+            folder=str(self.folder),
+            cpu=device_class("cpu"),
+            store=store.url if store else "",
+        )
+        self.link: StoreLink | None = None
+        """Its side of the result store, once started; None: there is none."""
+        self._store_options = store
+        self._in_order = False
+        """Whether the loop has come to a good end."""
         self._bus_factory = bus_factory
         self._audit = Audit(self.folder)
         self._inbox = Inbox(self._audit.refused)
@@ -154,6 +167,7 @@ class Conductor:
             self.main_loop()
             assert self._engine is not None
             self._engine.close()
+            self._in_order = True
         except TakenOverError:
             self._replaced = True
             raise
@@ -174,27 +188,8 @@ class Conductor:
         except OSError as error:
             raise storage_error(error, str(self.folder)) from None
         predecessor = self._predecessor()
-        try:
-            self._journal = Journal(self.folder)
-        except FolderLockedError as error:
-            owner = f" (pid {predecessor.pid} on {predecessor.host})" if predecessor else ""
-            raise UsageError(
-                f"{error}{owner}; stop it with `conductor stop` or choose another folder"
-            ) from None
-        self._store = TimedStore(self._journal)
-        self._engine = ConductorEngine(
-            self._store,
-            self._config,
-            time.monotonic_ns(),
-            self._check_folder,
-            lambda: {"turned_away": self._inbox.turned_away, "journal_s": self._store.wall_s},
-            self._audit,
-            self._folders.lay_before,
-        )
-        self._reopen()
-        if self.key is None and is_tls(self._listen):
-            self.key = load_or_make(self.folder)
-            self.fabric = fabric_name(self.folder)
+        self._open_engine(predecessor)
+        assert self._engine is not None
         self._bus = self._open_bus(predecessor)
         self.endpoint = _reachable(self._bus.endpoints[0]) if self._bus.endpoints else "memory"
         if not is_tls(self._listen):
@@ -226,7 +221,56 @@ class Conductor:
         for campaign in self._engine.state.campaigns.values():
             if campaign.left:
                 mark_start(Path(campaign.out), time.time())
+        if self.link is not None:
+            self.link.bring_back(self._engine.state, self._brought_back, self.campaign_folders)
         self.started.set()
+
+    def _open_engine(self, predecessor: ConductorFile | None) -> None:
+        """Journal and state, of the folder or taken over from the store."""
+        if self._store_options is not None:
+            self._take_key()
+            self.link = StoreLink(self._store_options, self.folder, self.key)
+            self.link.before_journal()
+        try:
+            self._journal = Journal(self.folder)
+        except FolderLockedError as error:
+            owner = f" (pid {predecessor.pid} on {predecessor.host})" if predecessor else ""
+            raise UsageError(
+                f"{error}{owner}; stop it with `conductor stop` or choose another folder"
+            ) from None
+        self._store = TimedStore(self._journal)
+        self._engine = ConductorEngine(
+            self._store,
+            self._config,
+            time.monotonic_ns(),
+            self._check_folder,
+            lambda: {"turned_away": self._inbox.turned_away, "journal_s": self._store.wall_s},
+            self._audit,
+            self._folders.lay_before,
+            self.link.claim if self.link else lambda _: 0,
+        )
+        if self.link is not None:
+            self._journal.mirror = self.link.begin()
+            self._engine.take_found(self.link.found(self._engine.state), time.monotonic_ns())
+        self._reopen()
+        self._take_key()
+
+    def _take_key(self) -> None:
+        if self.key is None and is_tls(self._listen):
+            self.key = load_or_make(self.folder)
+            self.fabric = fabric_name(self.folder)
+
+    def _brought_back(self, fact: Committed) -> None:
+        """Files of a committed attempt have come from the store."""
+        assert self._engine is not None
+        with self._lock:
+            self._judge.put(self._engine.state.campaigns[fact.result.campaign], fact)
+
+    def campaign_folders(self) -> list[Path]:
+        """Folders of its campaigns, once started; from any thread."""
+        assert self._engine is not None
+        with self._lock:
+            return [Path(campaign.out) for campaign in self._engine.state.campaigns.values()]
 
     def main_loop(self) -> None:
         """Serve until :meth:`stop`, or until a drain has come to its end."""
@@ -251,6 +295,8 @@ class Conductor:
     def shutdown(self) -> None:
         """Write the outcomes, stop listening, release the folder; safe at any stage of startup."""
         self._stopping = True
+        if self.link is not None:
+            self.link.finish_bringing(stop=self._engine is None or bool(self._engine.state.left))
         if self._engine is not None and self.started.is_set() and not self._replaced:
             self._folders.close(self._engine.state)
             self._judge.close(self._engine.state.campaigns.values())
@@ -263,6 +309,8 @@ class Conductor:
             self._deliveries.close()
         if self._journal is not None:
             self._journal.close()
+        if self.link is not None:
+            self.link.close(released=self._in_order)
 
     def stop(self) -> None:
         """Ask the loop to end now; workers keep their leases and wait for a successor.
@@ -300,6 +348,8 @@ class Conductor:
     def to_sign(self) -> list[Path]:
         """Folders of campaigns that came to their end and were judged, and are not signed yet."""
         if self._engine is None or self._replaced or not self.started.is_set():
+            return []
+        if self.link is not None and self.link.is_bringing:
             return []
         with self._lock:
             ended = [c for c in self._engine.state.campaigns.values() if not c.left]
@@ -366,10 +416,10 @@ class Conductor:
         for (_, respond), reply in zip(group, turn.replies, strict=False):
             if reply is None:
                 continue
-            try:
-                respond(reply)
-            except Exception:  # whoever asked is gone and will ask again
-                _log.debug("a reply could not be sent", exc_info=True)
+            if self.link is not None:
+                self.link.when_kept(partial(_respond, respond, reply))
+            else:
+                _respond(respond, reply)
 
     def _publish(self, facts: list[Fact]) -> None:
         assert self._bus is not None
@@ -436,6 +486,8 @@ class Conductor:
         assert self._engine is not None
         was_signed = reopen(self.folder)
         for campaign in self._engine.state.campaigns.values():
+            if self.link is not None and self.link.taken_over_s is not None:
+                continue  # their files come from the store first
             if campaign.left or not (was_signed or (Path(campaign.out) / RUN_FILE).exists()):
                 self._judge.put_all(campaign)
 
@@ -462,6 +514,13 @@ class Conductor:
 
         self._fronted = Fronted(endpoint, self.namespace, self.key, self._audit.heard)
         return self._fronted.bus
+
+
+def _respond(respond: Respond, reply: bytes) -> None:
+    try:
+        respond(reply)
+    except Exception:  # whoever asked is gone and will ask again
+        _log.debug("a reply could not be sent", exc_info=True)
 
 
 def _reachable(endpoint: str) -> str:

@@ -44,7 +44,8 @@ DERIVED = frozenset(
 """Files and folders in a run folder that are made of the others, by their first name."""
 PASSING = frozenset(
     {
-        *(RUN_FILE, DERIVED_FILE, BEFORE_FILE, CONDUCTOR_FILE, "conductor.owner"),
+        *(RUN_FILE, DERIVED_FILE, BEFORE_FILE, CONDUCTOR_FILE),
+        *("conductor.owner", "store.id"),
         *("keys", REVOKED_FILE, "rigs", "spool", PARTS_FOLDER),
     }
 )

@@ -295,3 +295,5 @@ class Reply(Struct, frozen=True):
     lost: list[Token] = []
     """Tokens that are no longer valid: stop working on them."""
     status: ConductorStatus = {}
+    store: str = ""
+    """To a hello: result store that results are put into before they are committed; empty: none."""

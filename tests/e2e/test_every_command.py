@@ -19,6 +19,7 @@ ELSEWHERE = {
     "conductor bench": "a measurement",
     "conductor bench-report": "a measurement",
     "conductor bench-search": "a measurement",
+    "conductor bench-store": "a measurement",
     "conductor bench-tls": "a measurement",
     "conductor relay": "two hosts: test_two_hosts",
     "conductor compare": "two runs: test_compare_page",

@@ -41,7 +41,7 @@ from twin.base.software import device_class, software_digest
 from twin.fabric.bus import Bus
 from twin.fabric.endpoint import check_protected, to_listen
 from twin.fabric.port_turn import await_turn, turn_at
-from twin.fabric.session import new_secret
+from twin.fabric.session import new_secret, seal
 from twin.fabric.zenoh_bus import open_bus
 from twin.rig.attempt_log import failure, write_failure, write_log
 from twin.rig.pipe import (
@@ -55,6 +55,8 @@ from twin.rig.pipe import (
     Progress,
     RefusedPeer,
 )
+from twin.stores.protocol import StoreError
+from twin.stores.putting import Storing
 from twin.worker.announcement import sweep
 from twin.worker.core import SECOND_NS, Core
 from twin.worker.delivery import Delivery
@@ -131,6 +133,9 @@ class Worker:
         self._bus: Bus | None = None
         self._spool = SpoolFolder(options.spool)
         self._delivery: Delivery | None = None
+        self._storing = Storing(seal)
+        self._store_words = ""
+        """Why the store does not take results just now; empty: it does."""
         self._compiling: subprocess.Popen[bytes] | None = None
         self._asked_s = 0.0
         self._error = ""
@@ -225,6 +230,8 @@ class Worker:
         while (request := self._requests.get()) is not None:
             try:
                 reply = self._next(request) if isinstance(request, Next) else self._ask(request)
+                if reply is not None and isinstance(request, Hello):
+                    self._storing.join(reply.store)
             except (TwinError, OSError) as error:
                 self._inbox.put(_Undeliverable(str(error)))
                 return
@@ -247,18 +254,38 @@ class Worker:
         ):
             self._beat_if_due(beat)
             return None
+        kept = self._put(request, beat)
+        if kept is None:
+            return None
         if self._delivery.fenced:
             # No result may be committed without its files: it must be fenced as well.
             heard = self._ask(beat)
             if heard is None or heard.error or not self._delivery.fenced <= {*heard.lost}:
                 self._delivery.fenced.clear()
                 return heard if heard is not None and heard.error else None
-        reply = self._ask(request)
+        reply = self._ask(kept)
         if reply is not None and not reply.error:
+            self._storing.forget(over)
             self._delivery.forget(over)
             for line in self._delivery.look(reply.leases):
                 _log(line)
+            for lease in reply.leases:
+                self._storing.look(self._delivery.localized(lease))
         return reply
+
+    def _put(self, request: Next, beat: Beat) -> Next | None:
+        """The request, when all that it commits is in the store; None: it has to wait."""
+        line, kept = "", request
+        try:
+            self._storing.put(request, lambda: self._beat_if_due(beat))
+            kept = structs.replace(request, sealed=self._storing.with_files(request.sealed))
+        except StoreError as error:
+            line = f"{error}; cases go on, results wait"
+            self._beat_if_due(beat)
+        if line != self._store_words:
+            self._store_words = line
+            _log(line or "the store answers again")
+        return None if line else kept
 
     def _beat_if_due(self, beat: Beat) -> None:
         if time.monotonic() - self._asked_s > BEAT_S:

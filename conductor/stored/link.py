@@ -1,0 +1,251 @@
+"""A conductor's side of a result store: claim, takeover, replica, files of campaigns."""
+
+from __future__ import annotations
+
+import logging
+import re
+import secrets
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from conductor.core.facts import Committed
+from conductor.core.state import State
+from conductor.journal.owner import this_process
+from conductor.journal.store import FILE_NAME as JOURNAL_NAME
+from conductor.journal.store import write_journal
+from conductor.stored.owner import (
+    STALE_S,
+    StoreClaims,
+    StoreOwner,
+    await_silence,
+    restarted,
+    taken_by,
+)
+from conductor.stored.replica import HEAD_BYTES_MAX, head_name, read_head
+from conductor.stored.replicator import Replicator
+from conductor.stored.run_files import RunFiles
+from conductor.stored.seals import StoreSeal
+from conductor.stored.successor import bring_back_all, found_results, lacking, read_journal_of
+from schemas.files.regular_file import read_regular
+from schemas.wire.control import Sealed
+from schemas.words import counted
+from twin.base.errors import TwinError, UsageError, storage_error
+from twin.base.files import write_atomic
+from twin.fabric.keys.key_file import MemberKey
+from twin.stores.opening import checked_url, has_winners, open_store
+from twin.stores.protocol import MissingObjectError, ResultStore
+
+LEASE_FILE = "store.id"
+"""Names a state folder in the claims that its conductors make."""
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class StoreOptions:
+    """Where results and journal are kept beside the state folder."""
+
+    url: str
+    durable: bool = False
+    """Whether replies wait until their facts are in the store."""
+    stale_s: float = STALE_S
+    """How long an owner is watched before it counts as dead [s]."""
+
+    def __post_init__(self) -> None:
+        checked_url(self.url)
+
+
+class StoreLink:
+    """The store of one conductor.
+
+    Args:
+        options: which store, and what waits for it.
+        folder: state folder.
+        key: the conductor's key; None: plain TCP.
+    """
+
+    def __init__(self, options: StoreOptions, folder: Path, key: MemberKey | None) -> None:
+        self.options = options
+        self.taken_over_s: float | None = None
+        """How long a takeover took until the journal was here, the watch included; None: there was
+        none [s]."""
+        self._folder = folder
+        self._store: ResultStore = open_store(options.url)
+        self._seal = StoreSeal(self._store, key)
+        self._claims = StoreClaims(self._store, self._seal)
+        self._own: StoreOwner | None = None
+        self._replicator: Replicator | None = None
+        self._files: RunFiles | None = None
+        self._stopped: list[bool] = []
+        self._bringing: threading.Thread | None = None
+
+    # --- startup, in this order -----------------------------------------------------------------
+
+    def before_journal(self) -> None:
+        """Look who owns the store; if the folder has no journal, take over the one in the store.
+
+        Raises:
+            UsageError: another conductor lives on it, the folder is another one's, or the store
+                cannot say who was first.
+            TwinError: the store does not answer.
+        """
+        if not has_winners(self._store):
+            raise UsageError(
+                f"{self._store.url}: two who create the same object both succeed, so it cannot say "
+                "who owns a journal; use a store with conditional writes (S3, Google Cloud "
+                "Storage) or a folder"
+            )
+        number, found = self._claims.latest()
+        here = (self._folder / JOURNAL_NAME).exists()
+        if found is None or (here and found.lease == self._lease()):
+            return
+        if here:
+            raise UsageError(
+                f"{self._folder}: {self._store.url} was {taken_by(found)} since this folder was "
+                "served; give an empty --state folder to take it over, or another --store"
+            )
+        self._take_over(number, found)
+
+    def claim(self, state: State) -> int:
+        """Make the claim of a conductor that goes on with its own folder; the least epoch.
+
+        Raises:
+            TwinError: another was faster, or the store does not answer.
+        """
+        if self._own is None:
+            number, found = self._claims.latest()
+            epoch = max(state.epoch, found.epoch if found else 0) + 1
+            self._own = self._claims.claim(number + 1, epoch, this_process(), self._lease())
+        return self._own.epoch
+
+    def begin(self) -> Replicator:
+        """Begin the replica; the journal's mirror."""
+        assert self._own is not None
+        self._replicator = Replicator(
+            self._store, self._seal, self._own, eager=self.options.durable
+        )
+        self._replicator.start()
+        return self._replicator
+
+    def found(self, state: State) -> list[Sealed]:
+        """Results in the store that a journal does not know, after a takeover.
+
+        Raises:
+            TwinError: the store does not answer.
+        """
+        return [] if self.taken_over_s is None else found_results(self._store, state)
+
+    def bring_back(
+        self, state: State, told: Callable[[Committed], None], campaigns: Callable[[], list[Path]]
+    ) -> None:
+        """Begin to fetch files of committed attempts that are not in their folders, and to keep
+        the files of campaigns in the store.
+
+        ``told`` hears of each attempt whose files have come, on a thread; ``campaigns``: their
+        folders.
+        """
+        self._files = RunFiles(self._store, campaigns)
+        self._files.start()
+        due = lacking(state.campaigns.values())
+        if not due:
+            return
+        _log.warning("%s: fetching files of %s", self._store.url, counted(len(due), "case"))
+
+        def fetch() -> None:
+            for fact, mistake in bring_back_all(self._store, due, self._stopped):
+                if mistake and not self._stopped:
+                    _log.error("case %s: %s", fact.result.case, mistake)
+                told(fact)
+
+        self._bringing = threading.Thread(target=fetch, name="bring back", daemon=True)
+        self._bringing.start()
+
+    # --- while it serves ------------------------------------------------------------------------
+
+    @property
+    def is_bringing(self) -> bool:
+        """Whether files of committed attempts are still on their way here."""
+        return self._bringing is not None and self._bringing.is_alive()
+
+    def when_kept(self, call: Callable[[], None]) -> None:
+        """Call ``call`` when replies may leave: at once, unless they wait for the store."""
+        if self.options.durable and self._replicator is not None:
+            self._replicator.when_kept(call)
+        else:
+            call()
+
+    @property
+    def rounds(self) -> int:
+        """Rounds of the replica that have reached the store."""
+        return 0 if self._replicator is None else self._replicator.rounds
+
+    # --- the end --------------------------------------------------------------------------------
+
+    def finish_bringing(self, *, stop: bool) -> None:
+        """Wait for the files that are on their way; ``stop``: for those alone."""
+        if stop:
+            self._stopped.append(True)
+        if self._bringing is not None:
+            self._bringing.join()
+
+    def close(self, *, released: bool) -> None:
+        """Write the end of the journal; ``released``: a successor need not watch us."""
+        if self._files is not None:
+            self._files.close()
+        if self._replicator is not None:
+            self._replicator.close(released=released)
+
+    # --- takeover -------------------------------------------------------------------------------
+
+    def _take_over(self, number: int, found: StoreOwner) -> None:
+        began_s = time.monotonic()
+        head = read_head(self._store, self._seal, found.claim)
+        if not (head is not None and head.released) and not restarted(found.owner, this_process()):
+            await_silence(
+                lambda: self._seen(found.claim),
+                f"{self._store.url}: in use by another conductor (pid {found.owner.pid} on "
+                f"{found.owner.host}); stop it, or give another --store",
+                self.options.stale_s,
+                time.monotonic,
+            )
+        self._own = self._claims.claim(number + 1, found.epoch + 1, this_process(), self._lease())
+        copy = read_journal_of(self._store, self._seal, found.claim)
+        if copy is not None:
+            write_journal(self._folder, copy)
+        self.taken_over_s = time.monotonic() - began_s
+        _log.warning("%s: %s", self._store.url, taken_by(self._own))
+
+    def _seen(self, claim: int) -> bytes:
+        try:
+            return self._store.get(head_name(claim), HEAD_BYTES_MAX)
+        except MissingObjectError:
+            return b""
+
+    def _lease(self) -> str:
+        path = self._folder / LEASE_FILE
+        try:
+            self._folder.mkdir(parents=True, exist_ok=True)
+            if path.exists():
+                text = read_regular(path, 64).decode("ascii", "replace").strip()
+                if not re.fullmatch(r"[0-9a-f]{32}", text):
+                    raise UsageError(f"{path}: damaged; remove it and give an empty --state folder")
+                return text
+            text = secrets.token_hex(16)
+            write_atomic(path, text.encode() + b"\n")
+        except OSError as error:
+            raise storage_error(error, str(path)) from None
+        return text
+
+
+def keep_runs(options: StoreOptions | None, folders: list[Path]) -> None:
+    """Put the small files of runs as they are after the end, with their signatures, if there is a
+    store."""
+    if options is None:
+        return
+    try:
+        RunFiles(open_store(options.url), lambda: folders).put_changed()
+    except TwinError as error:
+        _log.error("the store has not the last files of a run: %s", error)

@@ -1,0 +1,119 @@
+"""Files of campaigns in a store, beside the attempts: what a report reads first.
+
+```
+runs/CAMPAIGN/campaign.yaml, outcomes.json, timeline.jsonl, manifest.json, ...
+```
+
+They are the files of the campaign folder, put again when they have changed. Nothing is decided
+from them; when a run has ended, its signed manifest is one of them.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import re
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from conductor.records.outcomes import FILE_NAME as OUTCOMES_FILE
+from conductor.records.software_file import FILE_NAME as SOFTWARE_FILE
+from conductor.records.timeline import FILE_NAME as TIMELINE_FILE
+from conductor.serve.folders import CAMPAIGN_FILE
+from conductor.trust.judge_feed import FILE_NAME as JUDGEMENT_FILE
+from conductor.trust.manifest import RUN_FILE
+from schemas.files.proposals import FILE_NAME as PROPOSED_FILE
+from schemas.files.regular_file import RUN_FILE_BYTES_MAX, read_regular
+from schemas.files.search_result import FILE_NAME as SEARCH_FILE
+from twin.base.errors import TwinError
+from twin.stores.protocol import ResultStore
+
+NAMES = (
+    *(CAMPAIGN_FILE, PROPOSED_FILE, OUTCOMES_FILE, TIMELINE_FILE, SEARCH_FILE),
+    *(JUDGEMENT_FILE, SOFTWARE_FILE, RUN_FILE),
+)
+"""Files that are kept, in the order in which they are put."""
+PERIOD_S = 10.0
+"""They are looked at this often [s]."""
+SHARE = 0.02
+"""Share of the time that putting them takes at most."""
+
+_log = logging.getLogger(__name__)
+
+
+class RunFiles:
+    """Puts what has changed, on a thread.
+
+    Args:
+        store: the store.
+        folders: the campaign folders.
+    """
+
+    def __init__(self, store: ResultStore, folders: Callable[[], list[Path]]) -> None:
+        self._store, self._folders = store, folders
+        self._put: dict[Path, tuple[int, int]] = {}
+        """Path -> time of change [ns] and size when it was put."""
+        self._names: dict[Path, str] = {}
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="run files", daemon=True)
+
+    def start(self) -> None:
+        """Begin."""
+        self._thread.start()
+
+    def close(self) -> None:
+        """End, with what has changed last."""
+        self._over.set()
+        if self._thread.is_alive():
+            self._thread.join()
+
+    def put_changed(self) -> None:
+        """Put what has changed since it was put.
+
+        Raises:
+            TwinError: the store does not answer.
+        """
+        for folder in self._folders():
+            for name in NAMES:
+                path = folder / name
+                try:
+                    status = path.stat()
+                    mark = (status.st_mtime_ns, status.st_size)
+                    if self._put.get(path) == mark:
+                        continue
+                    data = read_regular(path, RUN_FILE_BYTES_MAX)
+                except OSError:
+                    continue  # it is not there, or just replaced
+                if campaign := self._campaign(folder):
+                    self._store.put(f"runs/{campaign}/{name}", data)
+                    self._put[path] = mark
+
+    def _campaign(self, folder: Path) -> str:
+        if folder not in self._names:
+            with contextlib.suppress(OSError, TwinError, KeyError, TypeError):
+                self._names[folder] = campaign_name(folder / CAMPAIGN_FILE)
+        return self._names.get(folder, "")
+
+    def _run(self) -> None:
+        pause_s = PERIOD_S
+        while True:
+            last = self._over.wait(pause_s)
+            began_s = time.monotonic()
+            try:
+                self.put_changed()
+            except TwinError as error:
+                _log.debug("%s", error)  # the journal's replica says it
+            if last:
+                return
+            pause_s = max(PERIOD_S, (time.monotonic() - began_s) / SHARE)
+
+
+def campaign_name(path: Path) -> str:
+    """Name of the campaign in a campaign file."""
+    with path.open("rb") as file:
+        for line in file:
+            if match := re.match(rb"campaign: *['\"]?([A-Za-z0-9_.-]+)", line):
+                return match[1].decode()
+    raise KeyError("campaign")

@@ -1,0 +1,144 @@
+"""What a successor does with a store: find the journal, take results, bring files back."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+from conductor.core.facts import Committed
+from conductor.core.state import CampaignState, State
+from conductor.journal.written import Written
+from conductor.records.attempts import attempt_folder
+from conductor.stored.replica import read_head, read_replica
+from conductor.stored.seals import StoreSeal
+from schemas.files.judging import RECORD_FILE, attempt_digest
+from schemas.wire.control import Result, Sealed
+from twin.base.errors import InfrastructureError, TwinError
+from twin.base.files import write_atomic
+from twin.stores.objects import FILES, get_attempt, get_object, get_pack, mark_of, pack_of
+from twin.stores.protocol import DamagedObjectError, MissingObjectError, ResultStore
+
+READERS = 16
+"""Objects that are read at a time."""
+FOUND_MAX = 1_000_000
+"""Most results that are taken from a store, as many as a conductor has cases."""
+HEAD_TRIES = 5
+"""How often a replica is read whose owner replaces it meanwhile."""
+
+_log = logging.getLogger(__name__)
+
+
+def read_journal_of(store: ResultStore, seal: StoreSeal, claim: int) -> Written | None:
+    """The journal of the latest claim up to ``claim`` whose owner has written one; None: none has.
+
+    Raises:
+        TwinError: it cannot be believed or read.
+    """
+    for number in range(claim, 0, -1):
+        for tries_left in reversed(range(HEAD_TRIES)):
+            head = read_head(store, seal, number)
+            if head is None:
+                break
+            try:
+                return read_replica(store, head)
+            except MissingObjectError:  # an owner that still lives has written another head
+                if not tries_left:
+                    raise
+    return None
+
+
+def found_results(store: ResultStore, state: State) -> list[Sealed]:
+    """Sealed results of requests that the journal does not know to be answered.
+
+    A listing may be stale, and an object damaged: then its cases run again.
+
+    Raises:
+        TwinError: the store does not answer.
+    """
+    due = []
+    for name in store.names("results/"):
+        pack = pack_of(name)
+        worker = state.workers.get(pack[0]) if pack else None
+        if pack is None or worker is None:
+            continue
+        if worker.replied is None or worker.replied.seq < pack[1]:
+            due.append(name)
+    found: list[Sealed] = []
+    with ThreadPoolExecutor(READERS) as pool:
+        for results in pool.map(lambda name: _results(store, name), due):
+            found += results[: FOUND_MAX - len(found)]
+    return found
+
+
+def _results(store: ResultStore, name: str) -> list[Sealed]:
+    try:
+        return get_pack(store, name)
+    except (MissingObjectError, DamagedObjectError) as error:
+        _log.warning("%s; its cases run again", error)
+        return []
+
+
+def lacking(campaigns: Iterable[CampaignState]) -> list[tuple[Path, Committed]]:
+    """Committed attempts whose KPI file is not in their campaign folder."""
+    due = []
+    for campaign in campaigns:
+        if campaign.campaign.simulator == "noop":
+            continue
+        out = Path(campaign.out)
+        for case in campaign.ordered:
+            end = case.end if case.ended else None
+            if not isinstance(end, Committed) or not end.result.attempt_dir:
+                continue
+            if not (out / end.result.attempt_dir / "log.txt").exists():
+                due.append((out, end))
+    return due
+
+
+def bring_back(store: ResultStore, out: Path, result: Result) -> None:
+    """Write the files of a committed attempt into its campaign folder.
+
+    Raises:
+        DamagedObjectError: they are not the ones that were committed.
+        TwinError: they are not there, the store does not answer, or the disk lets us down.
+    """
+    stored = get_attempt(store, result.campaign, result.case, mark_of(result))
+    data = {
+        name: get_object(store, stored.files[name].sha256) for name in FILES if name in stored.files
+    }
+    digest = attempt_digest(result.kpi_sha256, data.get("log.txt", b""), data.get(RECORD_FILE, b""))
+    if result.manifest_sha256 and digest != result.manifest_sha256:
+        raise DamagedObjectError(
+            f"{store.url}: files of case {result.case} are not the ones that were committed"
+        )
+    folder = attempt_folder(out, result.attempt_dir)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        # The log comes last: with it an attempt is whole.
+        for name in sorted(data, key="log.txt".__eq__):
+            write_atomic(folder / name, data[name], sync=False)
+    except OSError as error:
+        raise InfrastructureError(f"{folder}: {error.strerror or error}") from None
+
+
+def bring_back_all(
+    store: ResultStore, due: Iterable[tuple[Path, Committed]], stopped: list[bool]
+) -> Iterable[tuple[Committed, str]]:
+    """Bring back many; yields each with what went wrong, in a line, or nothing.
+
+    ``stopped``: not empty any more: no further one.
+    """
+
+    def one(item: tuple[Path, Committed]) -> tuple[Committed, str]:
+        out, fact = item
+        if stopped:
+            return fact, "stopped"
+        try:
+            bring_back(store, out, fact.result)
+        except TwinError as error:
+            return fact, str(error)
+        return fact, ""
+
+    with ThreadPoolExecutor(READERS) as pool:
+        yield from pool.map(one, due)

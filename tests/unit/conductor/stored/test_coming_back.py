@@ -1,0 +1,112 @@
+"""Files that come back from a store, into a successor's folder or for a report."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import msgspec
+import pytest
+from conductor_bench import Bench, hello, next_of, result, submit
+
+from conductor.stored.fetching import fetch_run
+from conductor.stored.successor import bring_back
+from schemas.files.judging import attempt_digest
+from schemas.wire.control import Result
+from twin.base.errors import TwinError, UsageError
+from twin.stores.folder import FolderStore
+from twin.stores.objects import attempt_name, mark_of, object_name, put_attempt, sha256_of
+from twin.stores.protocol import DamagedObjectError, MissingObjectError
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> FolderStore:
+    """An empty one."""
+    return FolderStore(tmp_path / "store")
+
+
+@pytest.fixture
+def done(tmp_path: Path, store: FolderStore) -> Result:
+    """A result whose files are in the store."""
+    bench = Bench()
+    bench.ask(submit(out=str(tmp_path / "out")))
+    bench.ask(hello("w1"))
+    (lease,) = bench.ask(next_of("w1", 1, 1)).leases
+    log, record = b"a log\n", b"{}"
+    made = msgspec.structs.replace(
+        result(lease), manifest_sha256=attempt_digest(f"kpi-{lease.case.id}", log, record)
+    )
+    folder = tmp_path / "worker" / made.attempt_dir
+    folder.mkdir(parents=True)
+    for name, data in (("kpi.parquet", b"rows"), ("log.txt", log), ("judge.json", record)):
+        (folder / name).write_bytes(data)
+    put_attempt(store, folder, made, 1)
+    return made
+
+
+def test_an_attempt_comes_back_as_it_was(tmp_path: Path, store: FolderStore, done: Result) -> None:
+    bring_back(store, tmp_path / "out", done)
+    folder = tmp_path / "out" / done.attempt_dir
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == {
+        "kpi.parquet": b"rows",
+        "log.txt": b"a log\n",
+        "judge.json": b"{}",
+    }
+
+
+def test_another_log_than_the_committed_one_is_refused(
+    tmp_path: Path, store: FolderStore, done: Result
+) -> None:
+    name = attempt_name(done.campaign, done.case, mark_of(done))
+    text = store.get(name).decode()
+    forged = sha256_of(b"another log\n")
+    store.put(object_name(forged), b"another log\n")
+    store.put(name, text.replace(sha256_of(b"a log\n"), forged).encode())
+    with pytest.raises(DamagedObjectError, match="not the ones that were committed"):
+        bring_back(store, tmp_path / "out", done)
+    assert not (tmp_path / "out" / done.attempt_dir).exists()
+
+
+def test_a_link_in_the_folder_is_not_followed(
+    tmp_path: Path, store: FolderStore, done: Result
+) -> None:
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "cases").symlink_to(elsewhere)
+    with pytest.raises(TwinError, match="symbolic link"):
+        bring_back(store, tmp_path / "out", done)
+    assert list(elsewhere.iterdir()) == []
+
+
+def test_what_is_not_there_is_said(tmp_path: Path, store: FolderStore, done: Result) -> None:
+    other = msgspec.structs.replace(done, manifest_sha256="ab" * 32)
+    with pytest.raises(MissingObjectError, match="is not there"):
+        bring_back(store, tmp_path / "out", other)
+
+
+@pytest.mark.parametrize(
+    ("files", "url", "line"),
+    [
+        ((), "", "holds no run"),
+        (("runs/a/campaign.yaml", "runs/b/campaign.yaml"), "", "holds runs of a, b; give one, as"),
+        (("runs/a/campaign.yaml",), "/runs/c", "no run of a campaign c; there: a"),
+        (("runs/a/campaign.yaml",), "", "campaign a has no outcomes.json yet"),
+        (("runs/..x/campaign.yaml",), "", "holds no run"),
+    ],
+)
+def test_a_run_that_is_not_there_is_one_line(
+    tmp_path: Path, store: FolderStore, files: tuple[str, ...], url: str, line: str
+) -> None:
+    for name in files:
+        store.put(name, b"x")
+    with pytest.raises(UsageError, match=line.replace("?", r"\?")):
+        fetch_run(f"file://{tmp_path}/store{url}", tmp_path / "read")
+
+
+def test_a_folder_of_something_else_is_left_alone(tmp_path: Path, store: FolderStore) -> None:
+    store.put("runs/a/campaign.yaml", b"x")
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "conductor.db").write_bytes(b"journal")
+    with pytest.raises(UsageError, match="holds something else than what is read from"):
+        fetch_run(f"file://{tmp_path}/store", tmp_path / "mine")
+    assert [path.name for path in (tmp_path / "mine").iterdir()] == ["conductor.db"]
