@@ -9,7 +9,7 @@ are.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -45,6 +45,8 @@ TURN_FADES_S, ACCEL_FADES_S = 4.0, 2.0
 """Time in which they fade if nothing confirms them [s]."""
 ACCEL_MAX_MPS2 = 8.0
 """Largest acceleration of a track [m/s^2]."""
+PLACES_KEPT = 12
+"""Places for tracks along the road, which what is beside it does not take [-]."""
 SIDEWAYS_SHARE = 0.04
 """Variance of a new track's speed across, relative to that along [-]."""
 TURN_MAX_RADPS = 0.8
@@ -239,11 +241,7 @@ class TrackStore:
         alone = self.confirm(seen, eye)
         pair = np.where(self.live & (self.camera.age_s == 0.0), 0, -1)
         self._missed(self.camera, pair, looked)
-        places = Sightings(
-            alone, seen.x_m, seen.sigma_m, seen.right_m, seen.left_m, seen.inside, seen.path_x_m,
-            seen.label, seen.place, seen.radial_mps, seen.radial_sigma_mps, seen.ray_y,
-        )  # fmt: skip
-        self._begin(places, self.camera, np.full(self.live.shape, -1), looked)
+        self._begin(replace(seen, valid=alone), self.camera, np.full(self.live.shape, -1), looked)
 
     def _distances(self, seen: Sightings) -> np.ndarray:
         """Squared Mahalanobis distance of every track and sighting, [S, T, M]; infinite outside
@@ -454,13 +452,19 @@ class TrackStore:
     def _begin(
         self, seen: Sightings, memory: SensorMemory, pair: np.ndarray, looked: np.ndarray
     ) -> None:
-        """Tracks of sightings that no track has, in their order, in the free places."""
+        """Tracks of sightings that no track has, in their order, in the free places. Beside the
+        road only LiDAR begins them: radar also sees mirrors there."""
         taken = np.zeros(seen.valid.shape, bool)
         rows, tracks = np.nonzero(pair >= 0)
         taken[rows, pair[rows, tracks]] = True
-        for slot in np.flatnonzero(looked & (seen.valid & ~taken).any(axis=1)).tolist():
+        new = seen.valid & ~taken
+        if memory is not self.lidar:
+            new &= ~seen.beside
+        for slot in np.flatnonzero(looked & new.any(axis=1)).tolist():
             free = np.flatnonzero(~self.live[slot])
-            fresh = np.flatnonzero(seen.valid[slot] & ~taken[slot])[: len(free)]
+            fresh = np.flatnonzero(new[slot])
+            left = np.arange(len(free), len(free) - len(fresh), -1)
+            fresh = fresh[left > np.where(seen.beside[slot, fresh], PLACES_KEPT, 0)]
             self._start(slot, free[: len(fresh)], fresh, seen, memory)
 
     def _start(
@@ -478,7 +482,9 @@ class TrackStore:
         radial = seen.radial_mps[slot, fresh]
         told = np.isfinite(radial)
         told_sigma = np.minimum(seen.radial_sigma_mps[slot, fresh], self._p.start_speed_mps)
-        ray_y, sideways = seen.ray_y[slot, fresh], SIDEWAYS_SHARE * speed
+        # Who comes from the side is as fast across as others are along the road.
+        sideways = np.where(seen.beside[slot, fresh], 1.0, SIDEWAYS_SHARE) * speed
+        ray_y = seen.ray_y[slot, fresh]
         ray_x = np.sqrt(1.0 - ray_y * ray_y)
         values = {
             "x_m": seen.x_m[slot, fresh],
