@@ -221,6 +221,40 @@ def test_a_car_that_crosses_at_right_angles_moves_along_the_ray():
     assert not beside("car", **crosses, radar_hits=0, lidar_hits=4, q_vv=1.2), "one of its ends"
 
 
+MOTORCYCLE = {
+    "x_m": 18.0, "y_m": 17.0, "vx_mps": 0.0, "vy_mps": -11.1, "right_m": -0.4, "left_m": 0.4,
+    "from_x_m": 18.0, "from_y_m": 24.0, "speed_mps": 11.1, "radar_hits": 0, "age_s": 1.0,
+}  # fmt: skip
+
+
+def test_who_comes_from_far_beside_the_road_is_braked_for_by_lidar_alone():
+    """At a right angle radar does not look, and he has no speed along the path."""
+    assert beside(lidar_hits=5, **MOTORCYCLE)
+    assert not beside(lidar_hits=4, **MOTORCYCLE)
+    assert not beside(lidar_hits=5, **(MOTORCYCLE | {"q_vv": 5.0})), "his speed is not sure"
+    assert not beside(lidar_hits=5, **(MOTORCYCLE | {"from_y_m": 18.0})), "he has not come far"
+    slow = {"vy_mps": -4.5, "y_m": 7.0, "from_y_m": 12.0}
+    assert not beside(lidar_hits=5, **(MOTORCYCLE | slow)), "posts of a fence"
+    assert beside(lidar_hits=5, **(MOTORCYCLE | slow | {"right_m": -2.0, "left_m": 2.0}))
+
+
+def test_who_comes_from_far_beside_need_not_be_old_where_radar_sees_him_move():
+    car = MOTORCYCLE | {"right_m": -2.0, "left_m": 2.0, "age_s": 0.4, "radar_hits": 6}
+    assert beside(lidar_hits=4, **car)
+    assert not beside(lidar_hits=3, **car)
+    assert not beside(lidar_hits=4, **(car | {"radar_hits": 0}))
+
+
+def test_what_radar_sees_stand_beside_a_turn_does_not_cross():
+    """Of a car that waits, other parts are seen while the ego turns: it seems to go at 3.1 m/s,
+    across the ray on which radar measures nothing."""
+    stands = {"x_m": 8.1, "y_m": -4.0, "vx_mps": 1.9, "vy_mps": 2.4, "q_vv": 0.1}
+    stands |= {"right_m": -1.9, "left_m": 1.9, "speed_mps": 5.0}
+    assert not beside("car", **stands)
+    assert beside("car", radar_hits=0, **stands), "no radar says otherwise"
+    assert beside("car", **(stands | {"vx_mps": 0.0})), "it drives along the ray"
+
+
 def test_of_what_radar_alone_sees_standing_the_driver_is_warned():
     def warned(x_m=56.0, hits=40, bend=0.0, inside=1.0):
         tracks = TrackStore(1, TrackingParameters())

@@ -8,7 +8,14 @@ import pytest
 from devkit.fusion.parameters import TrackingParameters
 from devkit.fusion.path import CarPath
 from devkit.fusion.sightings import Sightings
-from devkit.fusion.tracks import EDGE_SHARE, LATERAL_SIGMA_M, TRACKS_MAX, EyePlaces, TrackStore
+from devkit.fusion.tracks import (
+    EDGE_SHARE,
+    LATERAL_SIGMA_M,
+    PLACES_KEPT,
+    TRACKS_MAX,
+    EyePlaces,
+    TrackStore,
+)
 
 PERIOD_S = 0.1
 PARAMETERS = TrackingParameters()
@@ -216,6 +223,43 @@ def test_no_more_tracks_than_places():
     store.update(seen, store.lidar, np.ones(1, bool))
     assert store.live.sum() == TRACKS_MAX
     assert store.x_m[0].max() == 5.0 + 1.5 * (TRACKS_MAX - 1)
+
+
+def test_what_is_beside_the_road_leaves_places_to_what_is_along_it():
+    store = TrackStore(1, PARAMETERS)
+    many = TRACKS_MAX
+    seen = sightings(5.0 + 1.5 * np.arange(many)[None], np.zeros((1, many)))
+    seen.beside[0, 2:] = True
+    store.update(seen, store.lidar, np.ones(1, bool))
+    assert store.live.sum() == TRACKS_MAX - PLACES_KEPT
+    assert store.live[0, :2].all()
+    seen.beside[:] = False
+    store.update(seen, store.lidar, np.ones(1, bool))
+    assert store.live.sum() == TRACKS_MAX
+
+
+def test_beside_the_road_lidar_begins_tracks_and_radar_corrects_them():
+    store = TrackStore(1, PARAMETERS)
+    seen = sightings([20.0], [-18.0])
+    seen.beside[0, 0] = True
+    store.update(seen, store.radar, np.ones(1, bool))
+    assert not store.live.any()
+    store.update(seen, store.lidar, np.ones(1, bool))
+    store.update(seen, store.radar, np.ones(1, bool))
+    assert store.live.sum() == 1
+    assert (store.lidar.hits[0, 0], store.radar.hits[0, 0]) == (1.0, 1.0)
+
+
+def test_who_crosses_fast_has_his_speed_after_four_sweeps():
+    """17 m/s from the side: a speed across that were thought to be small would take a second."""
+    store = TrackStore(1, PARAMETERS)
+    for k in range(5):
+        seen = sightings([20.0], [-25.0 + 17.0 * k * PERIOD_S], half_m=2.0)
+        seen.beside[0, 0] = True
+        step(store, seen)
+    assert store.live.sum() == 1
+    assert store.vy_mps[0, 0] == pytest.approx(17.0, abs=1.0)
+    assert 25.0 * store.q_vv[0, 0] < 17.0**2
 
 
 def test_ends_follow_what_is_seen():
