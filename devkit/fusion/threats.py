@@ -70,13 +70,17 @@ often: there is no lane in which it would drive along the road [m, -]."""
 SLOW_MPS = 4.0
 """A slower vehicle moves only if radar, where it sees it, says so: beside a car that turns, what
 stands is seen from other sides, and other parts of it [m/s]."""
+AGREES_MIN = 0.5
+"""Share of radial speeds that have to agree with a velocity for radar to vouch for it: in fog
+LiDAR goes from one thing to the next [-]."""
 EARLY_LATE_S = 0.25
 """Who would be in the path so shortly before or after the car is there crosses it [s]."""
 FLANK_SHARE = 0.5
 """Who would meet the car's flank may as well meet its front, if he is only so much later as this
 share of the time to collision: speeds change until then, and nobody brakes for his flank [-]."""
-NARROW_M, WALKS_MPS = 1.0, 1.0
-"""Whom no camera names is a pedestrian if narrower, and faster across, than this [m, m/s]."""
+NARROW_M, WALKS_MPS, WALKS_ALONG_MPS = 1.0, 1.0, 4.0
+"""Whom no camera names is a pedestrian if narrower, and faster across, than this, and no faster
+along the path [m, m/s, m/s]."""
 IMMINENT_S = 0.5
 """Who will be in the path so soon is as good as in it [s]."""
 PATH_SURE_M = 30.0
@@ -160,7 +164,7 @@ def find_threats(
     ttc = np.where(nearing, gap / np.where(nearing, closing, 1.0), TIME_MAX_S)
     ttc = np.minimum(ttc, TIME_MAX_S)
     slow = tracks.vx_mps * tracks.vx_mps + tracks.vy_mps * tracks.vy_mps < SLOW_MPS * SLOW_MPS
-    driven = doppler | ((vx != 0.0) & ~(slow & echoed))
+    driven = doppler | ((vx != 0.0) & ~(echoed & (slow | (tracks.agrees < AGREES_MIN))))
     crosses = _crosses(tracks, ego, vx, vy, ttc, closing, driven, staging)
     crossing = crosses.meets
     departs = crosses.departs | _passes_by(tracks, ego, vx, ttc, staging)
@@ -232,7 +236,8 @@ def _moves_by_doppler(
     variance = (ahead_m * tracks.p_vv + aside_m * tracks.q_vv) / square_m2
     moves = _is_speed(radial, variance, SURE_VARIANCES)
     known = tracks.radar.hits >= SIGHTINGS_MIN
-    return moves & known, known & (tracks.radar.age_s < RECENT_S)
+    moves &= known & (tracks.agrees >= AGREES_MIN)
+    return moves, known & (tracks.radar.age_s < RECENT_S)
 
 
 def _is_speed(
@@ -293,16 +298,20 @@ def _crosses(
     walks = (tracks.lidar.hits >= WALKS_SIGHTINGS) & (tracks.radar.hits >= SIGHTINGS_MIN)
     # Of what is wide another part is seen while the car goes by: its middle wanders.
     walks |= (tracks.radar.hits >= WALKS_ECHOES) & _has_walked(tracks, across)
-    walks &= (tracks.left_m - tracks.right_m < NARROW_M) & (speed > WALKS_MPS)
+    narrow = tracks.left_m - tracks.right_m < NARROW_M
+    walks &= narrow & (speed > WALKS_MPS) & (np.abs(vx_mps) < WALKS_ALONG_MPS)
     # At a right angle to the path nothing is fast along it, and radar does not look so far aside.
     runs = (tracks.lidar.hits >= RUNS_SIGHTINGS) & (speed > RUNS_MPS) & _has_walked(tracks, across)
     runs &= vy_mps * vy_mps > ALONE_SURE_VARIANCES * tracks.q_vv
     person = (_is_any(tracks.label, _PERSONS) | ((tracks.label == 0) & walks)) & (vy_mps != 0.0)
     # A vehicle that comes along a curve is no crossing one, though it goes aside for a while.
     aside = (speed > np.abs(vx_mps)) | (tracks.x_m < PATH_SURE_M)
-    # LiDAR alone goes from one post to the next in fog; a vehicle is wider, or radar sees it too.
-    seen = (tracks.left_m - tracks.right_m >= NARROW_M) | (tracks.radar.hits >= SIGHTINGS_MIN)
-    vehicle = (tracks.label > 0) | seen | (runs & (speed > RUNS_NARROW_MPS))
+    # LiDAR alone goes from one post to the next in fog, and a box behind them may name them; a
+    # vehicle is wider, or radar sees it move too. Without LiDAR nobody knows how wide it is.
+    unseen = tracks.lidar.hits < SIGHTINGS_MIN
+    seen = ~narrow | _moves_by_doppler(tracks, staging)[0]
+    seen |= unseen & ((tracks.label > 0) | (tracks.radar.hits >= SIGHTINGS_MIN))
+    vehicle = seen | (runs & (speed > RUNS_NARROW_MPS))
     moves &= person | (vehicle & (speed > CROSSES_MPS) & (driven | runs))
     # Braking begins earlier than crossing is foreseen: who turns off has to count until then.
     departs = moves & ~person & (leaves < ttc_s - EARLY_LATE_S)

@@ -31,7 +31,8 @@ PART_SIGMAS = 2.0
 """A width that changes by more than twice so many deviations of the middle is of another part of
 the object [-]."""
 INSIDE_SHARE = 0.4
-"""Share by which one sighting changes whether a track is in the path [-]."""
+"""Share by which one sighting changes whether a track is in the path, and whether radial speeds
+agree with its velocity [-]."""
 HELD_S = 1.0
 """A sensor that measures places and has seen a track so lately tells where it is, though a few
 sweeps may have missed it: the camera's guess does not take its place at once [s]."""
@@ -122,6 +123,8 @@ class TrackStore:
         """Acceleration over ground along x."""
         self.from_x_m, self.from_y_m = _arrays(slots, 2)
         """Where it was at the age of :data:`SETTLED_S`, a place on the road, in the axes of now."""
+        self.agrees = np.ones((slots, TRACKS_MAX))
+        """Share of the radial speeds lately that its velocity explains, 1 at first."""
         self.probability, self.age_s = _arrays(slots, 2)
         self.label = np.zeros((slots, TRACKS_MAX), np.int64)
         self.place = np.full((slots, TRACKS_MAX), -1)
@@ -406,13 +409,17 @@ class TrackStore:
     ) -> None:
         """Correct tracks by a radial speed over ground, the velocity's part along the ray, whose
         direction has the sine ``ray_y``. One that is far from a track's is of a wheel, or of
-        something beside it. What corrections of a known speed add up to is an acceleration, as in
-        :meth:`_turn`."""
+        something beside it, or the track's velocity is wrong (:attr:`agrees`). What corrections of
+        a known speed add up to is an acceleration, as in :meth:`_turn`."""
         ray_x = np.sqrt(1.0 - ray_y * ray_y)
         total = ray_x * ray_x * self.p_vv + ray_y * ray_y * self.q_vv + sigma_mps * sigma_mps
         residual = radial_mps - ray_x * self.vx_mps - ray_y * self.vy_mps
         known = self.p_vv < KNOWN_VARIANCE
-        which = which & (~known | (residual * residual < SPEED_GATE * total))
+        fits = ~known | (residual * residual < SPEED_GATE * total)
+        self.agrees = np.where(
+            which, self.agrees + INSIDE_SHARE * (fits - self.agrees), self.agrees
+        )
+        which = which & fits
         share = np.where(which, residual, 0.0) / total
         accel = self.accel_mps2 + ACCEL_PER_S * ray_x * self.p_vv * share
         accel = np.clip(accel, -ACCEL_MAX_MPS2, ACCEL_MAX_MPS2)
@@ -505,6 +512,7 @@ class TrackStore:
             "age_s": 0.0,
             "turn_radps": 0.0,
             "accel_mps2": 0.0,
+            "agrees": 1.0,
             "live": True,
             "label": seen.label[slot, fresh],
             "place": seen.place[slot, fresh] if camera else -1,

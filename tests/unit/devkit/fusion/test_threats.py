@@ -174,7 +174,7 @@ def beside(
     return bool(near and (found.agreed[0, 0] | found.single[0, 0]))
 
 
-CROSSES = {"x_m": 11.3, "y_m": -3.0, "vx_mps": 2.0, "vy_mps": 4.0}
+CROSSES = {"x_m": 11.3, "y_m": -3.0, "vx_mps": 2.0, "vy_mps": 4.0, "right_m": -0.9, "left_m": 0.9}
 
 
 @pytest.mark.parametrize("label", ["car", ""])
@@ -255,6 +255,21 @@ def test_what_radar_sees_stand_beside_a_turn_does_not_cross():
     assert beside("car", **(stands | {"vx_mps": 0.0})), "it drives along the ray"
 
 
+def test_radar_that_disagrees_with_a_velocity_does_not_vouch_for_it():
+    jumps = {"x_m": 7.7, "y_m": 1.8, "vx_mps": -2.9, "vy_mps": -10.2, "lidar_hits": 3}
+    jumps |= {"right_m": -0.5, "left_m": 0.5, "p_vv": 0.5, "q_vv": 0.7, "speed_mps": 6.6}
+    assert beside("car", **jumps)
+    assert not beside("car", **jumps, agrees=0.36)
+
+
+def test_who_drives_along_the_road_is_no_pedestrian_that_no_camera_names():
+    """Of an oncoming car only an edge is seen in fog, and it seems to go aside."""
+    edge = {"x_m": 14.9, "y_m": 2.8, "vy_mps": -1.2, "right_m": -0.1, "left_m": 0.1, "q_vv": 0.07}
+    edge |= {"lidar_hits": 6, "turn_radps": 0.17, "speed_mps": 7.8}
+    assert not beside(**edge, vx_mps=-8.8)
+    assert beside(**edge, vx_mps=-3.9), "who runs"
+
+
 def test_of_what_radar_alone_sees_standing_the_driver_is_warned():
     def warned(x_m=56.0, hits=40, bend=0.0, inside=1.0):
         tracks = TrackStore(1, TrackingParameters())
@@ -317,4 +332,5 @@ def test_a_narrow_thing_that_lidar_alone_sees_cross_is_no_vehicle():
     assert not beside(radar_hits=0, **post)
     assert beside(radar_hits=3, **post), "radar sees it too"
     assert beside(radar_hits=0, **(post | {"right_m": -0.9, "left_m": 0.9})), "wide enough"
-    assert beside("car", radar_hits=0, **post), "named"
+    assert not beside("car", radar_hits=0, **post), "named by the box of a car behind it"
+    assert beside("car", radar_hits=0, **(post | {"lidar_hits": 2})), "no LiDAR says otherwise"

@@ -170,6 +170,25 @@ def test_a_radial_speed_is_the_part_of_the_velocity_along_the_ray():
     assert store.from_y_m[at] == pytest.approx(-13.0, abs=0.5), "at half a second"
 
 
+def test_radial_speeds_that_a_velocity_does_not_explain_are_counted_against_it():
+    """LiDAR has gone from one thing to the next at 10 m/s; radar sees that it stands."""
+    store = TrackStore(1, PARAMETERS)
+    for k in range(6):
+        step(store, sightings([20.0], [8.0 - k]))
+    assert store.vy_mps[0, 0] == pytest.approx(-9.0, abs=1.5)
+    assert store.agrees[0, 0] == 1.0
+    seen = sightings([20.0], [2.0])
+    seen.ray_y[0, 0], seen.radial_mps[0, 0], seen.radial_sigma_mps[0, 0] = 0.4, 0.0, 0.3
+    velocity = store.vy_mps[0, 0]
+    for left in (0.6, 0.36):
+        store.update(seen, store.radar, np.ones(1, bool))
+        assert store.agrees[0, 0] == pytest.approx(left)
+    assert store.vy_mps[0, 0] == velocity, "it may have been a wheel"
+    seen.radial_mps[0, 0] = 0.4 * velocity
+    store.update(seen, store.radar, np.ones(1, bool))
+    assert store.agrees[0, 0] == pytest.approx(0.616)
+
+
 def test_where_a_track_came_from_stays_on_the_road_while_the_car_turns():
     store = TrackStore(1, PARAMETERS)
     heading = x = y = 0.0
