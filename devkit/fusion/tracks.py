@@ -50,6 +50,8 @@ PLACES_KEPT = 12
 """Places for tracks along the road, which what is beside it does not take [-]."""
 SIDEWAYS_SHARE = 0.04
 """Variance of a new track's speed across, relative to that along [-]."""
+CROSSES_MPS = 2.0
+"""What moves so fast along a ray that leads aside may as well cross [m/s]."""
 TURN_MAX_RADPS = 0.8
 """Largest turn rate of a track [rad/s]."""
 TURNS_FROM_MPS = 2.0
@@ -102,6 +104,15 @@ class EyePlaces:
     """Of the cars, arrays [S]."""
     corridor_half_m: float
     """Half width of the path."""
+
+
+def _sideways_share(ray_y: np.ndarray, radial_mps: np.ndarray) -> np.ndarray:
+    """Variance of a speed across that is not known yet, relative to that along: who moves along a
+    ray of 30 degrees or more drives across as likely as along."""
+    square = 4.0 * ray_y * ray_y
+    share = np.clip(square * square, SIDEWAYS_SHARE, 1.0)
+    # Comparisons with NaN, no radial speed, are false.
+    return np.where(np.abs(radial_mps) > CROSSES_MPS, share, SIDEWAYS_SHARE)
 
 
 class TrackStore:
@@ -412,9 +423,11 @@ class TrackStore:
         something beside it, or the track's velocity is wrong (:attr:`agrees`). What corrections of
         a known speed add up to is an acceleration, as in :meth:`_turn`."""
         ray_x = np.sqrt(1.0 - ray_y * ray_y)
+        known = self.p_vv < KNOWN_VARIANCE
+        least = np.where(which & ~known, _sideways_share(ray_y, radial_mps) * self.p_vv, 0.0)
+        self.q_vv = np.maximum(self.q_vv, least)
         total = ray_x * ray_x * self.p_vv + ray_y * ray_y * self.q_vv + sigma_mps * sigma_mps
         residual = radial_mps - ray_x * self.vx_mps - ray_y * self.vy_mps
-        known = self.p_vv < KNOWN_VARIANCE
         fits = ~known | (residual * residual < SPEED_GATE * total)
         self.agrees = np.where(
             which, self.agrees + INSIDE_SHARE * (fits - self.agrees), self.agrees
@@ -490,8 +503,8 @@ class TrackStore:
         told = np.isfinite(radial)
         told_sigma = np.minimum(seen.radial_sigma_mps[slot, fresh], self._p.start_speed_mps)
         # Who comes from the side is as fast across as others are along the road.
-        sideways = np.where(seen.beside[slot, fresh], 1.0, SIDEWAYS_SHARE) * speed
         ray_y = seen.ray_y[slot, fresh]
+        sideways = np.where(seen.beside[slot, fresh], 1.0, _sideways_share(ray_y, radial)) * speed
         ray_x = np.sqrt(1.0 - ray_y * ray_y)
         values = {
             "x_m": seen.x_m[slot, fresh],
