@@ -65,8 +65,9 @@ RUNS_MPS, RUNS_NARROW_MPS, RUNS_SIGHTINGS = 3.5, 5.0, 5
 """What LiDAR alone has seen so often come from the side at this speed crosses, also if it is as
 narrow as a motorcycle [m/s, m/s, -]."""
 BESIDE_M, BESIDE_SIGHTINGS = 9.0, 4
-"""What is further aside and moves by Doppler has a speed across as soon as LiDAR has seen it so
-often: there is no lane in which it would drive along the road [m, -]."""
+"""What is further aside has a speed across as soon as LiDAR has seen it :data:`RUNS_SIGHTINGS`
+times, or so often if it moves by Doppler: there is no lane in which it would drive along the road
+[m, -]."""
 SLOW_MPS = 4.0
 """A slower vehicle moves only if radar, where it sees it, says so: beside a car that turns, what
 stands is seen from other sides, and other parts of it [m/s]."""
@@ -154,7 +155,8 @@ def find_threats(
     # What a camera names and LiDAR has seen often enough is where its points are.
     placed = (tracks.label > 0) & (tracks.lidar.hits >= SIGHTINGS_MIN)
     doppler, echoed = _moves_by_doppler(tracks, staging)
-    comes = doppler & (np.abs(tracks.y_m) > BESIDE_M) & (tracks.lidar.hits >= BESIDE_SIGHTINGS)
+    comes = tracks.lidar.hits >= np.where(doppler, BESIDE_SIGHTINGS, RUNS_SIGHTINGS)
+    comes &= np.abs(tracks.y_m) > BESIDE_M
     ripe = person | placed | comes | (tracks.age_s > RIPE_S)
     vy = np.where(ripe & _is_speed(tracks.vy_mps, tracks.q_vv, sure), tracks.vy_mps, 0.0)
     closing = speed - vx
@@ -303,6 +305,8 @@ def _crosses(
     # At a right angle to the path nothing is fast along it, and radar does not look so far aside.
     runs = (tracks.lidar.hits >= RUNS_SIGHTINGS) & (speed > RUNS_MPS) & _has_walked(tracks, across)
     runs &= vy_mps * vy_mps > ALONE_SURE_VARIANCES * tracks.q_vv
+    # In fog nothing is seen so far aside, and LiDAR goes from one thing to the next.
+    runs &= np.abs(tracks.from_y_m) > BESIDE_M
     person = (_is_any(tracks.label, _PERSONS) | ((tracks.label == 0) & walks)) & (vy_mps != 0.0)
     # A vehicle that comes along a curve is no crossing one, though it goes aside for a while.
     aside = (speed > np.abs(vx_mps)) | (tracks.x_m < PATH_SURE_M)

@@ -58,8 +58,9 @@ TURNS_FROM_MPS = 2.0
 """Slower objects have no heading, and so no turn rate [m/s]."""
 OVERLAP_MIN = 0.3
 """Share of a camera box that must lie on a track for it to be of it [-]."""
-SETTLED_S = 0.5
-"""A younger track's place is not known well enough to tell how far it has gone since [s]."""
+SETTLED_S, SETTLED_SWEEPS = 0.5, 2
+"""The place of a younger track that LiDAR has seen less often is not known well enough to tell how
+far it has gone since [s, -]."""
 BEHIND_M = -2.0
 """Tracks further behind the rear axle are forgotten [m]."""
 KNOWN_VARIANCE = 2.0
@@ -179,7 +180,7 @@ class TrackStore:
             setattr(self, cross, xv + dt * vv + 0.5 * noise * dt * dt * dt)
             setattr(self, vel, vv + noise * dt * dt)
         self.age_s = self.age_s + dt
-        settles = self.age_s < SETTLED_S
+        settles = (self.age_s < SETTLED_S) & (self.lidar.hits < SETTLED_SWEEPS)
         self.from_x_m = np.where(settles, self.x_m, self.from_x_m)
         self.from_y_m = np.where(settles, self.y_m, self.from_y_m)
         for memory in (self.camera, self.lidar, self.radar):

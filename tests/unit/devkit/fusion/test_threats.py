@@ -233,6 +233,9 @@ def test_who_comes_from_far_beside_the_road_is_braked_for_by_lidar_alone():
     assert not beside(lidar_hits=4, **MOTORCYCLE)
     assert not beside(lidar_hits=5, **(MOTORCYCLE | {"q_vv": 5.0})), "his speed is not sure"
     assert not beside(lidar_hits=5, **(MOTORCYCLE | {"from_y_m": 18.0})), "he has not come far"
+    near = {"y_m": 5.4, "from_y_m": 8.0, "vy_mps": -6.0, "x_m": 12.0}
+    assert not beside(lidar_hits=5, **(MOTORCYCLE | near)), "it was never far aside: fog"
+    assert beside(lidar_hits=5, **(MOTORCYCLE | near | {"from_y_m": 10.0}))
     slow = {"vy_mps": -4.5, "y_m": 7.0, "from_y_m": 12.0}
     assert not beside(lidar_hits=5, **(MOTORCYCLE | slow)), "posts of a fence"
     assert beside(lidar_hits=5, **(MOTORCYCLE | slow | {"right_m": -2.0, "left_m": 2.0}))
