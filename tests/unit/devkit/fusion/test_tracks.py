@@ -170,6 +170,21 @@ def test_a_radial_speed_is_the_part_of_the_velocity_along_the_ray():
     assert store.from_y_m[at] == pytest.approx(-13.0, abs=0.5), "at half a second"
 
 
+@pytest.mark.parametrize(("ray_y", "across"), [(0.7, True), (0.1, False)])
+def test_who_moves_along_a_ray_that_leads_aside_may_as_well_cross(ray_y, across):
+    """A first radial speed says nothing of the speed at right angles to it."""
+    store = TrackStore(1, PARAMETERS)
+    seen = sightings([14.0], [10.0])
+    seen.ray_y[0, 0], seen.radial_mps[0, 0], seen.radial_sigma_mps[0, 0] = ray_y, -4.0, 0.3
+    store.update(seen, store.radar, np.ones(1, bool))
+    assert (store.q_vv[0, 0] > 50.0) == across
+    later = TrackStore(1, PARAMETERS)
+    later.update(sightings([14.0], [10.0]), later.lidar, np.ones(1, bool))
+    assert later.q_vv[0, 0] < 5.0
+    later.update(seen, later.radar, np.ones(1, bool))
+    assert (later.vy_mps[0, 0] < -1.5) == across
+
+
 def test_radial_speeds_that_a_velocity_does_not_explain_are_counted_against_it():
     """LiDAR has gone from one thing to the next at 10 m/s; radar sees that it stands."""
     store = TrackStore(1, PARAMETERS)
