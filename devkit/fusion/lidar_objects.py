@@ -21,8 +21,22 @@ from schemas.sections.lidar import POINT_COLUMNS
 
 _X, _Y, _Z, _TIME = (POINT_COLUMNS.index(name) for name in ("x_m", "y_m", "z_m", "time_s"))
 
-HALF_WIDTH_M = 9.0
-"""Points further aside are left out [m]."""
+ROAD_HALF_M = 9.0
+"""Half width of what is looked at along the road [m]."""
+HALF_WIDTH_M = 36.0
+"""Points further aside are left out: who comes from there at 25 m/s is in the path after 1.4 s
+[m]."""
+BESIDE_POINTS_MIN = 3
+"""Fewest points of what is beside the road: a motorcycle has no more at 40 m, and what is there has
+to be seen again and again [-]."""
+COMPACT_M = 6.5
+"""What reaches further, along or across, is no car or motorcycle that crosses [m]."""
+CROSSING_S, CROSSING_MIN_M = 2.6, 8.0
+"""Who crosses is looked for where the car will be within this time, at least so far ahead
+[s, m]."""
+CROSSING_MAX_MPS = 25.0
+"""Fastest who crosses: what is further aside than he goes until the car is there does not matter
+[m/s]."""
 NEAR_M = 2.6
 """Points nearer to the rear axle lie on the car itself or behind it [m]."""
 CELL_M = 0.5
@@ -72,7 +86,8 @@ class LidarView:
 
 
 class SweepObjects(NamedTuple):
-    """Obstacles of one sweep, the nearest first, in arrays [M]."""
+    """Obstacles of one sweep, the nearest first and those along the road before those beside it, in
+    arrays [M]."""
 
     x_m: np.ndarray
     """Near end."""
@@ -82,6 +97,10 @@ class SweepObjects(NamedTuple):
     """bool: enough points are in the path."""
     path_x_m: np.ndarray
     """Nearest part in the path; ``x_m`` where it is outside."""
+    beside: np.ndarray
+    """bool: further aside than :data:`ROAD_HALF_M`; these stand last."""
+    reach_m: float
+    """The furthest one along the road; 0: there is none."""
     free_to_m: float
     """The road in the path is seen up to here [m]."""
     returned: float
@@ -164,7 +183,8 @@ def find_objects(
     """
     returned = float(np.isfinite(points[:, _X]).sum()) / max(len(points), 1)
     x, y, z = in_vehicle_axes(points, view, speed_mps, range_m, deskewed=deskewed)
-    lowest_m, slope = ground(x, z)
+    road = np.abs(y) < ROAD_HALF_M
+    lowest_m, slope = ground(x[road], z[road])
     height = z - (lowest_m + slope * x)
     low = np.abs(height) < LOW_M
     ways = x[low][np.abs(path.beside_arc_m(x[low], y[low])) < corridor_half_m]
@@ -177,20 +197,38 @@ def find_objects(
     order = np.argsort(group, kind="stable")
     bounds = np.searchsorted(group[order], np.arange(1, int(group.max(initial=0)) + 2))
     for first, last in zip(bounds[:-1].tolist(), bounds[1:].tolist(), strict=True):
-        if last - first < points_min:
+        if last - first < BESIDE_POINTS_MIN:
             continue
         one = order[first:last]
+        if np.ptp(x[one]) > COMPACT_M or np.ptp(y[one]) > COMPACT_M:
+            one = one[np.abs(y[one]) < ROAD_HALF_M]
+            if len(one) < points_min:
+                continue
         xs, ys, within = np.sort(x[one]), np.sort(y[one]), np.sort(x[one[inside[one]]])
         skip = EDGE_POINTS if len(one) > 4 * EDGE_POINTS else 0
         into = len(within) >= points_min
-        near_m = float(xs[skip])
+        near_m, right_m, left_m = float(xs[skip]), float(ys[skip]), float(ys[-1 - skip])
+        beside_m = max(right_m, -left_m)
+        beside = beside_m > ROAD_HALF_M
+        if len(one) < points_min and not beside:
+            continue
+        if beside and not _may_cross(near_m, beside_m, speed_mps):
+            continue
         path_m = float(within[min(skip, len(within) - 1)]) if into else near_m
-        rows.append((near_m, float(ys[skip]), float(ys[-1 - skip]), into, path_m))
+        rows.append((beside, near_m, right_m, left_m, into, path_m))
     rows.sort()
-    near, right, left, reaches, way = (
-        np.array([row[i] for row in rows], bool if i == 3 else float) for i in range(5)
+    beside, near, right, left, reaches, way = (
+        np.array([row[i] for row in rows], bool if i in (0, 4) else float) for i in range(6)
     )
-    return SweepObjects(near, right, left, reaches, way, free_to_m, returned)
+    along = near[~beside]
+    reach_m = float(along[-1]) if len(along) else 0.0
+    return SweepObjects(near, right, left, reaches, way, beside, reach_m, free_to_m, returned)
+
+
+def _may_cross(x_m: float, beside_m: float, speed_mps: float) -> bool:
+    """Whether what is so far aside could be in the path when the car is there, soon."""
+    soon_m = max(CROSSING_S * speed_mps, CROSSING_MIN_M)
+    return beside_m / CROSSING_MAX_MPS * speed_mps < x_m - NEAR_M < soon_m
 
 
 def _groups(x: np.ndarray, y: np.ndarray, view: LidarView, range_m: float) -> np.ndarray:
@@ -201,9 +239,13 @@ def _groups(x: np.ndarray, y: np.ndarray, view: LidarView, range_m: float) -> np
     column = np.minimum(((y + HALF_WIDTH_M) / CELL_M).astype(np.int64), columns - 1)
     cell = row * columns + column
     count = np.bincount(cell, minlength=rows * columns).reshape(rows, columns)
-    distance = np.maximum((np.arange(rows) + 0.5) * CELL_M - view.position_m[0], 1.0)
-    least = np.maximum(FILL_MIN * view.rays_in_cell / (distance * distance), 1.5)
-    solid = (count > least[:, None]).astype(np.uint8)
+    ahead = np.maximum((np.arange(rows) + 0.5) * CELL_M - view.position_m[0], 1.0)
+    aside = np.abs((np.arange(columns) + 0.5) * CELL_M - HALF_WIDTH_M)
+    beside = aside > ROAD_HALF_M
+    aside = np.where(beside, aside, 0.0)
+    square = (ahead * ahead)[:, None] + aside * aside
+    least = np.maximum(FILL_MIN * view.rays_in_cell / square, np.where(beside, 0.5, 1.5))
+    solid = (count > least).astype(np.uint8)
     _, labels = cv2.connectedComponents(solid, connectivity=8, ltype=cv2.CV_32S)
     group: np.ndarray = labels.reshape(-1)[cell]
     return group

@@ -36,8 +36,10 @@ _Point = tuple[float, float, float, float, float]
 """x, y [m], speed over ground along the ray [m/s], RCS [dBsm], sine of the ray's direction."""
 ANGLE_SIGMA_RAD = 0.02
 """Deviation of an azimuth [rad]."""
-SIDE_MAX_M = 12.0
-"""Detections further aside are left out [m]."""
+ROAD_HALF_M = 12.0
+"""Detections further aside are left out where nothing moves [m]."""
+SIDE_MAX_M, CROSSES_MPS = 36.0, 2.0
+"""Those of what moves so fast are looked at up to here [m, m/s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +65,11 @@ class EchoGroup:
     ray_y: float
     """Sine of its ray's direction, left positive [-]."""
 
+    @property
+    def beside(self) -> bool:
+        """Whether it is further aside than :data:`ROAD_HALF_M`."""
+        return max(self.right_m, -self.left_m) > ROAD_HALF_M
+
 
 def group_detections(
     detections: np.ndarray,
@@ -71,7 +78,7 @@ def group_detections(
     yaw_rate_radps: float,
     dive_rad: float = 0.0,
 ) -> list[EchoGroup]:
-    """Objects of one radar frame, the nearest first.
+    """Objects of one radar frame, the nearest first and those along the road before those beside.
 
     Args:
         detections: float32 [N, 6].
@@ -106,7 +113,8 @@ def group_detections(
     points = [
         (x, y, over_ground - drift, rcs, sine)
         for x, y, over_ground, rcs, sine in points
-        if rcs >= RCS_MIN_DBSM or abs(over_ground - drift) >= STANDS_MPS
+        if (abs(y) <= ROAD_HALF_M or abs(over_ground - drift) >= CROSSES_MPS)
+        and (rcs >= RCS_MIN_DBSM or abs(over_ground - drift) >= STANDS_MPS)
     ]
     points.sort()
     groups: list[list[_Point]] = []
@@ -117,13 +125,14 @@ def group_detections(
                 break
         else:
             groups.append([point])
-    return [_group(group) for group in groups]
+    return sorted((_group(group) for group in groups), key=lambda group: group.beside)
 
 
 def _drift(points: list[_Point]) -> float:
     """Speed over ground of the road and the kerbs, which stand: the error of the car's own speed,
     about 1 m/s when it brakes hard and pitches. The median of weak echoes; 0 if there are few."""
-    weak = sorted(v for _, _, v, rcs, _ in points if rcs < RCS_MIN_DBSM and abs(v) < DRIFT_MAX_MPS)
+    near = [(v, rcs) for _, y, v, rcs, _ in points if abs(y) <= ROAD_HALF_M]
+    weak = sorted(v for v, rcs in near if rcs < RCS_MIN_DBSM and abs(v) < DRIFT_MAX_MPS)
     return weak[len(weak) // 2] if len(weak) >= DRIFT_ECHOES_MIN else 0.0
 
 

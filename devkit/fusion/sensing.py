@@ -132,14 +132,13 @@ class Sensing:
                 points_min=self._sensors.cluster_points_min,
                 deskewed=self._sensors.lidar_deskewed,
             )
-            reach_m = float(seen.x_m[-1]) if len(seen.x_m) else 0.0
-            health.swept(slot, reach_m, seen.free_to_m, seen.returned)
+            health.swept(slot, seen.reach_m, seen.free_to_m, seen.returned)
             self._swept[slot] = True
             n = min(len(seen.x_m), OBJECTS_MAX)
             sweep.valid[slot, :n] = True
             sweep.x_m[slot, :n], sweep.path_x_m[slot, :n] = seen.x_m[:n], seen.path_x_m[:n]
             sweep.right_m[slot, :n], sweep.left_m[slot, :n] = seen.right_m[:n], seen.left_m[:n]
-            sweep.inside[slot, :n] = seen.inside[:n]
+            sweep.inside[slot, :n], sweep.beside[slot, :n] = seen.inside[:n], seen.beside[:n]
             sweep.sigma_m[slot, :n] = self._lidar_sigma_m
 
     def _look_at_echoes(
@@ -162,7 +161,7 @@ class Sensing:
             dive = float(ego.dive_rad[slot])
             groups = group_detections(rows, self._radar, speed, turn, dive)
             for index, group in enumerate(groups[:OBJECTS_MAX]):
-                echoes.valid[slot, index] = True
+                echoes.valid[slot, index], echoes.beside[slot, index] = True, group.beside
                 echoes.x_m[slot, index] = echoes.path_x_m[slot, index] = group.x_m
                 echoes.sigma_m[slot, index] = group.sigma_m
                 echoes.right_m[slot, index], echoes.left_m[slot, index] = (

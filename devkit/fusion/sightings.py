@@ -19,6 +19,8 @@ class Sightings:
 
     valid: np.ndarray
     """bool [S, M]."""
+    beside: np.ndarray
+    """bool [S, M]: far beside the road, where only what crosses counts."""
     x_m: np.ndarray
     """Near end of the object."""
     sigma_m: np.ndarray
@@ -50,7 +52,8 @@ class Sightings:
             return np.zeros((slots, places))
 
         return cls(
-            *(np.zeros((slots, places), bool), zeros(), np.ones((slots, places)), zeros()),
+            *(np.zeros((slots, places), bool), np.zeros((slots, places), bool), zeros()),
+            *(np.ones((slots, places)), zeros()),
             *(zeros(), np.zeros((slots, places), bool), zeros()),
             *(np.zeros((slots, places), np.int64), np.zeros((slots, places), np.int64)),
             *(np.full((slots, places), np.nan), np.ones((slots, places)), zeros()),

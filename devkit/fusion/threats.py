@@ -61,13 +61,27 @@ REACH_RATIO = 1.2
 """LiDAR that sees obstacles so many times further away would see a vehicle."""
 CROSSES_MPS = 2.0
 """A vehicle that is not so fast across the path stays in its lane [m/s]."""
+RUNS_MPS, RUNS_NARROW_MPS, RUNS_SIGHTINGS = 3.5, 5.0, 5
+"""What LiDAR alone has seen so often come from the side at this speed crosses, also if it is as
+narrow as a motorcycle [m/s, m/s, -]."""
+BESIDE_M, BESIDE_SIGHTINGS = 9.0, 4
+"""What is further aside has a speed across as soon as LiDAR has seen it :data:`RUNS_SIGHTINGS`
+times, or so often if it moves by Doppler: there is no lane in which it would drive along the road
+[m, -]."""
+SLOW_MPS = 4.0
+"""A slower vehicle moves only if radar, where it sees it, says so: beside a car that turns, what
+stands is seen from other sides, and other parts of it [m/s]."""
+AGREES_MIN = 0.5
+"""Share of radial speeds that have to agree with a velocity for radar to vouch for it: in fog
+LiDAR goes from one thing to the next [-]."""
 EARLY_LATE_S = 0.25
 """Who would be in the path so shortly before or after the car is there crosses it [s]."""
 FLANK_SHARE = 0.5
 """Who would meet the car's flank may as well meet its front, if he is only so much later as this
 share of the time to collision: speeds change until then, and nobody brakes for his flank [-]."""
-NARROW_M, WALKS_MPS = 1.0, 1.0
-"""Whom no camera names is a pedestrian if narrower, and faster across, than this [m, m/s]."""
+NARROW_M, WALKS_MPS, WALKS_ALONG_MPS = 1.0, 1.0, 4.0
+"""Whom no camera names is a pedestrian if narrower, and faster across, than this, and no faster
+along the path [m, m/s, m/s]."""
 IMMINENT_S = 0.5
 """Who will be in the path so soon is as good as in it [s]."""
 PATH_SURE_M = 30.0
@@ -140,7 +154,10 @@ def find_threats(
     sure = np.where(person, PERSON_SURE_VARIANCES, SURE_VARIANCES)
     # What a camera names and LiDAR has seen often enough is where its points are.
     placed = (tracks.label > 0) & (tracks.lidar.hits >= SIGHTINGS_MIN)
-    ripe = person | placed | (tracks.age_s > RIPE_S)
+    doppler, echoed = _moves_by_doppler(tracks, staging)
+    comes = tracks.lidar.hits >= np.where(doppler, BESIDE_SIGHTINGS, RUNS_SIGHTINGS)
+    comes &= np.abs(tracks.y_m) > BESIDE_M
+    ripe = person | placed | comes | (tracks.age_s > RIPE_S)
     vy = np.where(ripe & _is_speed(tracks.vy_mps, tracks.q_vv, sure), tracks.vy_mps, 0.0)
     closing = speed - vx
     inside, stays = _in_path(tracks)
@@ -148,7 +165,8 @@ def find_threats(
     nearing = closing > 0.1
     ttc = np.where(nearing, gap / np.where(nearing, closing, 1.0), TIME_MAX_S)
     ttc = np.minimum(ttc, TIME_MAX_S)
-    driven = (vx != 0.0) | _moves_by_doppler(tracks, staging)
+    slow = tracks.vx_mps * tracks.vx_mps + tracks.vy_mps * tracks.vy_mps < SLOW_MPS * SLOW_MPS
+    driven = doppler | ((vx != 0.0) & ~(echoed & (slow | (tracks.agrees < AGREES_MIN))))
     crosses = _crosses(tracks, ego, vx, vy, ttc, closing, driven, staging)
     crossing = crosses.meets
     departs = crosses.departs | _passes_by(tracks, ego, vx, ttc, staging)
@@ -207,9 +225,11 @@ def _echoes_on(
     return echoes & (ttc_s < staging.single_ttc_s + WARNED_S)
 
 
-def _moves_by_doppler(tracks: TrackStore, staging: StagingParameters) -> np.ndarray:
+def _moves_by_doppler(
+    tracks: TrackStore, staging: StagingParameters
+) -> tuple[np.ndarray, np.ndarray]:
     """Whether a track that radar has seen moves along the ray from the car's front: who crosses
-    has no speed along x."""
+    has no speed along x; and whether radar sees it now."""
     ahead_m = np.maximum(tracks.x_m - staging.front_m, 0.1)
     square_m2 = ahead_m * ahead_m + tracks.y_m * tracks.y_m
     root_m = np.sqrt(square_m2)
@@ -217,7 +237,9 @@ def _moves_by_doppler(tracks: TrackStore, staging: StagingParameters) -> np.ndar
     ahead_m, aside_m = ahead_m * ahead_m, tracks.y_m * tracks.y_m
     variance = (ahead_m * tracks.p_vv + aside_m * tracks.q_vv) / square_m2
     moves = _is_speed(radial, variance, SURE_VARIANCES)
-    return moves & (tracks.radar.hits >= SIGHTINGS_MIN)
+    known = tracks.radar.hits >= SIGHTINGS_MIN
+    moves &= known & (tracks.agrees >= AGREES_MIN)
+    return moves, known & (tracks.radar.age_s < RECENT_S)
 
 
 def _is_speed(
@@ -278,19 +300,28 @@ def _crosses(
     walks = (tracks.lidar.hits >= WALKS_SIGHTINGS) & (tracks.radar.hits >= SIGHTINGS_MIN)
     # Of what is wide another part is seen while the car goes by: its middle wanders.
     walks |= (tracks.radar.hits >= WALKS_ECHOES) & _has_walked(tracks, across)
-    walks &= (tracks.left_m - tracks.right_m < NARROW_M) & (speed > WALKS_MPS)
+    narrow = tracks.left_m - tracks.right_m < NARROW_M
+    walks &= narrow & (speed > WALKS_MPS) & (np.abs(vx_mps) < WALKS_ALONG_MPS)
+    # At a right angle to the path nothing is fast along it, and radar does not look so far aside.
+    runs = (tracks.lidar.hits >= RUNS_SIGHTINGS) & (speed > RUNS_MPS) & _has_walked(tracks, across)
+    runs &= vy_mps * vy_mps > ALONE_SURE_VARIANCES * tracks.q_vv
+    # In fog nothing is seen so far aside, and LiDAR goes from one thing to the next.
+    runs &= np.abs(tracks.from_y_m) > BESIDE_M
     person = (_is_any(tracks.label, _PERSONS) | ((tracks.label == 0) & walks)) & (vy_mps != 0.0)
     # A vehicle that comes along a curve is no crossing one, though it goes aside for a while.
     aside = (speed > np.abs(vx_mps)) | (tracks.x_m < PATH_SURE_M)
-    # LiDAR alone goes from one post to the next in fog; a vehicle is wider, or radar sees it too.
-    seen = (tracks.left_m - tracks.right_m >= NARROW_M) | (tracks.radar.hits >= SIGHTINGS_MIN)
-    vehicle = (tracks.label > 0) | seen
-    moves &= person | (vehicle & (speed > CROSSES_MPS) & driven)
+    # LiDAR alone goes from one post to the next in fog, and a box behind them may name them; a
+    # vehicle is wider, or radar sees it move too. Without LiDAR nobody knows how wide it is.
+    unseen = tracks.lidar.hits < SIGHTINGS_MIN
+    seen = ~narrow | _moves_by_doppler(tracks, staging)[0]
+    seen |= unseen & ((tracks.label > 0) | (tracks.radar.hits >= SIGHTINGS_MIN))
+    vehicle = seen | (runs & (speed > RUNS_NARROW_MPS))
+    moves &= person | (vehicle & (speed > CROSSES_MPS) & (driven | runs))
     # Braking begins earlier than crossing is foreseen: who turns off has to count until then.
     departs = moves & ~person & (leaves < ttc_s - EARLY_LATE_S)
     moves &= (ttc_s < staging.crossing_s) & (leaves > 0.0)
     sure = vy_mps * vy_mps > ALONE_SURE_VARIANCES * tracks.q_vv
-    moves &= (tracks.label > 0) | (tracks.lidar.hits >= WALKS_SIGHTINGS) | sure | walks
+    moves &= (tracks.label > 0) | (tracks.lidar.hits >= WALKS_SIGHTINGS) | sure | walks | runs
     passes = np.minimum(LENGTH_M / np.maximum(closing_mps, 1.0), FLANK_SHARE * ttc_s)
     meets = (
         moves

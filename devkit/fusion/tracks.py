@@ -9,7 +9,7 @@ are.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -31,7 +31,8 @@ PART_SIGMAS = 2.0
 """A width that changes by more than twice so many deviations of the middle is of another part of
 the object [-]."""
 INSIDE_SHARE = 0.4
-"""Share by which one sighting changes whether a track is in the path [-]."""
+"""Share by which one sighting changes whether a track is in the path, and whether radial speeds
+agree with its velocity [-]."""
 HELD_S = 1.0
 """A sensor that measures places and has seen a track so lately tells where it is, though a few
 sweeps may have missed it: the camera's guess does not take its place at once [s]."""
@@ -45,16 +46,21 @@ TURN_FADES_S, ACCEL_FADES_S = 4.0, 2.0
 """Time in which they fade if nothing confirms them [s]."""
 ACCEL_MAX_MPS2 = 8.0
 """Largest acceleration of a track [m/s^2]."""
+PLACES_KEPT = 12
+"""Places for tracks along the road, which what is beside it does not take [-]."""
 SIDEWAYS_SHARE = 0.04
 """Variance of a new track's speed across, relative to that along [-]."""
+CROSSES_MPS = 2.0
+"""What moves so fast along a ray that leads aside may as well cross [m/s]."""
 TURN_MAX_RADPS = 0.8
 """Largest turn rate of a track [rad/s]."""
 TURNS_FROM_MPS = 2.0
 """Slower objects have no heading, and so no turn rate [m/s]."""
 OVERLAP_MIN = 0.3
 """Share of a camera box that must lie on a track for it to be of it [-]."""
-SETTLED_S = 0.5
-"""A younger track's place is not known well enough to tell how far it has gone since [s]."""
+SETTLED_S, SETTLED_SWEEPS = 0.5, 2
+"""The place of a younger track that LiDAR has seen less often is not known well enough to tell how
+far it has gone since [s, -]."""
 BEHIND_M = -2.0
 """Tracks further behind the rear axle are forgotten [m]."""
 KNOWN_VARIANCE = 2.0
@@ -101,6 +107,15 @@ class EyePlaces:
     """Half width of the path."""
 
 
+def _sideways_share(ray_y: np.ndarray, radial_mps: np.ndarray) -> np.ndarray:
+    """Variance of a speed across that is not known yet, relative to that along: who moves along a
+    ray of 30 degrees or more drives across as likely as along."""
+    square = 4.0 * ray_y * ray_y
+    share = np.clip(square * square, SIDEWAYS_SHARE, 1.0)
+    # Comparisons with NaN, no radial speed, are false.
+    return np.where(np.abs(radial_mps) > CROSSES_MPS, share, SIDEWAYS_SHARE)
+
+
 class TrackStore:
     """All tracks of S cars."""
 
@@ -120,6 +135,8 @@ class TrackStore:
         """Acceleration over ground along x."""
         self.from_x_m, self.from_y_m = _arrays(slots, 2)
         """Where it was at the age of :data:`SETTLED_S`, a place on the road, in the axes of now."""
+        self.agrees = np.ones((slots, TRACKS_MAX))
+        """Share of the radial speeds lately that its velocity explains, 1 at first."""
         self.probability, self.age_s = _arrays(slots, 2)
         self.label = np.zeros((slots, TRACKS_MAX), np.int64)
         self.place = np.full((slots, TRACKS_MAX), -1)
@@ -163,7 +180,7 @@ class TrackStore:
             setattr(self, cross, xv + dt * vv + 0.5 * noise * dt * dt * dt)
             setattr(self, vel, vv + noise * dt * dt)
         self.age_s = self.age_s + dt
-        settles = self.age_s < SETTLED_S
+        settles = (self.age_s < SETTLED_S) & (self.lidar.hits < SETTLED_SWEEPS)
         self.from_x_m = np.where(settles, self.x_m, self.from_x_m)
         self.from_y_m = np.where(settles, self.y_m, self.from_y_m)
         for memory in (self.camera, self.lidar, self.radar):
@@ -239,11 +256,7 @@ class TrackStore:
         alone = self.confirm(seen, eye)
         pair = np.where(self.live & (self.camera.age_s == 0.0), 0, -1)
         self._missed(self.camera, pair, looked)
-        places = Sightings(
-            alone, seen.x_m, seen.sigma_m, seen.right_m, seen.left_m, seen.inside, seen.path_x_m,
-            seen.label, seen.place, seen.radial_mps, seen.radial_sigma_mps, seen.ray_y,
-        )  # fmt: skip
-        self._begin(places, self.camera, np.full(self.live.shape, -1), looked)
+        self._begin(replace(seen, valid=alone), self.camera, np.full(self.live.shape, -1), looked)
 
     def _distances(self, seen: Sightings) -> np.ndarray:
         """Squared Mahalanobis distance of every track and sighting, [S, T, M]; infinite outside
@@ -408,13 +421,19 @@ class TrackStore:
     ) -> None:
         """Correct tracks by a radial speed over ground, the velocity's part along the ray, whose
         direction has the sine ``ray_y``. One that is far from a track's is of a wheel, or of
-        something beside it. What corrections of a known speed add up to is an acceleration, as in
-        :meth:`_turn`."""
+        something beside it, or the track's velocity is wrong (:attr:`agrees`). What corrections of
+        a known speed add up to is an acceleration, as in :meth:`_turn`."""
         ray_x = np.sqrt(1.0 - ray_y * ray_y)
+        known = self.p_vv < KNOWN_VARIANCE
+        least = np.where(which & ~known, _sideways_share(ray_y, radial_mps) * self.p_vv, 0.0)
+        self.q_vv = np.maximum(self.q_vv, least)
         total = ray_x * ray_x * self.p_vv + ray_y * ray_y * self.q_vv + sigma_mps * sigma_mps
         residual = radial_mps - ray_x * self.vx_mps - ray_y * self.vy_mps
-        known = self.p_vv < KNOWN_VARIANCE
-        which = which & (~known | (residual * residual < SPEED_GATE * total))
+        fits = ~known | (residual * residual < SPEED_GATE * total)
+        self.agrees = np.where(
+            which, self.agrees + INSIDE_SHARE * (fits - self.agrees), self.agrees
+        )
+        which = which & fits
         share = np.where(which, residual, 0.0) / total
         accel = self.accel_mps2 + ACCEL_PER_S * ray_x * self.p_vv * share
         accel = np.clip(accel, -ACCEL_MAX_MPS2, ACCEL_MAX_MPS2)
@@ -454,13 +473,19 @@ class TrackStore:
     def _begin(
         self, seen: Sightings, memory: SensorMemory, pair: np.ndarray, looked: np.ndarray
     ) -> None:
-        """Tracks of sightings that no track has, in their order, in the free places."""
+        """Tracks of sightings that no track has, in their order, in the free places. Beside the
+        road only LiDAR begins them: radar also sees mirrors there."""
         taken = np.zeros(seen.valid.shape, bool)
         rows, tracks = np.nonzero(pair >= 0)
         taken[rows, pair[rows, tracks]] = True
-        for slot in np.flatnonzero(looked & (seen.valid & ~taken).any(axis=1)).tolist():
+        new = seen.valid & ~taken
+        if memory is not self.lidar:
+            new &= ~seen.beside
+        for slot in np.flatnonzero(looked & new.any(axis=1)).tolist():
             free = np.flatnonzero(~self.live[slot])
-            fresh = np.flatnonzero(seen.valid[slot] & ~taken[slot])[: len(free)]
+            fresh = np.flatnonzero(new[slot])
+            left = np.arange(len(free), len(free) - len(fresh), -1)
+            fresh = fresh[left > np.where(seen.beside[slot, fresh], PLACES_KEPT, 0)]
             self._start(slot, free[: len(fresh)], fresh, seen, memory)
 
     def _start(
@@ -478,7 +503,9 @@ class TrackStore:
         radial = seen.radial_mps[slot, fresh]
         told = np.isfinite(radial)
         told_sigma = np.minimum(seen.radial_sigma_mps[slot, fresh], self._p.start_speed_mps)
-        ray_y, sideways = seen.ray_y[slot, fresh], SIDEWAYS_SHARE * speed
+        # Who comes from the side is as fast across as others are along the road.
+        ray_y = seen.ray_y[slot, fresh]
+        sideways = np.where(seen.beside[slot, fresh], 1.0, _sideways_share(ray_y, radial)) * speed
         ray_x = np.sqrt(1.0 - ray_y * ray_y)
         values = {
             "x_m": seen.x_m[slot, fresh],
@@ -499,6 +526,7 @@ class TrackStore:
             "age_s": 0.0,
             "turn_radps": 0.0,
             "accel_mps2": 0.0,
+            "agrees": 1.0,
             "live": True,
             "label": seen.label[slot, fresh],
             "place": seen.place[slot, fresh] if camera else -1,

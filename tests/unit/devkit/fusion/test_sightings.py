@@ -85,6 +85,37 @@ def test_a_path_that_bends_decides_what_is_inside():
     assert objects(points, path=CarPath(0.01)).inside.all()
 
 
+def test_who_may_come_from_far_beside_the_road_is_seen_and_stands_last():
+    """At 8 m/s the car is 20.8 m ahead after 2.6 s."""
+    lorry, rest = Thing(12.0, -20.0, 4.0, vy_mps=8.0), Thing(14.0, 0.0)
+    seen = objects(MadeUpCase(1, [lorry, rest]).sweep(0.0))
+    assert seen.x_m == pytest.approx([14.0, 12.0], abs=0.05)
+    assert seen.beside.tolist() == [False, True]
+    assert seen.right_m[1] == pytest.approx(-22.0, abs=0.6)
+    assert seen.left_m[1] == pytest.approx(-18.0, abs=0.6)
+    assert seen.reach_m == pytest.approx(14.0, abs=0.05), "that of the road"
+
+
+@pytest.mark.parametrize(
+    ("thing", "why"),
+    [
+        (Thing(30.0, -20.0, 4.0), "the car is not there soon"),
+        (Thing(6.0, -25.0, 4.0), "the car is there before anybody"),
+        (Thing(12.0, -20.0, 12.0), "a wall"),
+        (Thing(12.0, -40.0, 4.0), "too far aside"),
+    ],
+)
+def test_what_cannot_cross_is_not_looked_for_beside_the_road(thing, why):
+    assert len(objects(MadeUpCase(1, [thing]).sweep(0.0)).x_m) == 0, why
+
+
+def test_what_is_long_is_looked_at_along_the_road_only():
+    seen = objects(MadeUpCase(1, [Thing(15.0, -12.0, 14.0)]).sweep(0.0))
+    assert seen.beside.tolist() == [False]
+    assert seen.right_m[0] > -9.0
+    assert seen.left_m[0] == pytest.approx(-5.0, abs=0.3)
+
+
 def test_no_returns_are_no_objects():
     seen = objects(MadeUpCase(1, lidar_dead_s=0.0).sweep(0.0))
     assert (len(seen.x_m), seen.free_to_m, seen.returned) == (0, 0.0, 0.0)
@@ -183,13 +214,27 @@ def test_echoes_of_the_road_tell_the_error_of_the_cars_own_speed():
     [
         (30.0, 0.0, 0.15, -10.0, 10.0, 20.0),  # a bridge
         (30.0, 0.0, -0.1, -10.0, 10.0, 20.0),  # below the road: a mirror image
-        (30.0, 0.8, 0.0, -7.0, 10.0, 20.0),  # beside the road
+        (30.0, 0.8, 0.0, -7.0, 10.0, 20.0),  # beside the road, where nothing moves
+        (60.0, 0.8, 0.0, -17.0, 10.0, 20.0),  # so far beside it that nobody crosses in time
         (30.0, 0.0, 0.0, -10.0, -9.0, 20.0),  # a can
         (math.nan, 0.0, 0.0, -10.0, 10.0, 20.0),
     ],
 )
 def test_radar_leaves_out_what_is_not_on_the_road(row):
     assert group_detections(detections(row), RADAR, 10.0, 0.0) == []
+
+
+def test_radar_looks_far_aside_for_what_moves():
+    """26 m ahead of the radar and 20 m aside, at 10 m/s towards the car's way, which has 10 m/s."""
+    angle, range_m = math.atan2(-20.0, 26.0), math.hypot(20.0, 26.0)
+    radial = 10.0 * math.sin(angle) - 10.0 * math.cos(angle)
+    car = (range_m, angle, 0.0, radial, 10.0, 20.0)
+    ahead = (50.0, 0.0, 0.0, -10.0, 10.0, 20.0)
+    along, beside = group_detections(detections(car, ahead), RADAR, 10.0, 0.0)
+    assert (along.beside, beside.beside) == (False, True)
+    assert beside.over_ground_mps == pytest.approx(10.0 * math.sin(angle), abs=0.01)
+    stands = (range_m, angle, 0.0, -10.0 * math.cos(angle), 10.0, 20.0)
+    assert group_detections(detections(stands), RADAR, 10.0, 0.0) == []
 
 
 def test_no_detections_are_no_groups():

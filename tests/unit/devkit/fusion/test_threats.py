@@ -174,7 +174,7 @@ def beside(
     return bool(near and (found.agreed[0, 0] | found.single[0, 0]))
 
 
-CROSSES = {"x_m": 11.3, "y_m": -3.0, "vx_mps": 2.0, "vy_mps": 4.0}
+CROSSES = {"x_m": 11.3, "y_m": -3.0, "vx_mps": 2.0, "vy_mps": 4.0, "right_m": -0.9, "left_m": 0.9}
 
 
 @pytest.mark.parametrize("label", ["car", ""])
@@ -219,6 +219,58 @@ def test_a_car_that_crosses_at_right_angles_moves_along_the_ray():
     }
     assert beside("car", **crosses)
     assert not beside("car", **crosses, radar_hits=0, lidar_hits=4, q_vv=1.2), "one of its ends"
+
+
+MOTORCYCLE = {
+    "x_m": 18.0, "y_m": 17.0, "vx_mps": 0.0, "vy_mps": -11.1, "right_m": -0.4, "left_m": 0.4,
+    "from_x_m": 18.0, "from_y_m": 24.0, "speed_mps": 11.1, "radar_hits": 0, "age_s": 1.0,
+}  # fmt: skip
+
+
+def test_who_comes_from_far_beside_the_road_is_braked_for_by_lidar_alone():
+    """At a right angle radar does not look, and he has no speed along the path."""
+    assert beside(lidar_hits=5, **MOTORCYCLE)
+    assert not beside(lidar_hits=4, **MOTORCYCLE)
+    assert not beside(lidar_hits=5, **(MOTORCYCLE | {"q_vv": 5.0})), "his speed is not sure"
+    assert not beside(lidar_hits=5, **(MOTORCYCLE | {"from_y_m": 18.0})), "he has not come far"
+    near = {"y_m": 5.4, "from_y_m": 8.0, "vy_mps": -6.0, "x_m": 12.0}
+    assert not beside(lidar_hits=5, **(MOTORCYCLE | near)), "it was never far aside: fog"
+    assert beside(lidar_hits=5, **(MOTORCYCLE | near | {"from_y_m": 10.0}))
+    slow = {"vy_mps": -4.5, "y_m": 7.0, "from_y_m": 12.0}
+    assert not beside(lidar_hits=5, **(MOTORCYCLE | slow)), "posts of a fence"
+    assert beside(lidar_hits=5, **(MOTORCYCLE | slow | {"right_m": -2.0, "left_m": 2.0}))
+
+
+def test_who_comes_from_far_beside_need_not_be_old_where_radar_sees_him_move():
+    car = MOTORCYCLE | {"right_m": -2.0, "left_m": 2.0, "age_s": 0.4, "radar_hits": 6}
+    assert beside(lidar_hits=4, **car)
+    assert not beside(lidar_hits=3, **car)
+    assert not beside(lidar_hits=4, **(car | {"radar_hits": 0}))
+
+
+def test_what_radar_sees_stand_beside_a_turn_does_not_cross():
+    """Of a car that waits, other parts are seen while the ego turns: it seems to go at 3.1 m/s,
+    across the ray on which radar measures nothing."""
+    stands = {"x_m": 8.1, "y_m": -4.0, "vx_mps": 1.9, "vy_mps": 2.4, "q_vv": 0.1}
+    stands |= {"right_m": -1.9, "left_m": 1.9, "speed_mps": 5.0}
+    assert not beside("car", **stands)
+    assert beside("car", radar_hits=0, **stands), "no radar says otherwise"
+    assert beside("car", **(stands | {"vx_mps": 0.0})), "it drives along the ray"
+
+
+def test_radar_that_disagrees_with_a_velocity_does_not_vouch_for_it():
+    jumps = {"x_m": 7.7, "y_m": 1.8, "vx_mps": -2.9, "vy_mps": -10.2, "lidar_hits": 3}
+    jumps |= {"right_m": -0.5, "left_m": 0.5, "p_vv": 0.5, "q_vv": 0.7, "speed_mps": 6.6}
+    assert beside("car", **jumps)
+    assert not beside("car", **jumps, agrees=0.36)
+
+
+def test_who_drives_along_the_road_is_no_pedestrian_that_no_camera_names():
+    """Of an oncoming car only an edge is seen in fog, and it seems to go aside."""
+    edge = {"x_m": 14.9, "y_m": 2.8, "vy_mps": -1.2, "right_m": -0.1, "left_m": 0.1, "q_vv": 0.07}
+    edge |= {"lidar_hits": 6, "turn_radps": 0.17, "speed_mps": 7.8}
+    assert not beside(**edge, vx_mps=-8.8)
+    assert beside(**edge, vx_mps=-3.9), "who runs"
 
 
 def test_of_what_radar_alone_sees_standing_the_driver_is_warned():
@@ -283,4 +335,5 @@ def test_a_narrow_thing_that_lidar_alone_sees_cross_is_no_vehicle():
     assert not beside(radar_hits=0, **post)
     assert beside(radar_hits=3, **post), "radar sees it too"
     assert beside(radar_hits=0, **(post | {"right_m": -0.9, "left_m": 0.9})), "wide enough"
-    assert beside("car", radar_hits=0, **post), "named"
+    assert not beside("car", radar_hits=0, **post), "named by the box of a car behind it"
+    assert beside("car", radar_hits=0, **(post | {"lidar_hits": 2})), "no LiDAR says otherwise"

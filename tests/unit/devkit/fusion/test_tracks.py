@@ -8,7 +8,14 @@ import pytest
 from devkit.fusion.parameters import TrackingParameters
 from devkit.fusion.path import CarPath
 from devkit.fusion.sightings import Sightings
-from devkit.fusion.tracks import EDGE_SHARE, LATERAL_SIGMA_M, TRACKS_MAX, EyePlaces, TrackStore
+from devkit.fusion.tracks import (
+    EDGE_SHARE,
+    LATERAL_SIGMA_M,
+    PLACES_KEPT,
+    TRACKS_MAX,
+    EyePlaces,
+    TrackStore,
+)
 
 PERIOD_S = 0.1
 PARAMETERS = TrackingParameters()
@@ -163,6 +170,40 @@ def test_a_radial_speed_is_the_part_of_the_velocity_along_the_ray():
     assert store.from_y_m[at] == pytest.approx(-13.0, abs=0.5), "at half a second"
 
 
+@pytest.mark.parametrize(("ray_y", "across"), [(0.7, True), (0.1, False)])
+def test_who_moves_along_a_ray_that_leads_aside_may_as_well_cross(ray_y, across):
+    """A first radial speed says nothing of the speed at right angles to it."""
+    store = TrackStore(1, PARAMETERS)
+    seen = sightings([14.0], [10.0])
+    seen.ray_y[0, 0], seen.radial_mps[0, 0], seen.radial_sigma_mps[0, 0] = ray_y, -4.0, 0.3
+    store.update(seen, store.radar, np.ones(1, bool))
+    assert (store.q_vv[0, 0] > 50.0) == across
+    later = TrackStore(1, PARAMETERS)
+    later.update(sightings([14.0], [10.0]), later.lidar, np.ones(1, bool))
+    assert later.q_vv[0, 0] < 5.0
+    later.update(seen, later.radar, np.ones(1, bool))
+    assert (later.vy_mps[0, 0] < -1.5) == across
+
+
+def test_radial_speeds_that_a_velocity_does_not_explain_are_counted_against_it():
+    """LiDAR has gone from one thing to the next at 10 m/s; radar sees that it stands."""
+    store = TrackStore(1, PARAMETERS)
+    for k in range(6):
+        step(store, sightings([20.0], [8.0 - k]))
+    assert store.vy_mps[0, 0] == pytest.approx(-9.0, abs=1.5)
+    assert store.agrees[0, 0] == 1.0
+    seen = sightings([20.0], [2.0])
+    seen.ray_y[0, 0], seen.radial_mps[0, 0], seen.radial_sigma_mps[0, 0] = 0.4, 0.0, 0.3
+    velocity = store.vy_mps[0, 0]
+    for left in (0.6, 0.36):
+        store.update(seen, store.radar, np.ones(1, bool))
+        assert store.agrees[0, 0] == pytest.approx(left)
+    assert store.vy_mps[0, 0] == velocity, "it may have been a wheel"
+    seen.radial_mps[0, 0] = 0.4 * velocity
+    store.update(seen, store.radar, np.ones(1, bool))
+    assert store.agrees[0, 0] == pytest.approx(0.616)
+
+
 def test_where_a_track_came_from_stays_on_the_road_while_the_car_turns():
     store = TrackStore(1, PARAMETERS)
     heading = x = y = 0.0
@@ -216,6 +257,43 @@ def test_no_more_tracks_than_places():
     store.update(seen, store.lidar, np.ones(1, bool))
     assert store.live.sum() == TRACKS_MAX
     assert store.x_m[0].max() == 5.0 + 1.5 * (TRACKS_MAX - 1)
+
+
+def test_what_is_beside_the_road_leaves_places_to_what_is_along_it():
+    store = TrackStore(1, PARAMETERS)
+    many = TRACKS_MAX
+    seen = sightings(5.0 + 1.5 * np.arange(many)[None], np.zeros((1, many)))
+    seen.beside[0, 2:] = True
+    store.update(seen, store.lidar, np.ones(1, bool))
+    assert store.live.sum() == TRACKS_MAX - PLACES_KEPT
+    assert store.live[0, :2].all()
+    seen.beside[:] = False
+    store.update(seen, store.lidar, np.ones(1, bool))
+    assert store.live.sum() == TRACKS_MAX
+
+
+def test_beside_the_road_lidar_begins_tracks_and_radar_corrects_them():
+    store = TrackStore(1, PARAMETERS)
+    seen = sightings([20.0], [-18.0])
+    seen.beside[0, 0] = True
+    store.update(seen, store.radar, np.ones(1, bool))
+    assert not store.live.any()
+    store.update(seen, store.lidar, np.ones(1, bool))
+    store.update(seen, store.radar, np.ones(1, bool))
+    assert store.live.sum() == 1
+    assert (store.lidar.hits[0, 0], store.radar.hits[0, 0]) == (1.0, 1.0)
+
+
+def test_who_crosses_fast_has_his_speed_after_four_sweeps():
+    """17 m/s from the side: a speed across that were thought to be small would take a second."""
+    store = TrackStore(1, PARAMETERS)
+    for k in range(5):
+        seen = sightings([20.0], [-25.0 + 17.0 * k * PERIOD_S], half_m=2.0)
+        seen.beside[0, 0] = True
+        step(store, seen)
+    assert store.live.sum() == 1
+    assert store.vy_mps[0, 0] == pytest.approx(17.0, abs=1.0)
+    assert 25.0 * store.q_vv[0, 0] < 17.0**2
 
 
 def test_ends_follow_what_is_seen():
