@@ -180,6 +180,7 @@ def serve(
     view: View = None,
     metrics: Metrics = "",
     allow_unprotected: AllowUnprotected = False,
+    history: History = None,
 ) -> None:
     """Serve a state folder until stopped; started again, it goes on where it was.
 
@@ -214,8 +215,10 @@ def serve(
                 ttl_s=ttl_s,
                 view=view,
                 metrics=metrics,
+                history=history,
             )
             raise typer.Exit(serve_until_done(plan, options))
+        from conductor.run.case_lengths import earlier_lengths
         from conductor.serve.command import serve_folder
 
         code = serve_folder(
@@ -228,6 +231,7 @@ def serve(
             view=view,
             metrics=metrics,
             allow_unprotected=allow_unprotected,
+            lengths_s=earlier_lengths(history),
         )
     raise typer.Exit(code)
 
