@@ -188,13 +188,13 @@ _LEGEND = {
 
 def _set_range(layout: dict[str, Any], name: str, number: int, *, spread: bool) -> None:
     look = LOOKS[name]
-    axis: dict[str, Any] = _AXES[look.scale]
+    axis: dict[str, Any] = AXES[look.scale]
     if spread and look.share:
         axis = {"range": [0, 1.04], "tickvals": [0, 0.5, 1]}
     layout[_key("yaxis", number)].update(axis)
 
 
-_AXES: dict[str, dict[str, Any]] = {
+AXES: dict[str, dict[str, Any]] = {
     "switch": {"range": [-0.08, 1.08], "tickvals": [0, 1]},
     "0 to 1": {"range": [-0.08, 1.08], "tickvals": [0, 0.5, 1]},
     "count": {"rangemode": "tozero", "dtick": 1},

@@ -4,9 +4,9 @@ import json
 
 import plotly.graph_objects as go
 import pytest
+from plotly.subplots import make_subplots
 
-from conductor.report.plots import figures
-from conductor.report.plots.figures import curve_frame, grid_frame
+from conductor.report.plots.figures import AXES, column_title, curve_frame, grid_frame, titles
 from conductor.report.reading.curves import LOOKS
 
 CURVES = tuple(LOOKS)
@@ -22,7 +22,7 @@ def bordered(figure, name, row, col, spread):
     """The axis of a panel as Plotly's own calls make it."""
     look = LOOKS[name]
     share = spread and look.share
-    axis = {"range": [0, 1.04], "tickvals": [0, 0.5, 1]} if share else figures._AXES[look.scale]
+    axis = {"range": [0, 1.04], "tickvals": [0, 0.5, 1]} if share else AXES[look.scale]
     figure.update_yaxes(**axis, row=row, col=col)
     if look.scale not in ("switch", "0 to 1") and not share:
         low, high = RANGES.get(name, (0.0, 1.0))
@@ -35,8 +35,17 @@ def bordered(figure, name, row, col, spread):
 @pytest.mark.parametrize("models", [["a"], ["a<b", "c", "d"]])
 def test_a_grid_is_what_plotly_makes_panel_by_panel(models, curves, spread):
     frame = grid_frame(curves, models, RANGES, "t [s]", spread=spread)
-    titles = [figures.column_title(name, spread=spread) for name in curves]
-    wanted = figures._beside(titles, [model.replace("<", "&lt;") for model in models])
+    headings = [column_title(name, spread=spread) for name in curves]
+    wanted = make_subplots(
+        rows=len(models),
+        cols=len(curves),
+        shared_xaxes="all",
+        shared_yaxes="columns",
+        horizontal_spacing=0.03,
+        vertical_spacing=0.14 / len(models),
+        column_titles=headings,
+        row_titles=[model.replace("<", "&lt;") for model in models],
+    )
     for row in range(1, len(models) + 1):
         for col, name in enumerate(curves, 1):
             bordered(wanted, name, row, col, spread)
@@ -45,7 +54,8 @@ def test_a_grid_is_what_plotly_makes_panel_by_panel(models, curves, spread):
     axes = [key for key in asked if key.startswith(("xaxis", "yaxis"))]
     assert len(axes) == 2 * len(models) * len(curves)
     assert {key: made[key] for key in axes} == {key: asked[key] for key in axes}
-    assert made["height"] == asked["height"]
+    texts = [note["text"] for note in made["annotations"]]
+    assert texts[: len(headings) + len(models)] == [note["text"] for note in asked["annotations"]]
     go.Figure(frame)  # refuses what is no figure
 
 
@@ -69,7 +79,7 @@ def test_the_curves_of_one_case(spread):
     layout = frame["layout"]
     assert layout["height"] == 180 * len(CURVES)
     assert len(layout["shapes"]) == len(SAFE)
-    headings = figures.titles(spread=spread)
+    headings = titles(spread=spread)
     keys = ["yaxis", *(f"yaxis{n}" for n in range(2, len(CURVES) + 1))]
     assert [layout[key]["title"]["text"] for key in keys] == [headings[n][1] for n in CURVES]
     assert layout[f"xaxis{len(CURVES)}"]["title"] == {"text": "t [s]"}
