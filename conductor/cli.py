@@ -188,6 +188,7 @@ def serve(
     allow_unprotected: AllowUnprotected = False,
     store: Store = "",
     durable: DurableIn = Durable.local,
+    history: History = None,
 ) -> None:
     """Serve a state folder until stopped; started again, it goes on where it was.
 
@@ -224,8 +225,10 @@ def serve(
                 view=view,
                 metrics=metrics,
                 store=kept_in,
+                history=history,
             )
             raise typer.Exit(serve_until_done(plan, options))
+        from conductor.run.case_lengths import earlier_lengths
         from conductor.serve.command import serve_folder
 
         code = serve_folder(
@@ -239,6 +242,7 @@ def serve(
             metrics=metrics,
             allow_unprotected=allow_unprotected,
             store=kept_in,
+            lengths_s=earlier_lengths(history),
         )
     raise typer.Exit(code)
 

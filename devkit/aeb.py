@@ -63,6 +63,7 @@ class AebStack(Stack):
 
     takes_device_frames = True
     drives_by_camera = True
+    reads = ("vehicle", "environment", "camera", "boxes")
     portable = True  # sums, products, roots and whole numbers; its arc tangent is rounded
 
     PARAMETERS = (Planner, Controller, LateralParameters, LightsSwitch)

@@ -10,6 +10,7 @@ class IdleStack(Stack):
     """A stack that only brakes."""
 
     portable = True
+    reads = ()
 
     def reset(self, slot: int, episode: Episode) -> None:
         """There is nothing to forget."""

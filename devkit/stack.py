@@ -53,6 +53,7 @@ import numpy as np
 from schemas.messages import Command, Episode, PerceptionCost
 from schemas.validation import convert_all, suggest
 from schemas.wire.expected import Expected
+from schemas.wire.topics import reads_mistake
 from twin.sandbox.inside import is_inside
 
 ParameterValue = bool | int | float | str
@@ -133,6 +134,10 @@ class Stack(ABC):
     """Whether it asks the same of a car, to the last bit, on every CPU and beside every GPU; said
     by a class itself and not inherited. NumPy's and C's functions beside +, -, x, / and square
     roots, its matrix products and float networks differ between machines."""
+    reads: ClassVar[tuple[str, ...] | None] = None
+    """Sensor messages that it looks at, as ``("vehicle", "camera", "boxes")``; None: all. It gets
+    no others, and pictures and points that nobody looks at are not made. Said by a class itself and
+    not inherited, because a class that derives from another may look at more."""
     PARAMETERS: ClassVar[tuple[type[msgspec.Struct], ...]] = ()
     """Structs whose fields are parameters, of a class that takes ``**parameters`` and hands them to
     :func:`parameter_parts`."""
@@ -190,11 +195,55 @@ def load_stack(entry_point: str, slots: int, parameters: Mapping[str, ParameterV
     if slots < 1:
         raise StackError(f"{entry_point}: given {slots} slots, at least 1 needed")
     _check_names(entry_point, stack_class, parameters)
+    mistake = _reads_mistake(stack_class)
+    if mistake:
+        raise StackError(f"{entry_point}: {mistake}")
     try:
         return stack_class(slots, **parameters)
     except Exception as error:
         kind = "" if isinstance(error, ValueError) else f"{type(error).__name__}: "
         raise StackError(f"{entry_point}: {kind}{_first_line(error)}") from error
+
+
+def reads_of(stack_class: type[Any]) -> frozenset[str] | None:
+    """Sensor messages that a stack looks at; None: all."""
+    reads = vars(stack_class).get("reads")
+    return None if reads is None else frozenset(reads)
+
+
+def _reads_mistake(stack_class: type[Any]) -> str:
+    """What is wrong with ``reads``, or an empty string."""
+    reads = vars(stack_class).get("reads")
+    if reads is None:
+        return ""
+    if not isinstance(reads, (tuple, list, set, frozenset)):
+        kind = type(reads).__name__
+        return f"reads is of type {kind}; allowed: a tuple of sensor messages, or None for all"
+    return reads_mistake(reads)
+
+
+def looked_at(sensors: Mapping[str, Any], stack_class: type[Any]) -> Mapping[str, Any]:
+    """Those of the arrays of a tick that a stack looks at: also where others are there, in a
+    recorded drive for example, it must not come to see more."""
+    reads = reads_of(stack_class)
+    if reads is None:
+        return sensors
+    shown = {name: array for name, array in sensors.items() if name in reads}
+    return _Shown(shown, stack_class.__name__, reads)
+
+
+class _Shown(dict[str, Any]):
+    """Arrays of the messages that a stack looks at; another is a mistake that is named."""
+
+    def __init__(self, arrays: Mapping[str, Any], stack: str, reads: frozenset[str]) -> None:
+        super().__init__(arrays)
+        self._stack, self._reads = stack, reads
+
+    def __missing__(self, name: str) -> Any:
+        if name in self._reads:
+            raise KeyError(name)
+        known = ", ".join(sorted(self._reads)) or "none"
+        raise KeyError(f"{name}: {self._stack} says that it reads {known}; add it to `reads`")
 
 
 ONLY_NAMED = "in its sandbox a stack sees what import statements and autonomy.files name"

@@ -3,7 +3,7 @@
 SCHEMA_VERSION = 1
 """Wire and file schema version; a peer that speaks another one is refused."""
 
-DRIVE_MINOR = 4
+DRIVE_MINOR = 5
 """Minor version of the drive plane: it rises when messages gain keys that may be left out. Unknown
 keys are ignored, so both ends of another minor version understand each other.
 

@@ -423,3 +423,6 @@ class Ready(Struct, frozen=True):
     refused: str = ""
     """Why the stack is refused: it is not what the campaign was submitted with; the rig ends with
     this reason, and no case is charged. Since 1.3."""
+    reads: list[str] | None = None
+    """Sensor messages that the stack looks at, by name; it gets no others, and what nobody looks at
+    is not made. None: all. Since 1.5."""

@@ -380,5 +380,18 @@ def _spread(lane: Iterator[int], count: int) -> Iterator[int]:
     Neighbours in a matrix are alike, and take equally long: workers that took blocks of them would
     not end together. Slow axes of a matrix are met evenly.
     """
-    candidates = islice(lane, SPREAD_MAX)
-    return iter(sorted(heapq.nsmallest(count, candidates, key=lambda order: order * _GOLDEN % 1.0)))
+    candidates = list(islice(lane, SPREAD_MAX))
+    fractions = _fractions(max(candidates, default=0))
+    return iter(sorted(heapq.nsmallest(count, candidates, key=fractions.__getitem__)))
+
+
+_known_fractions: list[float] = []
+
+
+def _fractions(last: int) -> list[float]:
+    """Golden fractions of the positions up to ``last`` at least; worked out once, because some
+    thousand are compared per request."""
+    known = len(_known_fractions)
+    if last >= known:
+        _known_fractions.extend(order * _GOLDEN % 1.0 for order in range(known, 2 * last + 1))
+    return _known_fractions

@@ -11,7 +11,7 @@ import socket
 import sys
 import tempfile
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -45,6 +45,7 @@ def serve_folder(
     metrics: str = "",
     allow_unprotected: bool = False,
     store: StoreOptions | None = None,
+    lengths_s: Mapping[str, float] | None = None,
 ) -> int:
     """Serve until SIGINT, SIGTERM or ``conductor stop``; the exit code.
 
@@ -59,10 +60,11 @@ def serve_folder(
         metrics: ``HOST:PORT`` of a Prometheus endpoint, or empty.
         allow_unprotected: stacks may run without a sandbox also if others can reach this conductor.
         store: result store beside the folder; None: there is none.
+        lengths_s: simulated time of cases in an earlier run, by name [s]: the longest begin first.
     """
     logging.basicConfig(level=logging.INFO, format="%(levelname)s %(message)s")
     # Workers that join from anywhere have a device each, as a rule.
-    config = Config(by_batch=by_batch, view=view, spread=True)
+    config = Config(by_batch=by_batch, view=view, spread=True, lengths_s=lengths_s or {})
     if not (is_loopback(listen) or allow_unprotected):
         config = replace(config, protected=True)
     if ttl_s is not None:

@@ -15,6 +15,9 @@ import numpy as np
 TERMS = 14
 """Terms of the series behind the 1."""
 
+_SERIES = tuple(1.0 / factorial(power) for power in range(TERMS, 0, -1))
+"""Coefficients, the highest power's first."""
+
 _LOG2_HIGH = float.fromhex("0x1.62e42fee00000p-1")
 _LOG2_LOW = float.fromhex("0x1.a39ef35793c76p-33")
 """log(2) in two parts: products of the first with whole numbers below 2^20 are exact."""
@@ -27,8 +30,8 @@ def exponential(values: np.ndarray) -> np.ndarray:
     with np.errstate(invalid="ignore"):
         k = np.rint(x * (1.0 / (_LOG2_HIGH + _LOG2_LOW)))
         r = (x - k * _LOG2_HIGH) - k * _LOG2_LOW
-        series = np.zeros_like(r)
-        for power in range(TERMS, 0, -1):
-            series = (series + 1.0 / factorial(power)) * r
+        series = _SERIES[0] * r
+        for coefficient in _SERIES[1:]:
+            series = (series + coefficient) * r
         with np.errstate(over="ignore", under="ignore"):
             return np.ldexp(1.0 + series, np.nan_to_num(k).astype(np.int32))

@@ -23,7 +23,15 @@ from devkit.hosting.faults import is_machines, line_buffered, refusal, told
 from devkit.hosting.foreign import Ending, ForeignProcess, drive_variables, run_command
 from devkit.hosting.foreign import watch_lifeline as watch_script_lifeline
 from devkit.hosting.foreign_place import placed, vacate
-from devkit.stack import Observation, Stack, StackError, StackMissingError, load_stack
+from devkit.stack import (
+    Observation,
+    Stack,
+    StackError,
+    StackMissingError,
+    load_stack,
+    looked_at,
+    reads_of,
+)
 from schemas import SCHEMA_VERSION
 from schemas.messages import Commands
 from schemas.sections.foreign import Foreign
@@ -293,6 +301,7 @@ def serve(
     if failed is not None:
         told(failed)
     link.takes_device_frames = takes_device_frames(stack)
+    link.reads = reads_of(type(stack))
     settle()
     while True:
         incoming = link.receive(lambda: None)
@@ -356,6 +365,7 @@ class Inline:
             Named(entry_point, None, source.files), source, slots, parameters
         )
         self.takes_device_frames = takes_device_frames(self._stack)
+        self.reads = reads_of(type(self._stack))
 
     def answer(self, incoming: Incoming) -> Commands:
         """The commands for one seq, or the reason why there are none.
@@ -396,7 +406,7 @@ def step(stack: Stack, incoming: Incoming) -> list[Any]:
             token=np.array(tick.token, np.int64),
             tick=np.array(tick.tick, np.int32),
             sim_time_ns=np.array(tick.sim_time_ns, np.int64),
-            sensors=incoming.sensors,
+            sensors=looked_at(incoming.sensors, type(stack)),
             counts=incoming.counts,
         )
     )

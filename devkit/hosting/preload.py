@@ -12,6 +12,7 @@ import threading
 from schemas.files.json_text import JsonError, decode_json
 from twin.base.errors import UsageError
 from twin.base.gpu.first_use import begin, begun
+from twin.base.pauses import loading
 from twin.base.process import PARENT_VARIABLE, die_with_parent, leave_signals_to_the_parent
 
 LOADED = ("devkit.hosting.host", "devkit.aeb", "devkit.detector.detector", "onnx")
@@ -33,12 +34,13 @@ def await_arguments(device: str) -> list[str]:
     threading.Thread(target=_read, args=(lines,), name="arguments", daemon=True).start()
     waking = threading.Thread(target=_wake, args=(device,), name="wake", daemon=True)
     waking.start()
-    for name in LOADED:
-        if not lines.empty():
-            break
-        with contextlib.suppress(Exception):  # whoever needs it says what is wrong with it
-            importlib.import_module(name)
-    waking.join()
+    with loading():
+        for name in LOADED:
+            if not lines.empty():
+                break
+            with contextlib.suppress(Exception):  # whoever needs it says what is wrong with it
+                importlib.import_module(name)
+        waking.join()
     try:
         arguments: list[str] = decode_json(lines.get(), list[str])
     except JsonError as error:

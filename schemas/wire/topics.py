@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -137,6 +138,17 @@ def live_keys(campaign: str, case: str) -> str:
 def sensor_topic(name: str) -> Topic:
     """Topic of the sensor message called ``name``."""
     return SENSORS[name.partition(".")[0]]
+
+
+def reads_mistake(names: Iterable[str]) -> str:
+    """What is wrong with the sensor messages that a stack says it looks at; empty: nothing."""
+    for name in names:
+        if not isinstance(name, str) or name.partition(".")[0] not in SENSORS:
+            return (
+                f"reads {name!r}; allowed: messages of sensors ({', '.join(sorted(SENSORS))},"
+                " also with the name of a camera or lidar behind a dot), or leave it out to get all"
+            )
+    return ""
 
 
 def sensor_key(rig: str, name: str) -> str:

@@ -75,13 +75,20 @@ class Check:
         (self.out / "campaign_check.json").write_text(text)
 
     def run(
-        self, name: str, campaign: str, slots: int, transport: str = "device", workers: str = "1"
+        self,
+        name: str,
+        campaign: str,
+        slots: int,
+        transport: str = "device",
+        workers: str = "1",
+        *,
+        everything: bool = True,
     ) -> dict[str, Any]:
-        """One run by `conductor run`; its row."""
+        """One run by `conductor run`; its row. ``everything``: all sensors are read."""
         os.environ[TRANSPORT_VARIABLE] = transport
         cases = None if name.startswith("same") else self.cases
         request = Request(campaign, self.device, self.out / "runs" / name, cases, workers)
-        row = measure(request, slots)
+        row = measure(request, slots, everything=everything)
         print(f"--- {name}", *lines([row]), sep="\n", file=sys.stderr, flush=True)
         found: dict[str, Any] = as_json(request, [row])["rows"][0]
         return found
@@ -284,6 +291,8 @@ class Plan:
     gpus: int = 1
     slots: int | None = None
     """Of each worker; None: the workers of a GPU share ``check.slots``."""
+    everything: bool = True
+    """All sensors are read, also those that the stack does not look at."""
 
 
 def compare(check: Check, part: str, plans: Sequence[Plan]) -> dict[str, dict[str, Any]]:
@@ -293,7 +302,9 @@ def compare(check: Check, part: str, plans: Sequence[Plan]) -> dict[str, dict[st
         slots = plan.slots or -(-check.slots // plan.per_gpu)
         workers = "1" if check.cpu else f"{plan.per_gpu}xcuda"
         with visible(plan.gpus):
-            rows[plan.name] = check.run(f"{part}-{plan.name}", plan.path, slots, workers=workers)
+            rows[plan.name] = check.run(
+                f"{part}-{plan.name}", plan.path, slots, workers=workers, everything=plan.everything
+            )
         check.found[part] = rows
         check.write()
     prints = {name: row["fingerprint"] for name, row in rows.items()}
@@ -324,7 +335,8 @@ def full(check: Check) -> None:
     """All sensors and networks."""
     path = full_campaign(check, "aeb-full")
     names = {"cold": 4, "four": 4, "six": 6, "one": 1}
-    compare(check, "full", [Plan(name, path, count) for name, count in names.items()])
+    plans = [Plan(name, path, count) for name, count in names.items()]
+    compare(check, "full", [*plans, Plan("read", path, 4, everything=False)])
 
 
 def lockstep(check: Check) -> None:

@@ -41,11 +41,10 @@ class ServedCampaign:
         """Campaign folder."""
         return self.state / CAMPAIGN
 
-    def start(self) -> None:
+    def start(self, *options: str) -> None:
         """Start the conductor and wait until it listens."""
-        child = self.marked.start(
-            *("conductor", "serve", "--state", str(self.state), "--ttl-s", str(TTL_S))
-        )
+        words = ("conductor", "serve", "--state", str(self.state), "--ttl-s", str(TTL_S))
+        child = self.marked.start(*words, *options)
 
         def listens() -> bool:
             try:

@@ -10,6 +10,7 @@ import pyarrow.parquet as pq
 import pytest
 from changed_campaigns import changed, from_nearby
 from processes import committed, outcomes, wait_for
+from served_campaign import ServedCampaign
 
 
 def run(marked, folder, *options, campaign="chaos-16"):
@@ -59,16 +60,34 @@ def test_an_earlier_run_changes_the_order_and_no_byte(marked, quiet, tmp_path):
     assert done.returncode == 1, done.stderr
     assert f"fingerprint {quiet['fingerprint']}" in done.stdout
     assert re.search(r"^slots: [1-4]\.\d of 4 in use on average \(\d+%\)$", done.stdout, re.M)
-    lines = (tmp_path / "c" / "timeline.jsonl").read_text().splitlines()
-    events = [json.loads(line) for line in lines]
-    begun = [lengths[event["case"]] for event in events if event["event"] == "leased"]
+    begun = [lengths[case] for case in leased(tmp_path / "c")]
     assert begun == sorted(begun, reverse=True)
     assert len(set(begun)) > 1
 
 
-def test_a_history_that_is_none_is_refused_before_anything_is_written(marked, tmp_path):
-    words = ("run", "chaos-16", "--out", str(tmp_path / "c"), "--history", str(tmp_path / "no"))
-    done = marked.run("conductor", *words)
+def leased(folder):
+    """Cases as they were leased."""
+    lines = (folder / "timeline.jsonl").read_text().splitlines()
+    events = [json.loads(line) for line in lines]
+    return [event["case"] for event in events if event["event"] == "leased"]
+
+
+def test_a_conductor_that_serves_knows_an_earlier_run_too(marked, quiet, tmp_path):
+    lengths = {name: c["scalars"]["sim_time_s"] for name, c in outcomes(quiet["folder"]).items()}
+    served = ServedCampaign(marked, tmp_path)
+    served.start("--history", str(quiet["folder"]))
+    done = marked.run("conductor", "submit", "chaos-16", "--state", str(served.state))
+    assert done.returncode == 0, done.stderr
+    served.worker()
+    wait_for(served.complete, "every case")
+    begun = [lengths[case] for case in leased(served.campaign)]
+    assert begun == sorted(begun, reverse=True)
+    served.finish()
+
+
+@pytest.mark.parametrize("words", [("run", "chaos-16", "--out"), ("serve", "--state")])
+def test_a_history_that_is_none_is_refused_before_anything_is_written(marked, tmp_path, words):
+    done = marked.run("conductor", *words, str(tmp_path / "c"), "--history", str(tmp_path / "no"))
     assert done.returncode == 2
     assert "--history: " in done.stderr
     assert "give the folder of an earlier run" in done.stderr

@@ -313,3 +313,33 @@ def test_a_stack_that_is_not_the_submitted_one_says_so_until_it_is_heard(seed, a
 
 def outgoing(seq):
     return Outgoing("camera", frame(seq, -1), image(seq).tobytes())
+
+
+@pytest.mark.parametrize("reads", [None, frozenset(), frozenset(["camera", "lidar.roof"])])
+@pytest.mark.parametrize("seed", range(3))
+def test_the_simulator_knows_what_the_stack_looks_at(seed, reads):
+    hub = MemoryHub(seed=seed, faults=Faults(loss=0.3, duplicate=0.2, delay=0.2))
+    hub.run()
+    stack = StackEnd(hub.open(), "r", SLOTS)
+    stack.reads = reads
+    simulator = SimulatorEnd(hub.open(), "r", SLOTS, None, resend_s=0.02)
+
+    def serve():
+        incoming = stack.receive(lambda: None)
+        stack.answer(Commands(v=SCHEMA_VERSION, seq=incoming.tick.seq, commands=[]))
+
+    threading.Thread(target=serve, daemon=True).start()
+    simulator.handshake(lambda: None)
+    hub.stop()
+    assert simulator.reads == reads
+
+
+def test_a_stack_that_looks_at_what_no_sensor_sends_is_told_so():
+    hub, simulator, stack = held()
+    hub.run()
+    least = {"v": SCHEMA_VERSION, "role": "stack", "rig": "r", "slots": SLOTS, "seen": True}
+    said = msgspec.msgpack.encode({**least, "reads": ["camera", "sonar"]})
+    stack.publish("drive/r/control/stack", said)
+    with pytest.raises(StackFaultError, match="stack: reads 'sonar'; allowed: messages of sensors"):
+        simulator.handshake(lambda: None)
+    hub.stop()

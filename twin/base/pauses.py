@@ -1,11 +1,25 @@
-"""Python's garbage collection beside a loop that many slots wait for."""
+"""Python's garbage collection while a process loads, and beside a loop that many slots wait for."""
 
 from __future__ import annotations
 
 import gc
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 YOUNG_MAX = 100_000
 """Objects made before the young ones are looked at; a tick of 256 slots makes some thousand."""
+
+
+@contextmanager
+def loading() -> Iterator[None]:
+    """Modules are loaded in the block: what they make stays, so it is not searched for garbage,
+    neither meanwhile nor by :func:`settle`."""
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 def settle() -> None:

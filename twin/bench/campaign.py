@@ -30,6 +30,7 @@ from twin.base.errors import (
     UsageError,
 )
 from twin.rig.profile import FOLDER_VARIABLE, QUARTERS, LoopProfile, Quarter
+from twin.sensors.wanted import SENSORS_VARIABLE
 from twin.worker.resources_gpu import Gpu
 
 GPU_PERIOD_S = 0.2
@@ -78,6 +79,10 @@ class SlotsRow:
     cases: int
     fingerprint: str
     transport: str
+    everything: bool
+    """All sensors were read, also those that the stack does not look at."""
+    unread: list[str]
+    """Messages of sensors that the stack does not look at."""
     wall_s: float
     """Wall time from command to report [s]."""
     loop_s: float
@@ -135,20 +140,26 @@ DONE = re.compile(r"(\d+) of (\d+) cases? done")
 
 
 def measure(
-    request: Request, slots: int, report: Callable[[int, int], object] = lambda *_: None
+    request: Request,
+    slots: int,
+    report: Callable[[int, int], object] = lambda *_: None,
+    *,
+    everything: bool = True,
 ) -> SlotsRow:
     """Run the campaign once with ``slots`` slots per worker.
 
-    ``report`` is told how many cases have ended, of how many.
+    ``report`` is told how many cases have ended, of how many. ``everything``: all sensors are read,
+    otherwise those that the stack looks at.
 
     Raises:
         UsageError: the campaign cannot be run; its own words.
         InfrastructureError: it did not end.
     """
-    folder = request.out / f"slots-{slots}"
+    name = f"{slots}" if everything else f"{slots}-read"
+    folder = request.out / f"slots-{name}"
     if folder.exists():
         raise UsageError(f"{folder}: is there already; choose another --out, or remove it")
-    profiles = folder.with_name(f"profile-{slots}")
+    profiles = folder.with_name(f"profile-{name}")
     profiles.mkdir(parents=True, exist_ok=True)
     command = [
         *(sys.executable, "-m", "conductor", "run", request.campaign, "--out", str(folder)),
@@ -160,6 +171,7 @@ def measure(
     watcher = _GpuWatcher(request.device)
     begun_s = time.monotonic()
     environment = {**os.environ, FOLDER_VARIABLE: str(profiles.absolute())}
+    environment[SENSORS_VARIABLE] = "all" if everything else "read"
     with watcher:
         code, printed, log = _run(command, environment, report)
     wall_s = time.monotonic() - begun_s
@@ -174,7 +186,7 @@ def measure(
     ]
     if not profiled:
         raise InfrastructureError(f"{request.campaign}: no simulator ran; was everything done?")
-    return _row(json.loads(printed), profiled, wall_s, slots, watcher)
+    return _row(json.loads(printed), profiled, wall_s, slots, watcher, everything=everything)
 
 
 def _run(
@@ -208,6 +220,8 @@ def _row(
     wall_s: float,
     slots: int,
     watcher: _GpuWatcher,
+    *,
+    everything: bool,
 ) -> SlotsRow:
     laps: dict[str, float] = {}
     for profile in profiles:
@@ -227,6 +241,8 @@ def _row(
         cases=run["cases"],
         fingerprint=run["fingerprint"],
         transport="/".join(sorted({profile.transport for profile in profiles})),
+        everything=everything,
+        unread=sorted({name for profile in profiles for name in profile.unread}),
         wall_s=wall_s,
         loop_s=last_s - first_s,
         sim_s=sim_s,
@@ -318,7 +334,7 @@ def as_json(request: Request, rows: Sequence[SlotsRow]) -> dict[str, Any]:
 
 def lines(rows: Sequence[SlotsRow]) -> list[str]:
     """The table for people."""
-    head = ["slots", "cases/min", "x real time", "frames/s", "ms/sim s", "loop ms/sim s"]
+    head = ["slots", "sensors", "cases/min", "x real time", "frames/s", "ms/sim s", "loop ms/sim s"]
     head += ["slot use", *PARTS, "trip p50 ms", "p99 ms", "GPU", "GPU GB", "transport"]
     table = [head]
     for row in rows:
@@ -326,7 +342,8 @@ def lines(rows: Sequence[SlotsRow]) -> list[str]:
         memory = "-" if row.gpu_memory_bytes is None else f"{row.gpu_memory_bytes / 1e9:.1f}"
         table.append(
             [
-                *(str(row.slots), f"{60.0 * row.cases / row.wall_s:.1f}", f"{row.real_time:.1f}"),
+                *(str(row.slots), "all" if row.everything else "read"),
+                *(f"{60.0 * row.cases / row.wall_s:.1f}", f"{row.real_time:.1f}"),
                 *(f"{row.frames / row.loop_s:,.0f}", f"{row.ms_per_sim_s:.1f}"),
                 *(f"{row.loop_ms_per_sim_s:.1f}", f"{100 * row.slot_use:.0f} %"),
                 *(f"{100 * share:.0f} %" for share in row.shares.values()),
@@ -337,12 +354,20 @@ def lines(rows: Sequence[SlotsRow]) -> list[str]:
     text = _columns(table)
     for row in rows:
         text.append(
-            f"{counted(row.slots, 'slot')}: {counted(row.cases, 'case')}, {row.sim_s:,.1f} "
+            f"{counted(row.slots, 'slot')}, {_sensors(row)}: "
+            f"{counted(row.cases, 'case')}, {row.sim_s:,.1f} "
             f"simulated s in {row.wall_s:.1f} s of wall time, {row.loop_s:.1f} s of it between "
             f"the first tick and the last; fingerprint {row.fingerprint[:16]}"
         )
         text += [f"  {line}" for line in _columns(_by_use(row))]
     return text
+
+
+def _sensors(row: SlotsRow) -> str:
+    if not row.unread:
+        return "all sensors"
+    unread = ", ".join(row.unread)
+    return f"{'all sensors, also' if row.everything else 'without'} {unread}"
 
 
 def _by_use(row: SlotsRow) -> list[list[str]]:

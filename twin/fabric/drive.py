@@ -153,6 +153,8 @@ class SimulatorEnd:
         self._inbox: queue.SimpleQueue[Sample] = queue.SimpleQueue()
         self.transport: Transport = "bytes"
         """Transport that the stack chose of those offered."""
+        self.reads: frozenset[str] | None = None
+        """Sensor messages that the stack looks at; None: all."""
         self.resent = 0
         """Seqs published again."""
         self._fault = ""
@@ -218,9 +220,7 @@ class SimulatorEnd:
             self._bus.publish(key, encode(offer))
             sample = self._receive(READY_PERIOD_S)
             on_wait()
-            self._look_at_link(time.monotonic())
-            if self._fault:
-                raise InfrastructureError(self._fault)
+            self._check_link(time.monotonic())
             if sample is None or not sample.key.endswith("/control/stack"):
                 continue
             try:
@@ -230,6 +230,9 @@ class SimulatorEnd:
             if answer.refused:
                 raise RefusedError(answer.refused)
             if answer.seen:
+                if mistake := topics.reads_mistake(answer.reads or ()):
+                    raise StackFaultError(f"stack: {mistake}")
+                self.reads = None if answer.reads is None else frozenset(answer.reads)
                 self.transport = "memory" if answer.shared else "bytes"
                 if answer.on_gpu and self._probe is not None:
                     self.transport = "device"
@@ -258,9 +261,7 @@ class SimulatorEnd:
         while True:
             sample = self._receive(min(LOOK_S, self._resend_s))
             now = time.monotonic()
-            self._look_at_link(now)
-            if self._fault:
-                raise InfrastructureError(self._fault)
+            self._check_link(now)
             # Also beside a stack that says a lot and never what it was asked for.
             if sample is None or now - looked >= LOOK_S:
                 on_wait()
@@ -287,9 +288,7 @@ class SimulatorEnd:
         until_s = time.monotonic() + timeout_s
         for _ in range(WAITING_MAX):  # a stack that says a lot holds nobody up
             sample = self._receive(max(0.0, until_s - time.monotonic()))
-            self._look_at_link(time.monotonic())
-            if self._fault:
-                raise InfrastructureError(self._fault)
+            self._check_link(time.monotonic())
             if sample is None:
                 return None
             commands = _commands_in(sample)
@@ -297,24 +296,24 @@ class SimulatorEnd:
                 return commands
         return None
 
-    def _look_at_link(self, now_s: float) -> None:
-        """A message that is too large never arrives; the link tells of it while it comes."""
-        if now_s - self._link_seen_s < LOOK_S:
-            return
-        self._link_seen_s = now_s
+    def _check_link(self, now_s: float) -> None:
+        """Raise :class:`InfrastructureError` if more came than a stack may send. A message that is
+        too large never arrives; the link tells of it while it comes."""
+        if now_s - self._link_seen_s >= LOOK_S and not self._fault:
+            self._link_seen_s = now_s
+            self._fault = self._excess(now_s)
+        if self._fault:
+            raise InfrastructureError(self._fault)
+
+    def _excess(self, now_s: float) -> str:
+        most = f"at most {MESSAGE_BYTES_MAX} {{}}are accepted"
         if self._reading is not None:
-            if self._reading.is_in_vain(self._messages, now_s) and not self._fault:
-                self._fault = (
-                    f"stack: it sends and sends, and no message comes of it; "
-                    f"at most {MESSAGE_BYTES_MAX} bytes in one are accepted"
-                )
-            return
-        under_way = self._link.excess(self._came)
-        if under_way > UNDER_WAY_BYTES_MAX and not self._fault:
-            self._fault = (
-                f"stack: a message of more than {UNDER_WAY_BYTES_MAX} bytes, "
-                f"at most {MESSAGE_BYTES_MAX} are accepted"
-            )
+            in_vain = self._reading.is_in_vain(self._messages, now_s)
+            said = "stack: it sends and sends, and no message comes of it; "
+            return said + most.format("bytes in one ") if in_vain else ""
+        if self._link.excess(self._came) <= UNDER_WAY_BYTES_MAX:
+            return ""
+        return f"stack: a message of more than {UNDER_WAY_BYTES_MAX} bytes, " + most.format("")
 
     def publish(self, tick: Tick, sensors: list[Outgoing], episodes: list[Episode]) -> None:
         """Publish one seq, and wait for nothing."""
@@ -398,6 +397,8 @@ class StackEnd:
         self._gone = False
         self.takes_device_frames = False
         """The stack takes large arrays in a GPU's memory; set before the first :meth:`receive`."""
+        self.reads: frozenset[str] | None = None
+        """As the simulator's; set before the first :meth:`receive`."""
         self.repeated = 0
         """Seqs answered from the cache."""
         self.dropped = 0
@@ -584,6 +585,7 @@ class StackEnd:
             seen=seen,
             minor=DRIVE_MINOR,
             refused=refused,
+            reads=None if self.reads is None else sorted(self.reads),
         )
         self._bus.publish(topics.READY.key.format(rig=self._rig, side="stack"), encode(ready))
 

@@ -18,6 +18,7 @@ from twin.base.channel import BoundedChannel
 from twin.rig.attempt_record import Arrays, AttemptRecord
 from twin.rig.slot import RigTick, Slot, SlotEnd
 from twin.rig.slot_listener import SlotListener
+from twin.sensors.wanted import NOTHING, Wanted
 
 WAITING_BYTES_MAX = 256 << 20
 """Most bytes of sensors that wait to be written [bytes]."""
@@ -53,6 +54,10 @@ class DriveRecorder(SlotListener):
         record = AttemptRecord(slot.lease, lambda job: jobs.put(job, 0))
         self._records[slot.index] = record
         jobs.put(lambda: record.open(self._slots, self._device), 0)
+
+    def wanted(self) -> Wanted:
+        """See :class:`SlotListener`: a record has everything, for stacks that look at more."""
+        return None if self._records else NOTHING
 
     def sensed(self, tick: RigTick) -> None:
         """See :class:`SlotListener`; before the stack is asked, so that one that dies leaves it

@@ -39,6 +39,7 @@ from twin.sensors.lidar.lidars import lidar_sites
 from twin.sensors.ray_sensor import Moment
 from twin.sensors.suite import SensorSuite
 from twin.sensors.vehicle_truth import VehicleTruth
+from twin.sensors.wanted import Wanted
 from twin.vehicle.carry import Carrier
 from twin.vehicle.fleet import Fleet
 from twin.vehicle.ground import drivable, height_near
@@ -278,8 +279,9 @@ class Engine:
         self._exteroceptive.clear(slot)
         self._suite.clear(slot)
 
-    def sense(self) -> dict[str, SensorData]:
-        """Sensors at the current ticks, those that are due; once per tick.
+    def sense(self, wanted: Wanted = None) -> dict[str, SensorData]:
+        """Sensors at the current ticks, those that are due; once per tick. Of those that look at
+        the world only what is ``wanted``, messages by name; None: all.
 
         All active slots are due together: a rig refills slots only every ``refill_every`` ticks.
         """
@@ -305,7 +307,7 @@ class Engine:
         lamps = self._lamps()
         self._watch.lap("sense")
         images = self._exteroceptive.read(
-            now, lamps, self._placement, self._vehicles.ego_device, truth
+            now, lamps, self._placement, self._vehicles.ego_device, truth, wanted
         )
         self._watch.lap("render")
         sensors.update(images)

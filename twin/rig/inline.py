@@ -16,6 +16,7 @@ from schemas.case import Case
 from schemas.messages import Commands, Episode, Tick
 from twin.fabric.drive import Incoming, check_answer
 from twin.sensors.data import SensorData
+from twin.sensors.wanted import Wanted
 
 HOST = "devkit.hosting.host:Inline"
 """What runs a stack in this process, by name: the simulator does not import `devkit`."""
@@ -35,6 +36,12 @@ class InlineStack:
         module, _, name = HOST.partition(":")
         host = getattr(importlib.import_module(module), name)
         self._host: Any = host(case.rig.stack, slots, case.rig.parameters, case.rig.source)
+
+    @property
+    def reads(self) -> Wanted:
+        """Sensor messages that it looks at."""
+        wanted: Wanted = self._host.reads
+        return wanted
 
     def exchange(
         self, tick: Tick, sensed: dict[str, SensorData], episodes: list[Episode]

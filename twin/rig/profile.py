@@ -51,6 +51,8 @@ class LoopProfile(Struct, frozen=True):
     """Sum over the slots [s]."""
     frames: int
     """Pictures rendered."""
+    unread: list[str]
+    """Messages of cameras, lidars and radars that the stack does not look at."""
     period_s: float
     """Control period [s]."""
     begun_s: float
@@ -75,6 +77,7 @@ class LoopLog:
         folder = os.environ.get(FOLDER_VARIABLE, "")
         self.watch = Stopwatch()
         self.transport = ""
+        self.unread: list[str] = []
         self._path = Path(folder) / f"{rig}.json" if folder else None
         self._rig, self._device, self._slots = rig, device, slots
         self._begun_s = time.monotonic()
@@ -141,6 +144,7 @@ class LoopLog:
             ticks=self._ticks,
             sim_s=self._sim_ns / 1e9,
             frames=self._frames,
+            unread=self.unread,
             period_s=self._period_ns / 1e9,
             begun_s=self._begun_s,
             first_tick_s=self._first_s,

@@ -138,7 +138,7 @@ class RealtimeLink(SlotListener):
             Outgoing(name, structs.replace(sensor.frame, seq=seq), sensor.payload)
             for name, (_, sensor) in self._mail.items()
         ]
-        oldest = min(sensed for sensed, _ in self._mail.values())
+        oldest = min((sensed for sensed, _ in self._mail.values()), default=tick.tick[0])
         message = structs.replace(tick, sensors=list(self._mail))
         self._mail = {}
         self._end.publish(message, sensors, [])

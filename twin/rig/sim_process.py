@@ -19,6 +19,7 @@ from typing import IO
 
 from twin.base.errors import RefusedError, StackFaultError, TwinError
 from twin.base.gpu.first_use import begun
+from twin.base.pauses import loading
 from twin.base.process import keep_to_itself, leave_signals_to_the_parent, spawn
 from twin.rig.pipe import Broken, BuildRig, Faulted, Listening, Orders, RefusedPeer, Upstream
 from twin.worker.rig_child import RigChild
@@ -97,9 +98,10 @@ def _first(device: str, orders: Orders) -> BuildRig:
     if build is None:
         waking = threading.Thread(target=_wake, args=(device,), name="wake", daemon=True)
         waking.start()
-        for name in LOADED:
-            importlib.import_module(name)
-        waking.join()
+        with loading():
+            for name in LOADED:
+                importlib.import_module(name)
+            waking.join()
         build = orders.next(None)
     assert isinstance(build, BuildRig)
     return build

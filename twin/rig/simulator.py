@@ -42,6 +42,7 @@ from twin.rig.slot import Finished, RigTick, Slot, SlotEnd, Slots
 from twin.rig.slot_listener import SlotListeners
 from twin.rig.stack_output import StackOutput, readable
 from twin.rig.tick_messages import TickMessages
+from twin.sensors.wanted import SENSORS_VARIABLE, Wanted, together
 from twin.view.port import View
 
 if TYPE_CHECKING:
@@ -95,6 +96,10 @@ class Simulator:
         self._inline: InlineStack | None = None
         self._realtime: RealtimeLink | None = None
         """Link that takes the place of the lockstep; None: lockstep."""
+        self._stack_reads: Wanted = None
+        """Sensor messages that the stack looks at."""
+        self._reads: Wanted = None
+        """Sensor messages that are read for it."""
         self._faulty = False
         """The stack cannot go on; the worker says what becomes of the cases."""
 
@@ -179,12 +184,16 @@ class Simulator:
             from twin.rig.inline import InlineStack
 
             self._inline = InlineStack(case, slots)
+            self._stack_reads = self._inline.reads
             transport: Transport = "inline"
         else:
             transport = self._meet(slots, frames, best)
+            self._stack_reads = self._end.reads
             if case.rig.clock == "realtime":
                 self._realtime = RealtimeLink(self._end, self._engine.control_period_ns)
+        self._reads = None if os.environ.get(SENSORS_VARIABLE) == "all" else self._stack_reads
         self._log.transport = transport
+        self._log.unread = [c.name for c in channels if not self._is_shown(c.name)]
         self._messages = TickMessages(self._engine, self._slots, self._device, transport, offsets)
         self._listeners = self._listening()
         self._listeners.built(self._engine)
@@ -276,21 +285,27 @@ class Simulator:
 
     def _sense(self) -> tuple[RigTick, list[Outgoing]]:
         """Readings of the current ticks, and the messages that bring them to a stack elsewhere."""
-        sensed = self._engine.sense()
+        sensed = self._engine.sense(together([self._reads, self._listeners.wanted()]))
         cases = [None if slot is None else slot.lease.case for slot in self._slots.by_index]
-        readings = as_told(sensed, cases)
-        sensors = [] if self._inline else self._messages.frames(self._seq, readings)
+        told = as_told(sensed, cases)
+        # Also of what is there: a stack must not see more because somebody watches.
+        shown = {name: data for name, data in told.items() if self._is_shown(name)}
+        sensors = [] if self._inline else self._messages.frames(self._seq, shown)
         self._log.watch.lap("frames")
         episodes = self._messages.episodes(self._seq)
-        message = self._messages.tick(self._seq, list(sensed), len(episodes))
+        message = self._messages.tick(self._seq, list(shown), len(episodes))
         self._log.watch.lap("messages")
-        return RigTick(message, sensed, readings, episodes), sensors
+        return RigTick(message, sensed, told, episodes, shown), sensors
+
+    def _is_shown(self, name: str) -> bool:
+        """Whether the stack looks at a sensor message."""
+        return self._stack_reads is None or name in self._stack_reads
 
     def _ask(self, tick: RigTick, sensors: list[Outgoing]) -> Commands:
         """The stack's answer to a tick."""
         if self._inline:
             self._engine.wait()
-            return self._inline.exchange(tick.message, tick.told, tick.episodes)
+            return self._inline.exchange(tick.message, tick.shown, tick.episodes)
         link = self._realtime or self._end
         return link.exchange(self._seq, tick.message, sensors, tick.episodes, self._on_wait)
 

@@ -132,9 +132,11 @@ class RigTick:
     sensed: dict[str, SensorData]
     """Readings of all slots by sensor message."""
     told: dict[str, SensorData]
-    """Readings as far as the stack may know them."""
+    """Readings as far as the stack may know them, also those that it does not look at."""
     episodes: list[Episode]
     """Cases that the stack sees for the first time."""
+    shown: dict[str, SensorData] = field(default_factory=dict)
+    """Those of ``told`` that the stack looks at, and gets."""
     answered: list[Command | None] = field(default_factory=list)
     """The stack's commands, one per slot."""
     commands: list[Command | None] = field(default_factory=list)

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 from twin.rig.slot import RigTick, Slot, SlotEnd
+from twin.sensors.wanted import NOTHING, Wanted, together
 
 if TYPE_CHECKING:
     from twin.rig.engine import Engine
@@ -19,6 +20,10 @@ class SlotListener:
 
     def started(self, slot: Slot) -> None:
         """A case begins."""
+
+    def wanted(self) -> Wanted:
+        """Sensor messages of the tick that is about to be sensed that it will look at."""
+        return NOTHING
 
     def sensed(self, tick: RigTick) -> None:
         """The readings of a tick are there, and the stack is about to be asked."""
@@ -48,6 +53,10 @@ class SlotListeners(SlotListener):
         """See :class:`SlotListener`."""
         for listener in self._listeners:
             listener.started(slot)
+
+    def wanted(self) -> Wanted:
+        """What any of them will look at."""
+        return together(listener.wanted() for listener in self._listeners)
 
     def sensed(self, tick: RigTick) -> None:
         """See :class:`SlotListener`."""

@@ -49,18 +49,23 @@ class DeclaredRays:
                 rows.append(MemoryRow(f"{kind.name}: its work", 0, more))
         return rows
 
-    def build(self, mount: RayMount) -> list[RaySensor]:
+    def build(self, mount: RayMount) -> list[DeclaredRay]:
         """Make what the declarations name.
 
         Raises:
             ValueError: an implementation cannot be imported; one line.
         """
         built: dict[str, RaySensor] = {}
-        sensors: list[RaySensor] = []
+        sensors: list[DeclaredRay] = []
         for kind, hz in _asked(mount.case):
             whole = (built[kind.part_of],) if kind.part_of else ()
             built[kind.name] = implementation(kind.implementation)(mount, hz, *whole)
             sensors.append(DeclaredRay(kind, mount, hz, built[kind.name]))
+        # What a sensor is made of is read with it.
+        for sensor in reversed(sensors):
+            for whole in sensors:
+                if whole.kind.name == sensor.kind.part_of:
+                    whole.messages |= sensor.messages
         return sensors
 
 
@@ -70,7 +75,8 @@ class DeclaredRay:
     def __init__(self, kind: SensorKind, mount: RayMount, hz: int, sensor: RaySensor) -> None:
         """``hz``: readings per second [Hz]; ``sensor``: what the declaration names."""
         self._sensor = sensor
-        self._kind = kind
+        self.kind = kind
+        self.messages = frozenset([kind.name])
         self.every = mount.case.rig.control_hz // hz
         self.needs_truth = self._sensor.needs_truth
         self._channel = _channel(kind, mount.geometry.slots)
@@ -143,7 +149,7 @@ class DeclaredRay:
         data = readings[name]
         if data.shape != shape:
             raise ValueError(f"sensor '{name}' reads {data.shape}; declared: {shape}")
-        if self._kind.grid:
+        if self.kind.grid:
             return {name: self._shown(data, None)}
         count = np.zeros(0, np.int32) if data.count is None else np.asarray(data.count)
         if count.shape != shape[:1] or count.min() < 0 or count.max() > shape[1]:

@@ -19,8 +19,9 @@ from twin.render.trace.geometry import Geometry
 from twin.sensors.data import SensorData
 from twin.sensors.mount import KeepsReading, KeyOf, Redraws
 from twin.sensors.ray_kinds import ray_rigs
-from twin.sensors.ray_sensor import Moment, RayMount, Sight
+from twin.sensors.ray_sensor import Moment, MountedRay, RayMount, Sight
 from twin.sensors.rig_memory import rig_memory
+from twin.sensors.wanted import Wanted
 from twin.vehicle.vehicle_file import Vehicle, load_vehicle
 from twin.world.scene import Scene
 from twin.world.sky.sun import Daylight
@@ -64,6 +65,8 @@ class ExteroceptiveSuite:
         """:meth:`read` needs the vehicles' truth."""
         self.period = math.lcm(*(sensor.every for sensor in self._sensors))
         """Control periods after which all are due together again."""
+        self._left_out: set[MountedRay] = set()
+        """Sensors whose last reading nobody wanted."""
 
     def reset(self, slot: int, case: Case) -> None:
         """Begin a case; :meth:`light` must follow."""
@@ -129,8 +132,11 @@ class ExteroceptiveSuite:
         placement: Placement,
         pose: wp.array,
         truth: wp.array | None,
+        wanted: Wanted = None,
     ) -> dict[str, SensorData]:
-        """Readings that are due; to be called at every tick, before the step.
+        """Readings that are due and wanted; to be called at every tick, before the step.
+
+        What is wanted has the same bytes whatever else is.
 
         Args:
             now: ticks and times of the slots.
@@ -139,6 +145,7 @@ class ExteroceptiveSuite:
             pose: vehicle states on the device [S, T].
             truth: rows of :class:`twin.sensors.vehicle_truth.VehicleTruth`, where
                 :attr:`needs_truth`.
+            wanted: messages that somebody looks at.
         """
         if not now.active.any():
             return {}
@@ -147,6 +154,7 @@ class ExteroceptiveSuite:
         phase = now.tick[now.active] % self.period
         assert (phase == phase[0]).all(), "active slots are not due for their frames together"
         due = [sensor for sensor in self._sensors if phase[0] % sensor.every == 0]
+        due = [sensor for sensor in due if self._is_wanted(sensor, wanted, now)]
         if not due:
             return {}
         self._geometry.place(placement)
@@ -158,6 +166,18 @@ class ExteroceptiveSuite:
         for sensor in due:
             readings.update(sensor.read())
         return readings
+
+    def _is_wanted(self, sensor: MountedRay, wanted: Wanted, now: Moment) -> bool:
+        """Whether a sensor that is due is to be read. One that was left out meanwhile begins anew:
+        nothing leads from its last reading to this one."""
+        if wanted is not None and wanted.isdisjoint(sensor.messages):
+            self._left_out.add(sensor)
+            return False
+        if sensor in self._left_out:
+            self._left_out.discard(sensor)
+            for slot in np.flatnonzero(now.active).tolist():
+                sensor.moved(slot)
+        return True
 
 
 def _check_memory(

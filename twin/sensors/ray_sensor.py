@@ -105,6 +105,13 @@ class RaySensor(Protocol):
         inactive."""
 
 
+class MountedRay(RaySensor, Protocol):
+    """A ray sensor that its rig has mounted."""
+
+    messages: frozenset[str]
+    """Messages that need its readings: its own, and those of sensors that are made of them."""
+
+
 class RayRig(Protocol):
     """The sensors of one kind in a rig: one object per kind, without a state of its own."""
 
@@ -122,7 +129,7 @@ class RayRig(Protocol):
             ValueError: the vehicle has no such sensor; one line.
         """
 
-    def build(self, mount: RayMount) -> Sequence[RaySensor]:
+    def build(self, mount: RayMount) -> Sequence[MountedRay]:
         """Allocate and compile.
 
         Raises:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from twin.fabric.bus import Respond
 from twin.rig.slot import RigTick, Slot, SlotEnd
 from twin.rig.slot_listener import SlotListener
+from twin.sensors.wanted import Wanted, together
 
 if TYPE_CHECKING:
     from twin.rig.engine import Engine
@@ -57,6 +58,12 @@ class GuardedView(View):
     def started(self, slot: Slot) -> None:
         """See :class:`SlotListener`."""
         self._try(lambda: self._view.started(slot))
+
+    def wanted(self) -> Wanted:
+        """See :class:`SlotListener`."""
+        wanted: list[Wanted] = []
+        self._try(lambda: wanted.append(self._view.wanted()))
+        return together(wanted)
 
     def sensed(self, tick: RigTick) -> None:
         """See :class:`SlotListener`."""

@@ -28,6 +28,7 @@ from twin.fabric.endpoint import LOOPBACK, to_listen
 from twin.fabric.keys.key_file import MemberKey
 from twin.fabric.zenoh_bus import open_bus
 from twin.rig.slot import RigTick, Slot, SlotEnd
+from twin.sensors.wanted import NOTHING, Wanted
 from twin.view.batch import SampleBatch
 from twin.view.demand import Demand
 from twin.view.items import (
@@ -144,6 +145,15 @@ class ViewPublisher(View):
                 campaign=lease.case.variation.campaign, case=lease.case.id
             )
             self._served[slot.index] = self._bus.serve(key, lambda p, r: ask(slot.index, p, r))
+
+    def wanted(self) -> Wanted:
+        """See :class:`SlotListener`: a recording has everything, and so has a case that somebody
+        looks at alone; the wall of all cases has their first camera."""
+        if any(run.recorded for run in self._runs.values()) and not self._recorder_gone:
+            return None
+        if self._demand.singles() and any(map(self._demand.focused, self._runs.values())):
+            return None
+        return frozenset(["camera"]) if self._demand.wall() else NOTHING
 
     def commanded(self, tick: RigTick) -> None:
         """See :class:`SlotListener`: shows the cases that take part in a tick."""

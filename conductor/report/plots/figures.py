@@ -11,7 +11,6 @@ import json
 from functools import lru_cache
 from typing import Any
 
-import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from conductor.report.reading.curves import LOOKS
@@ -71,29 +70,25 @@ def _grid_text(
     ranges = dict(told)
     names = [column_title(name, spread=spread) for name in curves]
     models = [html.escape(model, quote=False) for model in systems]
-    figure = _stacked(names, models) if stacked else _beside(names, models)
-    for note in figure.layout.annotations:
-        note.update(font={"size": 12, "weight": 600})
+    layout = _layout(_stacked(names, models) if stacked else _beside(names, models))
+    for note in layout["annotations"]:
+        note["font"] = {"size": 12, "weight": 600}
     for number in range(len(models)):
-        for column, name in enumerate(curves, 1):
-            row, col = (number * len(curves) + column, 1) if stacked else (number + 1, column)
-            _set_range(figure, name, row, col, spread=spread)
+        for column, name in enumerate(curves):
+            axis = number * len(curves) + column + 1
+            _set_range(layout, name, axis, spread=spread)
             look = LOOKS[name]
             if look.scale not in ("switch", "0 to 1") and not (spread and look.share):
                 low, high = ranges.get(name, (0.0, 1.0))
                 span = [min(low, 0.0), high + 0.04 * (high - low)]
-                figure.update_yaxes(range=span, row=row, col=col)
+                layout[_key("yaxis", axis)]["range"] = span
             if look.safety_m:
-                _safety_line(figure, row, col, look.safety_m, labelled=number == 0)
+                _safety_line(layout, axis, look.safety_m, labelled=number == 0)
     if not stacked:
-        figure.update_xaxes(title={"text": time_label}, row=len(models))
-    figure.update_layout(
-        template=go.layout.Template(),
-        margin={"l": 36, "r": 26, "t": 98, "b": 48},
-        hovermode="closest",
-        legend=_LEGEND,
-    )
-    return str(figure.to_json())
+        for column in range(len(curves)):
+            axis = (len(models) - 1) * len(curves) + column + 1
+            layout[_key("xaxis", axis)]["title"] = {"text": time_label}
+    return _text(layout, {"l": 36, "r": 26, "t": 98, "b": 48})
 
 
 def _beside(names: list[str], models: list[str]) -> Any:
@@ -146,24 +141,39 @@ def _curve_text(curves: tuple[str, ...], time_label: str, spread: bool) -> str:
         row_heights=[LOOKS[name].height for name in curves],
         subplot_titles=[headings[name][0] for name in curves],
     )
+    layout = _layout(figure)
     # make_subplots centres the titles; a reader looks for them at the left.
-    for note in figure.layout.annotations:
+    for note in layout["annotations"]:
         note.update(x=0, xanchor="left", font={"size": 13, "weight": 600})
     for index, name in enumerate(curves, 1):
-        figure.update_yaxes(title={"text": headings[name][1]}, row=index, col=1)
-        _set_range(figure, name, index, 1, spread=spread)
+        layout[_key("yaxis", index)]["title"] = {"text": headings[name][1]}
+        _set_range(layout, name, index, spread=spread)
         if LOOKS[name].safety_m:
-            _safety_line(figure, index, 1, LOOKS[name].safety_m, labelled=True)
-    figure.update_xaxes(title={"text": time_label}, row=len(curves), col=1)
-    figure.update_layout(
-        template=go.layout.Template(),
-        height=180 * len(curves),
-        margin={"l": 72, "r": 12, "t": 98, "b": 48},
-        hovermode="closest",
-        legend=_LEGEND,
-    )
-    return str(figure.to_json())
+            _safety_line(layout, index, LOOKS[name].safety_m, labelled=True)
+    layout[_key("xaxis", len(curves))]["title"] = {"text": time_label}
+    layout["height"] = 180 * len(curves)
+    return _text(layout, {"l": 72, "r": 12, "t": 98, "b": 48})
 
+
+def _layout(figure: Any) -> dict[str, Any]:
+    """A figure's layout as plain values: Plotly takes milliseconds for every change of its own."""
+    layout: dict[str, Any] = figure.layout.to_plotly_json()
+    return layout
+
+
+def _text(layout: dict[str, Any], margin: dict[str, int]) -> str:
+    """A figure without traces as JSON."""
+    layout |= {"template": _BARE, "margin": margin, "hovermode": "closest", "legend": _LEGEND}
+    return json.dumps({"data": [], "layout": layout})
+
+
+def _key(axis: str, number: int) -> str:
+    """Name of an axis; Plotly leaves out a 1."""
+    return axis if number == 1 else f"{axis}{number}"
+
+
+_BARE = {"data": {"scatter": [{"type": "scatter"}]}}
+"""Template without looks, in place of Plotly's own."""
 
 # The page's script makes room for it.
 _LEGEND = {
@@ -176,15 +186,15 @@ _LEGEND = {
 }
 
 
-def _set_range(figure: Any, name: str, row: int, column: int, *, spread: bool) -> None:
+def _set_range(layout: dict[str, Any], name: str, number: int, *, spread: bool) -> None:
     look = LOOKS[name]
-    axis: dict[str, Any] = _AXES[look.scale]
+    axis: dict[str, Any] = AXES[look.scale]
     if spread and look.share:
         axis = {"range": [0, 1.04], "tickvals": [0, 0.5, 1]}
-    figure.update_yaxes(**axis, row=row, col=column)
+    layout[_key("yaxis", number)].update(axis)
 
 
-_AXES: dict[str, dict[str, Any]] = {
+AXES: dict[str, dict[str, Any]] = {
     "switch": {"range": [-0.08, 1.08], "tickvals": [0, 1]},
     "0 to 1": {"range": [-0.08, 1.08], "tickvals": [0, 0.5, 1]},
     "count": {"rangemode": "tozero", "dtick": 1},
@@ -194,31 +204,30 @@ _AXES: dict[str, dict[str, Any]] = {
 """Axes by the scale of a curve."""
 
 
-def _safety_line(figure: Any, row: int, column: int, safety_m: float, *, labelled: bool) -> None:
-    figure.add_shape(
-        type="line",
-        xref="x domain",
-        x0=0,
-        x1=1,
-        y0=safety_m,
-        y1=safety_m,
-        line={"color": _SAFETY_COLOR, "width": 1.5, "dash": "dash"},
-        row=row,
-        col=column,
-    )
+def _safety_line(layout: dict[str, Any], number: int, safety_m: float, *, labelled: bool) -> None:
+    place = {"xref": f"{_key('x', number)} domain", "yref": _key("y", number)}
+    line = {
+        **place,
+        "type": "line",
+        "x0": 0,
+        "x1": 1,
+        "y0": safety_m,
+        "y1": safety_m,
+        "line": {"color": _SAFETY_COLOR, "width": 1.5, "dash": "dash"},
+    }
+    layout.setdefault("shapes", []).append(line)
     if labelled:
-        figure.add_annotation(
-            text=f"factor of safety {safety_m:g} m",
-            xref="x domain",
-            x=0.004,
-            xanchor="left",
-            y=safety_m,
-            yanchor="bottom",
-            showarrow=False,
-            font={"color": _SAFETY_COLOR, "size": 11},
-            row=row,
-            col=column,
-        )
+        label = {
+            **place,
+            "text": f"factor of safety {safety_m:g} m",
+            "x": 0.004,
+            "xanchor": "left",
+            "y": safety_m,
+            "yanchor": "bottom",
+            "showarrow": False,
+            "font": {"color": _SAFETY_COLOR, "size": 11},
+        }
+        layout["annotations"].append(label)
 
 
 def _plain(text: str) -> dict[str, Any]:

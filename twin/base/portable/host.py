@@ -8,6 +8,7 @@ of magnitudes beyond 2**40 are NaN.
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -23,15 +24,23 @@ _SHORT = 2.0**-30
 _SPLITTER = 134217729.0
 
 
+@cache
 def _constant(name: str) -> float:
     return float(getattr(coefficients, name))
 
 
-def _series(z: Floats, name: str, first: int, last: int) -> Floats:
-    """``c_first + z (c_first+1 + z (...))`` of coefficients ``name_k``."""
-    total = np.full(z.shape, _constant(f"{name}_{last}"))
-    for k in range(last - 1, first - 1, -1):
-        total = _constant(f"{name}_{k}") + z * total
+@cache
+def _coefficients(name: str, last: int) -> tuple[float, ...]:
+    """Coefficients ``name_last`` to ``name_0``."""
+    return tuple(_constant(f"{name}_{k}") for k in range(last, -1, -1))
+
+
+def _series(z: Floats, name: str, last: int) -> Floats:
+    """``c_0 + z (c_1 + z (...))`` of coefficients ``name_k``."""
+    highest, *lower = _coefficients(name, last)
+    total = lower[0] + z * highest
+    for coefficient in lower[1:]:
+        total = coefficient + z * total
     return total
 
 
@@ -59,10 +68,10 @@ def _parts(x: Floats) -> tuple[Floats, Floats, npt.NDArray[np.int64]]:
     r = third + lost
     rest = lost - (r - third)
     z = r * r
-    sine = r + (rest * (1.0 - 0.5 * z) + r * z * _series(z, "SIN", 0, 6))
+    sine = r + (rest * (1.0 - 0.5 * z) + r * z * _series(z, "SIN", 6))
     most = 1.0 + -(0.5 * z)
     gone = -(0.5 * z) - (most - 1.0)
-    cosine = most + (gone + (z * z * _series(z, "COS", 0, 6) - r * rest))
+    cosine = most + (gone + (z * z * _series(z, "COS", 6) - r * rest))
     return sine, cosine, turns.astype(np.int64) & 3
 
 
@@ -146,7 +155,7 @@ def _half_plane(height: Floats, width: Floats, back: Any) -> Floats:
     u, rest = np.where(back, 0.0 - u, u), np.where(back, 0.0 - rest, rest)
     z = u * u
     most, lost = _exact_sum(base, u)
-    return most + (lost + (base_rest + rest * (1.0 - z) + u * z * _series(z, "ATAN", 0, 11)))
+    return most + (lost + (base_rest + rest * (1.0 - z) + u * z * _series(z, "ATAN", 11)))
 
 
 def _choice(flat: Any, steep: Any, back: Any, part: int) -> Floats:

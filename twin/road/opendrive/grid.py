@@ -32,6 +32,12 @@ def sine(angle: float | np.ndarray) -> np.ndarray:
     return np.rint(host.sine(angle) * _FINE_GRID) / _FINE_GRID
 
 
+def sine_cosine(angle: float | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """:func:`sine` and :func:`cosine` in the time of one of them."""
+    up, across = host.sine_cosine(angle)
+    return np.rint(up * _FINE_GRID) / _FINE_GRID, np.rint(across * _FINE_GRID) / _FINE_GRID
+
+
 def chord_share(half: np.ndarray) -> np.ndarray:
     """sin(half) / half, 1 at 0; within 3e-14."""
     return np.rint(host.sine_share(half) * _FINE_GRID) / _FINE_GRID

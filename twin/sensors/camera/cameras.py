@@ -119,6 +119,8 @@ class MountedCamera:
         self._spec = spec
         self._stream = f"camera/{spec.name}"
         self._suffix = suffix
+        kinds = ("camera", "boxes", *spec.outputs)
+        self.messages = frozenset(f"{kind}{suffix}" for kind in kinds)
         self._boxes = BoxSensor(geometry.classes, geometry.slots, geometry.device)
         self._lamps: list[Lights | None] = [None] * geometry.slots
         """Written last, per slot."""

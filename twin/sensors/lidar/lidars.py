@@ -107,6 +107,7 @@ class MountedLidar:
         on_vehicle = mount.vehicle.lidar(site.name)
         self.every = mount.case.rig.control_hz // site.hz
         self._site = site
+        self.messages = frozenset([site.message])
         self._stream = f"lidar/{site.name}"
         self._sensor = LidarSensor(
             mounted_profile(on_vehicle),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import msgspec
 import pytest
@@ -59,6 +59,8 @@ def test_figures_of_a_campaign_are_those_of_its_last_number_of_slots(tmp_path):
         cases=8,
         fingerprint="f",
         transport="memory",
+        everything=True,
+        unread=["lidar.roof"],
         wall_s=20.0,
         loop_s=10.0,
         sim_s=100.0,
@@ -77,6 +79,14 @@ def test_figures_of_a_campaign_are_those_of_its_last_number_of_slots(tmp_path):
     printed = json.dumps(campaign_json(request, [slots, slots]))
     assert read_figures(NAMED["campaign"], printed).figures == [
         Figure("campaign aeb-demo", 200.0, "ms/sim s", "less"),
+        Figure("campaign aeb-demo, loop", 100.0, "ms/sim s", "less"),
+        Figure("campaign aeb-demo, slot use", 75.0, "%", "more"),
+    ]
+    read = replace(slots, everything=False, wall_s=15.0, loop_s=7.0)
+    printed = json.dumps(campaign_json(request, [slots, slots, read]))
+    assert read_figures(NAMED["campaign"], printed).figures == [
+        Figure("campaign aeb-demo", 200.0, "ms/sim s", "less"),
+        Figure("campaign aeb-demo, as read", 150.0, "ms/sim s", "less"),
         Figure("campaign aeb-demo, loop", 100.0, "ms/sim s", "less"),
         Figure("campaign aeb-demo, slot use", 75.0, "%", "more"),
     ]

@@ -229,3 +229,15 @@ def test_arrays_of_all_shapes():
         found = decoded(coded(values))
         assert found.dtype == values.dtype.newbyteorder("<")
         assert np.array_equal(found, values)
+
+
+def test_a_record_wants_every_sensor_while_it_is_written(tmp_path):
+    recorder = DriveRecorder(2, "cpu")
+    assert recorder.wanted() == frozenset()
+    unrecorded = Slot(0, Lease(token=3, attempt=1, out=str(tmp_path), case=case_of("none")), 0.0)
+    recorder.started(unrecorded)
+    assert recorder.wanted() == frozenset()
+    slot, recorder = record(tmp_path)
+    assert recorder.wanted() is None
+    end(recorder, slot)
+    assert recorder.wanted() == frozenset()

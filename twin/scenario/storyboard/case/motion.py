@@ -14,7 +14,7 @@ from schemas.kinds.scenarios.storyboard import KIND
 from schemas.sections.free_driving import FreeDriving
 from twin.actors.motion import ObjectKind, Placement
 from twin.actors.palette import nobody
-from twin.road.opendrive.grid import cosine, settled, sine
+from twin.road.opendrive.grid import settled, sine_cosine
 from twin.road.tables.road_tables import road_tables
 from twin.scenario.case_files import check_scenario_files
 from twin.scenario.case_motion import CaseTarget, StartPose
@@ -485,9 +485,8 @@ def _axes(
 ) -> tuple[tuple[np.ndarray, np.ndarray, np.ndarray], ...]:
     """World x, y and z of bodies' forward, left and upward axes: the rows of the rotation about z
     by the heading, then y by the pitch, then x by the roll."""
-    (c, cp, cr), (s, sp, sr) = (
-        [of(angle) for angle in (heading_rad, pitch_rad, roll_rad)] for of in (cosine, sine)
-    )
+    # In one call: a step of a scenario has few bodies, and each call takes as long as one of many.
+    (s, sp, sr), (c, cp, cr) = sine_cosine(np.stack([heading_rad, pitch_rad, roll_rad]))
     return (
         (c * cp, c * sp * sr - s * cr, c * sp * cr + s * sr),
         (s * cp, s * sp * sr + c * cr, s * sp * cr - c * sr),

@@ -14,7 +14,7 @@ import numpy as np
 
 from schemas.kinds.scenarios.storyboard import StoryboardConfig
 from schemas.sections.trial import Trial
-from twin.road.opendrive.grid import cosine, sine
+from twin.road.opendrive.grid import sine_cosine
 from twin.scenario.protocol import FirstContact, Rows, Scalars, Verdict
 from twin.scenario.surroundings import Surroundings
 
@@ -131,10 +131,11 @@ class TrialRun:
         half_length_m, half_width_m = ground.target[3:].tolist()
         yaw = rows.column("yaw_rad")
         target_x_m, target_y_m, target_yaw, vx, vy = (_there(rows, n) for n in TARGET_COLUMNS)
-        c, s = cosine(yaw), sine(yaw)
+        s, c = sine_cosine(yaw)
         turned = target_yaw - yaw
-        extent_m = half_length_m * np.abs(cosine(turned))
-        extent_m += half_width_m * np.abs(sine(turned))
+        turned_sine, turned_cosine = sine_cosine(turned)
+        extent_m = half_length_m * np.abs(turned_cosine)
+        extent_m += half_width_m * np.abs(turned_sine)
         east_m = target_x_m - rows.column("x_m")
         north_m = target_y_m - rows.column("y_m")
         front_m = ground.centre_offset_m + ground.half_length_m
@@ -190,7 +191,7 @@ class TrialRun:
         along the ego's heading before it."""
         assert contact is not None
         yaw = rows.column("yaw_rad")[last]
-        c, s = cosine(yaw), sine(yaw)
+        s, c = sine_cosine(yaw)
         along = _there(rows, "target_vx_mps") * c + _there(rows, "target_vy_mps") * s
         after = min(last + 1, rows.rows - 1)
         after = after if math.isfinite(along[after]) else last

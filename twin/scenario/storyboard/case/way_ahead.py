@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twin.road.opendrive.grid import cosine, sine
+from twin.road.opendrive.grid import sine_cosine
 from twin.scenario.storyboard.player.columns import Real, Whole
 
 LOOK_S = 60.0
@@ -32,7 +32,7 @@ def road_boxes(reals: np.ndarray, half_m: np.ndarray, centre_m: np.ndarray) -> R
         centre_m: from the origins to the middles, forwards and to the left [N, 2].
     """
     turn, speed = reals[:, Real.TURN], reals[:, Real.SPEED]
-    c, s = cosine(turn), sine(turn)
+    s, c = sine_cosine(turn)
     ahead, left = centre_m[:, 0], centre_m[:, 1]
     length, width = half_m[:, 0], half_m[:, 1]
     return RoadBoxes(
