@@ -316,51 +316,70 @@ def live(
 @with_options
 def web(
     folder: Annotated[
-        Path | None, typer.Argument(help="Campaign folder whose recordings are shown.")
+        Path | None,
+        typer.Argument(help="Campaign folder, or a folder of several; what runs needs --run."),
     ] = None,
-    case: Annotated[str, typer.Argument(help="Case id; none: the table of all.")] = "",
+    case: Annotated[str, typer.Argument(help="Case id, to open its recording at once.")] = "",
     place: LivePlace = LivePlace(),
     focus: Annotated[
         list[str] | None,
-        typer.Option("--case", help="Live: show this case in full as well; up to 8 times."),
+        typer.Option("--case", help="Live: Rerun's wall has this case in full; up to 8 times."),
     ] = None,
     at: At = "aeb",
     port: Annotated[
         int, typer.Option(min=0, max=65535, help="Loopback port of the pages; 0: a free one.")
     ] = 0,
+    static: Annotated[
+        Path | None,
+        typer.Option(help="Write the console of a finished campaign as files; serve nothing."),
+    ] = None,
+    recordings: Annotated[
+        bool, typer.Option("--recordings", help="With --static: copy the recordings, too.")
+    ] = False,
     output: OutputOption = Output.human,
 ) -> None:
-    """Show recorded or running cases in a browser, from one loopback port, until Ctrl-C."""
+    """Show campaigns and their cases in a browser, finished and running ones, from one loopback
+    port, until Ctrl-C."""
+    from twin.fabric.discovery import RunEndedError
     from twin.fabric.keys.roles import Role
-    from viewer.browser.serve import WebOptions, run_web
-    from viewer.playback.catalogue import read_catalogue
+    from viewer.browser.serve import WebOptions, run_web, write_files
     from viewer.playback.folder import find_moment, find_recording
 
     places = sum((bool(place.connect), place.run is not None, folder is not None))
     if places > 1 or (not places and place.key is None):
         raise UsageError(
-            "give a campaign folder (its recordings), or for running cases one of "
-            "--connect tls/HOST:PORT and --run FOLDER"
+            "give a campaign folder, or for running cases one of --connect tls/HOST:PORT and "
+            "--run FOLDER"
         )
     if folder is not None and focus:
         raise UsageError("--case is for running cases; give a recorded one as viewer web DIR CASE")
+    if recordings and static is None:
+        raise UsageError("--recordings belongs to --static; the served console has them anyway")
+    if static is not None and (folder is None or case):
+        raise UsageError("--static writes finished campaigns; give viewer web DIR --static OUT")
     as_json = output is Output.json
     if folder is None:
         live_options = [*place.words(), *(f"--case={name}" for name in focus or ())]
-        # The panel steers; with a viewer's key it says so, and all else is shown.
+        # The page operates; with a viewer's key it says so, and all else is shown.
         where = place.live(role=Role.admin)
-        where.check()
-        options = WebOptions(port, live=tuple(live_options), where=where, json=as_json)
-        raise typer.Exit(run_web(options))
+        try:
+            where.check()
+        except RunEndedError:
+            folder = place.run  # nothing runs there any more: what came of it is shown
+        else:
+            options = WebOptions(
+                port, place.run, live=tuple(live_options), where=where, json=as_json
+            )
+            raise typer.Exit(run_web(options))
+    assert folder is not None
+    if static is not None:
+        raise typer.Exit(write_files(folder, static, recordings=recordings, as_json=as_json))
     moment = None
     if case:
         recording = find_recording(folder, case)
         for line in recording.remarks():
             tell(line)
         moment = find_moment(recording, at)
-    else:
-        for line in read_catalogue(folder, at).remarks():
-            tell(line)
     options = WebOptions(port, folder, at, case, moment, json=as_json)
     raise typer.Exit(run_web(options))
 

@@ -10,15 +10,23 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta, Struct
 
+from schemas import SCHEMA_VERSION
 from schemas.files.json_text import decode_json
 from schemas.settings import Value, actions_of
+from schemas.wire import topics
+from schemas.wire.codec import WireError, decode, encode
+from schemas.wire.control import Control, Explain, Reply
 from schemas.wire.interventions import Action
-from twin.base.errors import TwinError, UsageError
+from schemas.wire.rpc_routes import route_key
+from twin.base.errors import TwinError, UnreachableError, UsageError
 from twin.fabric.bus import Bus
 from twin.fabric.interventions import Attempt, carry_out, running
+from twin.fabric.keys.rights import Act, may
 from twin.fabric.zenoh_bus import join
 from viewer.live.command import LiveOptions
 
+ASK_S = 5.0
+"""Longest time the conductor may take to answer [s]."""
 CONNECT_S = 2.0
 """Longest time the conductor may take to open a session [s]."""
 
@@ -80,9 +88,50 @@ class Desk:
             tick, state = reply.tick, reply.state
         return msgspec.json.encode({"tick": tick, "state": state})
 
+    def operates(self) -> bool:
+        """Whether its key may change what a conductor does; without keys everybody may.
+
+        Raises:
+            TwinError: there is no conductor, or no key that fits.
+        """
+        key = self._where.target().key
+        return key is None or may(key.role, Act.ask, topics.RPC_ADMIN.key)
+
+    def control(self, request: Control) -> int:
+        """Have the conductor do something; the number of cases or workers that it changed.
+
+        Raises:
+            UsageError: it refuses, or the key is of a role that may not ask; one line.
+            UnreachableError: it does not answer.
+        """
+        reply = self._ask(request)
+        return int(reply.status.get("changed", 0))
+
+    def explain(self, campaign: str, case: str) -> list[str]:
+        """Why a case waits, runs or has ended.
+
+        Raises:
+            TwinError: as :meth:`control`.
+        """
+        request = Explain(v=SCHEMA_VERSION, campaign=campaign, case=case)
+        return list(self._ask(request).status.get("explain", []))
+
     def close(self) -> None:
         """End the session."""
         self._drop()
+
+    def _ask(self, request: Control | Explain) -> Reply:
+        data = self._session().request(route_key(request), encode(request), ASK_S)
+        if data is None:
+            self._drop()  # it may have moved
+            raise UnreachableError("the conductor does not answer; ask again in a moment")
+        try:
+            reply: Reply = decode(data, Reply)
+        except WireError as error:
+            raise UsageError(f"the conductor: {error}") from None
+        if reply.error:
+            raise UsageError(reply.error)
+        return reply
 
     def _session(self) -> Bus:
         with self._lock:

@@ -1,4 +1,4 @@
-"""The front: pages, recordings and the live hub's stream behind one loopback port.
+"""The front: the console, recordings and the live hub's stream behind one loopback port.
 
 Pages load nothing from elsewhere: a Content-Security-Policy forbids it, also to Rerun's own code,
 which would otherwise ask for fonts, news and statistics.
@@ -17,25 +17,31 @@ import sys
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib import resources
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, Protocol
 from urllib.parse import parse_qs, unquote, urlsplit
 
 from schemas.files.regular_file import open_below, open_regular
 from twin.base.errors import TwinError, UsageError
 from twin.fabric.loopback import is_ours, is_own_name
-from viewer.browser.assets import Asset
+from viewer.browser.assets import PLOTLY, Asset, plotly_script
 from viewer.browser.desk import Desk, refusal
-from viewer.playback.catalogue import read_catalogue, read_row
+from viewer.console.live_console import LiveConsole
+from viewer.console.run_folder import RunFolder
+from viewer.console.shown_run import JSON, SiteAnswer, as_json
+from viewer.console.site import ConsoleSite
+from viewer.console.stream import BEAT, HEARTBEAT_S, sse
+from viewer.playback.catalogue import read_row
 from viewer.playback.folder import find_recording
 
 POLICY = (
     "default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; style-src 'self' 'unsafe-inline'; "
     "img-src 'self' data: blob:; connect-src 'self' data: blob:; worker-src 'self' blob:; "
-    "base-uri 'none'; form-action 'none'; frame-ancestors 'self'"
+    "frame-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'self'"
 )
 """Content-Security-Policy: this front only, whatever a script wants."""
 
@@ -44,6 +50,8 @@ READS = "/rerun.sdk_comms.v1alpha1.MessageProxyService/ReadMessages"
 
 STEERS = "/steer"
 """Path to which the control panel posts."""
+ACTS = "/act/"
+"""Begins the paths to which the console posts."""
 
 BODY_BYTES_MAX = 1 << 16
 """Largest request [bytes]."""
@@ -67,14 +75,36 @@ WATCH_S = 1.0
 """Time between two looks for the end of a stream while its browser is watched [s]."""
 
 PIECE_BYTES = 1 << 16
+REPORT_POLICY = (
+    "sandbox allow-scripts; default-src 'none'; script-src 'unsafe-inline'; "
+    "style-src 'unsafe-inline'; img-src data: blob:; base-uri 'none'; form-action 'none'; "
+    "frame-ancestors 'self'"
+)
+"""Content-Security-Policy of a report, whose scripts are in its page: it has an origin of its own,
+reads nothing of ours, and asks nobody."""
+REPORT_BYTES_MAX = 256 << 20
+"""Largest report that is shown [bytes]."""
+
+BUILT_TYPES = {
+    ".html": "text/html; charset=utf-8",
+    ".js": "text/javascript; charset=utf-8",
+    ".css": "text/css; charset=utf-8",
+    ".svg": "image/svg+xml",
+}
+"""Suffixes of the console's built files, and their types."""
 _PAGES = {
-    "index.html": "text/html; charset=utf-8",
     "case.html": "text/html; charset=utf-8",
-    "index.js": "text/javascript; charset=utf-8",
     "case.js": "text/javascript; charset=utf-8",
     "panel.js": "text/javascript; charset=utf-8",
     "style.css": "text/css; charset=utf-8",
 }
+
+
+class HasFiles(Protocol):
+    """Files by name, as a dict has them or :class:`viewer.browser.assets.WebViewer`."""
+
+    def get(self, name: str, /) -> Asset | None:
+        """A file; None: there is none. Raises TwinError: it cannot be made."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,36 +126,46 @@ class SingleRecording:
 class ShownSite:
     """What is shown."""
 
-    assets: dict[str, Asset]
-    folder: Path | None = None
-    """Campaign folder whose recordings are served."""
+    assets: HasFiles
+    """Rerun's web viewer."""
+    console: ConsoleSite | None = None
+    """Campaigns and their cases; None: there is a single recording only."""
     at: str = "aeb"
     """Moment at which recordings open."""
-    hub: tuple[str, int] | None = None
-    """Host and port of a live hub, in place of recordings."""
+    hub: Callable[[], tuple[str, int] | None] | None = None
+    """Host and port of a live hub, which is started when first asked for; None: nothing is live."""
+    live: LiveConsole | None = None
+    """What runs now, for the console; None: nothing is live."""
     desk: Desk | None = None
     """Way to running cases, for pages that know its token; None: there is none."""
     single: SingleRecording | None = None
-    """The only recording, in place of a folder."""
+    """The only recording, in place of a console."""
 
-    def about(self, case: str) -> bytes:
-        """What the pages need to know, as JSON; ``case`` empty: of all cases.
+    def about(self, run: str, case: str) -> bytes:
+        """What Rerun's page needs to know, as JSON; ``case`` empty: of the running ones.
 
         Raises:
-            UsageError: there is no such case, or no recording.
+            UsageError: there is no such case, or no recording; or nothing runs.
         """
         if self.single is not None:
             return json.dumps(self.single.as_json()).encode()
-        about: dict[str, Any] = {"live": self.folder is None, "cases": [], "missing": []}
-        if self.folder is not None:
-            about["name"] = self.folder.resolve().name
-            if case:
-                about["cases"] = [read_row(self.folder, case, self.at).as_json()]
-            else:
-                about |= read_catalogue(self.folder, self.at).as_json()
-            for row in about["cases"]:
-                del row["path"]
-        return json.dumps(about).encode()
+        if not case:
+            if self.hub is None:
+                raise UsageError("nothing is live here; choose a case in the console")
+            return json.dumps({"live": True, "cases": []}).encode()
+        row = read_row(self.run(run).folder, case, self.at).as_json()
+        del row["path"]
+        return json.dumps({"live": False, "name": run, "cases": [row]}).encode()
+
+    def run(self, name: str) -> RunFolder:
+        """A campaign; an empty name means the only one.
+
+        Raises:
+            UsageError: there is no such campaign.
+        """
+        if self.console is None:
+            raise UsageError("there is no campaign here")
+        return self.console.run(name)
 
 
 class BrowserFront(ThreadingHTTPServer):
@@ -140,8 +180,10 @@ class BrowserFront(ThreadingHTTPServer):
             UsageError: the port is in use.
         """
         self.site = site
+        self.plotly = cache(plotly_script)
         self.downloads = threading.BoundedSemaphore(DOWNLOADS_MAX)
-        self.files = {name: _page(name, kind) for name, kind in _PAGES.items()} | site.assets
+        self.files = {name: _page(name, kind) for name, kind in _PAGES.items()}
+        self.files |= built_pages() if site.single is None else {}
         try:
             super().__init__(("127.0.0.1", port), Handler)
         except OSError as error:
@@ -174,6 +216,7 @@ class Handler(BaseHTTPRequestHandler):
     server: BrowserFront
     protocol_version = "HTTP/1.1"
     timeout = 60.0
+    policy = POLICY
 
     def do_GET(self) -> None:
         """Pages, their files, the catalogue and recordings."""
@@ -185,57 +228,59 @@ class Handler(BaseHTTPRequestHandler):
             self.close_connection = True
             self.send_error(HTTPStatus.BAD_REQUEST)
             return
-        path, case = asked.path, parse_qs(asked.query).get("case", [""])[0]
-        site = self.server.site
-        desk = site.desk
+        path, query = asked.path, parse_qs(asked.query)
+        site, desk = self.server.site, self.server.site.desk
         if path == "/":
-            self._file(self.server.files["case.html" if site.folder is None else "index.html"])
+            self._page("case.html" if site.single is not None else "index.html")
         elif path == "/view":
-            self._file(self.server.files["case.html"])
+            self._page("case.html")
         elif path == "/about.json":
-            self._made(lambda: (site.about(case), "application/json"))
-        elif path == "/running.json" and site.desk is not None:
+            run, case = (query.get(name, [""])[0] for name in ("run", "case"))
+            self._made(lambda: (site.about(run, case), "application/json"))
+        elif path == "/running.json" and desk is not None:
             self._made(lambda: (desk.cases(), "application/json"))
+        elif path.startswith("/data/") and site.console is not None:
+            self._data(site.console, path.removeprefix("/data/"))
         elif path.startswith("/recording/") and path.endswith(".rrd"):
-            name = unquote(path.removeprefix("/recording/").removesuffix(".rrd"))
-            self._download(name)
-        elif (file := self.server.files.get(path.removeprefix("/"))) is not None:
-            self._file(file)
+            self._download(path.removeprefix("/recording/").removesuffix(".rrd"))
+        elif path.startswith("/report/") and path.endswith("/report.html"):
+            self._report(unquote(path.removeprefix("/report/").removesuffix("/report.html")))
+        elif path.removeprefix("/") in self.server.files:
+            self._page(path.removeprefix("/"))
         else:
-            self.send_error(HTTPStatus.NOT_FOUND)
+            self._viewer_file(path.removeprefix("/"))
 
     def do_POST(self) -> None:
         """The live stream, passed on from the hub as it comes; and what the panel asks."""
         if not self._welcome():
             return
-        hub, desk = self.server.site.hub, self.server.site.desk
-        length = self.headers.get("Content-Length", "")
-        steers = desk is not None and self.path == STEERS
-        if hub is None or not (self.path == READS or steers):
-            self.close_connection = True
-            self.send_error(HTTPStatus.NOT_FOUND)
+        site, length = self.server.site, self.headers.get("Content-Length", "")
+        desk = site.desk
+        asks = desk is not None and (self.path == STEERS or self.path.startswith(ACTS))
+        if site.hub is None or not (self.path == READS or asks):
+            self._refuse(HTTPStatus.NOT_FOUND)
         elif not (length.isascii() and length.isdecimal()):
-            self.close_connection = True
-            self.send_error(HTTPStatus.BAD_REQUEST)
+            self._refuse(HTTPStatus.BAD_REQUEST)
         elif len(length) > LENGTH_DIGITS_MAX or int(length) > BODY_BYTES_MAX:
-            self.close_connection = True
-            self.send_error(HTTPStatus.REQUEST_ENTITY_TOO_LARGE)
-        elif steers and not self._trusted(desk):
-            self.close_connection = True
-            self.send_error(HTTPStatus.FORBIDDEN, "open the address that viewer web printed")
-        elif steers:
-            self._steer(desk, self.rfile.read(int(length)))
+            self._refuse(HTTPStatus.REQUEST_ENTITY_TOO_LARGE)
+        elif desk is not None and asks and not self._trusted(desk):
+            self._refuse(HTTPStatus.FORBIDDEN, "open the address that viewer web printed")
+        elif desk is not None and asks:
+            self._do(desk, self.rfile.read(int(length)))
+        elif (address := site.hub()) is None:
+            self._refuse(HTTPStatus.BAD_GATEWAY, "the live hub is gone")
         else:
-            self._pass_on(hub, self.rfile.read(int(length)))
+            self._pass_on(address, self.rfile.read(int(length)))
 
     def log_message(self, *_: object) -> None:
         """Says nothing."""
 
     def end_headers(self) -> None:
         """What every answer says."""
-        self.send_header("Content-Security-Policy", POLICY)
+        self.send_header("Content-Security-Policy", self.policy)
         self.send_header("X-Content-Type-Options", "nosniff")
         self.send_header("Referrer-Policy", "no-referrer")
+        self.send_header("Cross-Origin-Resource-Policy", "same-origin")
         super().end_headers()
 
     def _welcome(self) -> bool:
@@ -249,6 +294,11 @@ class Handler(BaseHTTPRequestHandler):
         self.send_error(HTTPStatus.FORBIDDEN, "ask for localhost")
         return False
 
+    def _refuse(self, status: HTTPStatus, words: str | None = None) -> None:
+        """Answer without having read what else was sent."""
+        self.close_connection = True
+        self.send_error(status, words)
+
     def _trusted(self, desk: Desk) -> bool:
         """Asked by our own page, which knows the token; no other site can send such a request."""
         kind = self.headers.get("Content-Type", "").partition(";")[0]
@@ -256,23 +306,107 @@ class Handler(BaseHTTPRequestHandler):
         ours = self.headers.get("Origin") is not None  # which one, `_welcome` has looked at
         return ours and kind == "application/json" and desk.knows(token)
 
-    def _steer(self, desk: Desk, body: bytes) -> None:
+    def _do(self, desk: Desk, body: bytes) -> None:
+        """What a trusted page asks to be done."""
+        live = self.server.site.live
         status = HTTPStatus.OK
         try:
-            data = desk.do(body)
+            if self.path == STEERS:
+                data = desk.do(body)
+            elif live is None:
+                raise UsageError("nothing is live here")
+            else:
+                data = as_json(live.act(self.path.removeprefix(ACTS), body)).data
         except TwinError as error:
             status, data = HTTPStatus.CONFLICT, refusal(error)
-        self.send_response(status)
-        self.send_header("Content-Type", "application/json")
-        self.send_header("Cache-Control", "no-store")
-        self.send_header("Content-Length", str(len(data)))
-        self.end_headers()
-        self.wfile.write(data)
+        self._answer(status, data, JSON)
 
-    def _file(self, file: Asset) -> None:
+    def _page(self, name: str) -> None:
+        """A file of the pages; that of the console is built apart."""
+        if name in self.server.files:
+            self._file(self.server.files[name])
+            return
+        words = b"the console's page is not built: run `make console`"
+        self._answer(HTTPStatus.NOT_FOUND, words, "text/plain; charset=utf-8")
+
+    def _viewer_file(self, name: str) -> None:
+        """A file of Rerun's viewer, or Plotly."""
+        try:
+            file = self.server.plotly() if name == PLOTLY else self.server.site.assets.get(name)
+        except TwinError as error:
+            self._missing(error)
+            return
+        if file is None:
+            self.send_error(HTTPStatus.NOT_FOUND)
+        else:
+            self._file(file)
+
+    def _data(self, console: ConsoleSite, path: str) -> None:
+        """What the console's page asks for, by the same rules as a file of it."""
+        live = self.server.site.live
+        if live is not None and path == "events":
+            self._events(live)
+            return
+        try:
+            self._file(self._live_answer(live, console, path) or console.answer(path))
+        except (TwinError, OSError) as error:
+            self._missing(error)
+
+    def _live_answer(
+        self, live: LiveConsole | None, console: ConsoleSite, path: str
+    ) -> SiteAnswer | None:
+        """What depends on who asks, and when; None: it does not."""
+        if path == "runs.json" and live is not None:
+            desk = self.server.site.desk
+            trusted = desk is not None and desk.knows(self.headers.get("X-Steer-Token", ""))
+            return as_json(console.runs_json() | {"roles": live.role(trusted)})
+        if path.startswith("runs/") and path.endswith("/workers.json") and live is not None:
+            run = unquote(path.removeprefix("runs/").removesuffix("/workers.json"))
+            return as_json(live.workers(run))
+        return None
+
+    def _events(self, live: LiveConsole) -> None:
+        """Events as they come, from where the page was, until it goes or we end."""
+        self.close_connection = True
+        stream = live.stream
+        query = parse_qs(urlsplit(self.path).query)
+        last_id = self.headers.get("Last-Event-ID") or query.get("since", [""])[0]
+        with stream.followed() as welcome:
+            if not welcome:
+                self._refuse(HTTPStatus.SERVICE_UNAVAILABLE, "too many pages; close one")
+                return
+            number, resync = stream.after(last_id)
+            self.send_response(HTTPStatus.OK)
+            self.send_header("Content-Type", "text/event-stream; charset=utf-8")
+            self.send_header("Cache-Control", "no-store")
+            self.send_header("Connection", "close")
+            self.end_headers()
+            self.wfile.write(sse("hello", live.hello(resync), f"{stream.epoch}-{number}"))
+            while not stream.closed:
+                events = stream.wait(number, HEARTBEAT_S)
+                if events is None:
+                    return  # too slow: it comes back, and asks for all anew
+                self.wfile.write(b"".join(event.text for event in events) or BEAT)
+                number = events[-1].number if events else number
+
+    def _report(self, run: str) -> None:
+        """The report of a campaign, in a sandbox."""
+        try:
+            data = self.server.site.run(run).read("report.html", REPORT_BYTES_MAX)
+        except (TwinError, OSError) as error:
+            self._missing(error)
+            return
+        self.policy = REPORT_POLICY
+        try:
+            self._answer(HTTPStatus.OK, data, "text/html; charset=utf-8")
+        finally:
+            self.policy = POLICY
+
+    def _file(self, file: Asset | SiteAnswer) -> None:
         """A file that browsers may keep as long as its tag stays."""
         tag = f'"{file.tag}"'
-        packed = "gzip" in self.headers.get("Accept-Encoding", "")
+        packs = not file.media_type.startswith("image/")
+        packed = packs and "gzip" in self.headers.get("Accept-Encoding", "")
         if self.headers.get("If-None-Match") == tag:
             self.send_response(HTTPStatus.NOT_MODIFIED)
             self.send_header("ETag", tag)
@@ -310,10 +444,10 @@ class Handler(BaseHTTPRequestHandler):
         self.end_headers()
         self.wfile.write(data)
 
-    def _download(self, case: str) -> None:
+    def _download(self, address: str) -> None:
         """A recording, from the disk to the line: however large, nothing of it lies in memory."""
         try:
-            file = _recording(self.server.site, case)
+            file = _recording(self.server.site, address)
         except (TwinError, OSError) as error:
             self._missing(error)
             return
@@ -380,15 +514,32 @@ class Handler(BaseHTTPRequestHandler):
 
 def _page(name: str, media_type: str) -> Asset:
     data = resources.files("viewer.browser").joinpath("pages", name).read_bytes()
+    return _asset(data, media_type)
+
+
+def built_pages() -> dict[str, Asset]:
+    """The console's page as it was built, by name; empty: it was not."""
+    folder = resources.files("viewer.console").joinpath("built")
+    if not folder.is_dir():
+        return {}
+    return {
+        file.name: _asset(file.read_bytes(), kind)
+        for file in folder.iterdir()
+        if (kind := BUILT_TYPES.get(Path(file.name).suffix)) is not None
+    }
+
+
+def _asset(data: bytes, media_type: str) -> Asset:
     return Asset(data, media_type, hashlib.sha256(data).hexdigest()[:16])
 
 
-def _recording(site: ShownSite, case: str) -> IO[bytes]:
+def _recording(site: ShownSite, address: str) -> IO[bytes]:
+    """The recording ``RUN/CASE``, quoted, of the only campaign ``CASE``; or the single one."""
     if site.single is not None:
-        if case != site.single.name:
+        if unquote(address) != site.single.name:
             raise UsageError("there is one recording here, and it has another name")
         return open_regular(site.single.path)
-    if site.folder is None:
-        raise UsageError("live cases have no recording here")
-    path = find_recording(site.folder, case).path
-    return open_below(site.folder, str(path.relative_to(site.folder)))
+    run, _, case = address.rpartition("/")
+    folder = site.run(unquote(run)).folder
+    path = find_recording(folder, unquote(case)).path
+    return open_below(folder, str(path.relative_to(folder)))

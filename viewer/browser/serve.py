@@ -1,4 +1,4 @@
-"""`viewer web`: runs the front, and for live cases the hub behind it, until Ctrl-C."""
+"""`viewer web`: runs the front, and for live cases what stands behind it, until Ctrl-C."""
 
 from __future__ import annotations
 
@@ -6,19 +6,23 @@ import json
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import quote, urlsplit
 
-from twin.base.errors import TwinError
+from schemas.words import counted
+from twin.base.errors import UsageError
 from twin.base.process import end, spawn
 from twin.base.stop_signal import StopSignal
-from viewer.browser.assets import web_viewer
+from viewer.browser.assets import WebViewer
 from viewer.browser.desk import Desk
-from viewer.browser.front import BrowserFront, ShownSite, SingleRecording
-from viewer.live.command import LiveOptions
+from viewer.browser.front import BrowserFront, ShownSite, SingleRecording, built_pages
+from viewer.console.live_console import LiveConsole
+from viewer.console.run_folder import RunFolder, find_runs
+from viewer.console.site import ConsoleSite
+from viewer.console.static_site import write_static
+from viewer.live.command import LiveOptions, say
 from viewer.playback import native
 from viewer.playback.folder import RecordedMoment
 
@@ -50,72 +54,108 @@ class WebOptions:
     json: bool = False
 
 
-class HubError(TwinError):
-    """`viewer live` ended; it has said why."""
-
-    def __init__(self, exit_code: int) -> None:
-        super().__init__("")
-        self.exit_code = exit_code
-
-
 def run_web(options: WebOptions) -> int:
-    """Serve until Ctrl-C, or until the hub ends; the exit code."""
+    """Serve until Ctrl-C; the exit code."""
     stop = StopSignal()
-    if not options.live:
-        single = None
-        if options.file is not None:
-            moment = options.moment
-            at_s = None if moment is None else moment.sim_time_ns / 1e9
-            single = SingleRecording(options.file, options.case, at_s)
-        site = ShownSite(web_viewer(), options.folder, options.at, single=single)
-        _serve(site, options, stop, None)
+    if options.file is not None:
+        at_s = None if options.moment is None else options.moment.sim_time_ns / 1e9
+        single = SingleRecording(options.file, options.case, at_s)
+        _serve(ShownSite(WebViewer(), single=single), options, stop)
         return 0
-    assets = web_viewer()
-    with _live(options.live) as child:
-        address = _hub_address(child, stop)
-        if address is not None:
-            desk = Desk(options.where) if options.where is not None else None
-            try:
-                _serve(ShownSite(assets, hub=address, desk=desk), options, stop, child)
-            finally:
-                if desk is not None:
-                    desk.close()
-        return child.poll() or 0
+    console = ConsoleSite(_runs(options))
+    if options.where is None:
+        _serve(ShownSite(WebViewer(), console, options.at), options, stop)
+        return 0
+    desk, hub = Desk(options.where), LiveHub(options.live, stop)
+    here = options.where.run is not None
+    live = LiveConsole(console, options.where.target, desk, here=here, say=say)
+    try:
+        live.start()
+        site = ShownSite(WebViewer(), console, options.at, hub=hub.address, live=live, desk=desk)
+        _serve(site, options, stop)
+    finally:
+        live.close()
+        hub.close()
+        desk.close()
+    if live.watch.error is not None:
+        raise live.watch.error
+    return 0
 
 
-def _serve(
-    site: ShownSite,
-    options: WebOptions,
-    stop: StopSignal,
-    child: subprocess.Popen[bytes] | None,
-) -> None:
+def write_files(folder: Path, out: Path, *, recordings: bool, as_json: bool) -> int:
+    """Write the console of the campaigns of ``folder`` into ``out``; the exit code.
+
+    Raises:
+        UsageError: there is no campaign, or ``out`` cannot be written.
+    """
+    written = write_static(
+        ConsoleSite(find_runs(folder)), built_pages(), out, recordings=recordings
+    )
+    for line in written.left_out:
+        say(line)
+    if as_json:
+        print(json.dumps({"files": written.files, "bytes": written.size_bytes}))
+    else:
+        size = f"{written.size_bytes / 1e6:.1f} MB"
+        print(f"{out}: {counted(written.files, 'file')}, {size}; open {out / 'index.html'}")
+    return 0
+
+
+def _runs(options: WebOptions) -> list[RunFolder]:
+    """The campaigns that are shown from the start; a conductor's folder may have none yet."""
+    if options.folder is None:
+        return []
+    if options.where is None:
+        return find_runs(options.folder)
+    try:
+        return find_runs(options.folder)
+    except UsageError:
+        return []
+
+
+def _serve(site: ShownSite, options: WebOptions, stop: StopSignal) -> None:
     with BrowserFront(options.port, site) as front:
         threading.Thread(target=front.serve_forever, name="front", daemon=True).start()
         _tell(front, options)
         while not stop.wait(POLL_S):
-            if child is not None and child.poll() is not None:
+            if site.live is not None and site.live.watch.error is not None:
                 break
         front.shutdown()
 
 
-@contextmanager
-def _live(arguments: Sequence[str]) -> Iterator[subprocess.Popen[bytes]]:
-    """`viewer live` as a child without a window; its errors are our errors."""
-    command = [sys.executable, "-m", "viewer", "live", *arguments]
-    command += ["--no-window", "--output", "json"]
-    child = spawn(command, log=sys.stderr.buffer, pipe_output=True)
-    try:
-        yield child
-    finally:
-        end(child, END_GRACE_S)
+class LiveHub:
+    """`viewer live` as a child without a window, started when a page first asks for Rerun's wall:
+    until then nobody pays for it."""
+
+    def __init__(self, arguments: Sequence[str], stop: StopSignal) -> None:
+        self._arguments, self._stop = arguments, stop
+        self._child: subprocess.Popen[bytes] | None = None
+        self._address: tuple[str, int] | None = None
+        self._lock = threading.Lock()
+
+    def address(self) -> tuple[str, int] | None:
+        """Host and port of the hub; None: it did not start, or has ended. Its errors are on our
+        standard error."""
+        with self._lock:
+            if self._child is not None and self._child.poll() is not None:
+                self._child, self._address = None, None
+            if self._child is None:
+                command = [sys.executable, "-m", "viewer", "live", *self._arguments]
+                command += ["--no-window", "--output", "json"]
+                self._child = spawn(command, log=sys.stderr.buffer, pipe_output=True)
+                self._address = _hub_address(self._child, self._stop)
+            return self._address
+
+    def close(self) -> None:
+        """End the child."""
+        with self._lock:
+            if self._child is not None:
+                end(self._child, END_GRACE_S)
 
 
 def _hub_address(child: subprocess.Popen[bytes], stop: StopSignal) -> tuple[str, int] | None:
-    """Host and port of the child's hub; None: we were told to stop.
-
-    Raises:
-        HubError: it ended before it had one.
-    """
+    """Host and port of the child's hub; None: we were told to stop, or it ended before it had
+    one."""
     output = child.stdout
     assert output is not None
     lines: list[bytes] = []
@@ -129,7 +169,7 @@ def _hub_address(child: subprocess.Popen[bytes], stop: StopSignal) -> tuple[str,
         if stop.wait(POLL_S):
             return None
     if not lines[0]:
-        raise HubError(child.wait())
+        return None
     address = urlsplit(json.loads(lines[0])["hub"].removeprefix("rerun+"))
     return address.hostname or "127.0.0.1", address.port or 0
 
@@ -138,7 +178,8 @@ def _tell(front: BrowserFront, options: WebOptions) -> None:
     path = ""
     if options.case and options.moment is not None:
         seconds = options.moment.sim_time_ns / 1e9
-        path = f"view?case={quote(options.case)}#when=sim_time@+{seconds:g}s"
+        run = f"run={quote(_only(front.site))}&" if front.site.console is not None else ""
+        path = f"view?{run}case={quote(options.case)}#when=sim_time@+{seconds:g}s"
     if front.site.desk is not None:
         # Behind the '#': browsers keep it to themselves, and pages take it from there.
         path = f"#steer={front.site.desk.token}"
@@ -152,3 +193,8 @@ def _tell(front: BrowserFront, options: WebOptions) -> None:
     print("on a laptop behind ssh:")
     print(f"  {tunnel}")
     print(f"then open {far}", flush=True)
+
+
+def _only(site: ShownSite) -> str:
+    assert site.console is not None
+    return next(iter(site.console.runs), "")

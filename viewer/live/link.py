@@ -88,13 +88,19 @@ class Link:
     """See the module. Everything but :meth:`_run` and what it calls may be used by any thread."""
 
     def __init__(
-        self, resolve: Callable[[], Target], wait_s: float | None, slots: LatestSlots
+        self,
+        resolve: Callable[[], Target],
+        wait_s: float | None,
+        slots: LatestSlots,
+        *,
+        running: bool = False,
     ) -> None:
         """
         Args:
             resolve: where the conductor is now; raises UnreachableError while nobody knows.
             wait_s: how long the first session may take to come about; None: for ever [s].
             slots: receives thumbnails and the samples of single cases.
+            running: the status has the leases, too.
         """
         self.heard: queue.Queue[Heard] = queue.Queue(EVENTS_MAX)
         self.sessions = 0
@@ -102,6 +108,7 @@ class Link:
         self._resolve = resolve
         self._until_s = None if wait_s is None else time.monotonic() + wait_s
         self._slots = slots
+        self._request = StatusRequest(v=SCHEMA_VERSION, running=running)
         self._stop = threading.Event()
         self._wake = threading.Event()
         self._lock = threading.Lock()
@@ -187,7 +194,7 @@ class Link:
             answered = False
             while not self._stop.is_set():
                 self._follow(bus)
-                answer = self._ask(bus, StatusRequest(v=SCHEMA_VERSION))
+                answer = self._ask(bus, self._request)
                 if answer is not None:
                     self._answered(bus, target, answer.status, first=not answered)
                     answered = True

@@ -29,7 +29,9 @@ class LivePlace:
     connect: ConnectOption = ""
     run: Annotated[
         Path | None,
-        typer.Option("--run", help="Or: campaign or state folder, on a shared file system."),
+        typer.Option(
+            *("--run", "--state"), help="Or: campaign or state folder, on a shared file system."
+        ),
     ] = None
     namespace: NamespaceOption = NAMESPACE
     key: KeyOption = None

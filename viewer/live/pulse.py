@@ -9,6 +9,7 @@ from typing import Any
 import rerun as rr
 
 from schemas.wire.status import ConductorStatus
+from viewer.live.throughput import Throughput
 from viewer.recording import naming
 from viewer.recording.scenery import (
     BLUE,
@@ -21,9 +22,6 @@ from viewer.recording.scenery import (
     Logged,
     verdict_color,
 )
-
-WINDOW_S = 60.0
-"""Throughput is counted over this long [s]."""
 
 WORKERS_MAX = 32
 """Workers with a plot of their own, at most: a view with hundreds of lines shows nothing."""
@@ -51,7 +49,7 @@ class Pulse:
         self.left_out = 0
         """Events that were not logged, because too many came."""
         self._lines: deque[Logged] = deque()
-        self._points: deque[tuple[float, int]] = deque()
+        self._throughput = Throughput()
         self._workers: dict[str, str] = {}
         """Worker -> entity path of its plot."""
         self._fresh: list[Logged] = []
@@ -60,7 +58,7 @@ class Pulse:
         """The conductor's status as of ``now_s``; takes the place of one not logged yet."""
         campaigns = list(found.get("campaigns", {}).values())
         ended = sum(row["cases"] - row["left"] for row in campaigns)
-        per_min = self._throughput(ended, now_s)
+        per_min = self._throughput.count(ended, now_s)
         here = [row for row in found.get("workers", []) if row["present"]]
         logged: list[Logged] = [
             (naming.RUNNING, rr.Scalars(sum(row["leased"] for row in campaigns))),
@@ -76,7 +74,7 @@ class Pulse:
 
     def event(self, fact: Mapping[str, Any]) -> None:
         """A fact that the conductor has published."""
-        text = _sentence(fact)
+        text = sentence(fact)
         if text:
             self.say(text, _color(fact))
 
@@ -102,18 +100,6 @@ class Pulse:
         self._lines.clear()
         return logged
 
-    def _throughput(self, ended: int, now_s: float) -> float | None:
-        """Ended cases per minute over the window; None before anything can be said."""
-        points = self._points
-        if points and ended < points[-1][1]:
-            points.clear()  # another conductor, or another folder
-        points.append((now_s, ended))
-        # One point from before the window stays: the window's left edge.
-        while len(points) > 2 and points[1][0] <= now_s - WINDOW_S:
-            points.popleft()
-        (first_s, first), (last_s, last) = points[0], points[-1]
-        return 60 * (last - first) / (last_s - first_s) if last_s > first_s else None
-
     def _plot(self, worker: str) -> str:
         """Entity path of a worker's plot; empty: there are too many."""
         if worker not in self._workers:
@@ -124,7 +110,7 @@ class Pulse:
         return self._workers[worker]
 
 
-def _sentence(fact: Mapping[str, Any]) -> str:
+def sentence(fact: Mapping[str, Any]) -> str:
     """One line for people; empty: not worth one."""
     case = f"{fact.get('campaign', '')}/{fact.get('case', '')}"
     match fact.get("fact"):

@@ -157,6 +157,15 @@ def read_cover(path: Path) -> RecordedCase:
     return _read(path, f"/{_PROPERTIES}**")
 
 
+def read_pictures(path: Path) -> RecordedCase:
+    """The main camera's pictures and nothing else, in a tenth of the time of all.
+
+    Raises:
+        UsageError: as `read_case`.
+    """
+    return _read(path, f"/{naming.CAMERA}")
+
+
 def _read(path: Path, content: str | None) -> RecordedCase:
     """Read a recording; ``content``: only these entities; None: all of them."""
     if not path.is_file():

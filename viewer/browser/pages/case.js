@@ -78,7 +78,9 @@ async function showRecording(row, single) {
   const verdict = (row.verdict || "no verdict").replaceAll("_", " ");
   title.textContent = single ? row.case : `${row.case}: ${verdict}`;
   title.className = row.verdict;
-  const handle = await viewer(`${location.origin}/recording/${encodeURIComponent(row.case)}.rrd`);
+  const run = single ? "" : `${encodeURIComponent(row.run)}/`;
+  const file = `${run}${encodeURIComponent(row.case)}.rrd`;
+  const handle = await viewer(`${location.origin}/recording/${file}`);
   const stop = async () => {
     const seconds = moment(row);
     if (seconds === null) return say("");
@@ -100,13 +102,14 @@ async function showLive() {
 }
 
 async function start() {
-  const id = new URLSearchParams(location.search).get("case") || "";
-  const answer = await fetch(`about.json?case=${encodeURIComponent(id)}`);
+  const asked = new URLSearchParams(location.search);
+  const [run, id] = [asked.get("run") || "", asked.get("case") || ""];
+  const query = `run=${encodeURIComponent(run)}&case=${encodeURIComponent(id)}`;
+  const answer = await fetch(`about.json?${query}`);
   if (!answer.ok) throw new Error(await answer.text());
   const about = await answer.json();
   if (about.live) await showLive();
-  else if (about.single || id) await showRecording(about.cases[0], Boolean(about.single));
-  else location.replace("/");
+  else await showRecording({ run: about.name, ...about.cases[0] }, Boolean(about.single));
 }
 
 start().catch((error) => say(String(error.message || error)));

@@ -9,6 +9,8 @@ from unit.viewer.recorded_case import write
 from waiting import PATIENCE_S, wait_for
 
 from viewer.browser.front import DOWNLOADS_MAX, BrowserFront, ShownSite
+from viewer.console.run_folder import find_runs
+from viewer.console.site import ConsoleSite
 
 RECORDING_BYTES = 300_000_000
 
@@ -18,7 +20,9 @@ def test_slow_downloads_take_no_memory_and_are_counted(tmp_path):
     with (tmp_path / "cases" / "c" / "attempt-1" / "recording.rrd").open("r+b") as file:
         file.truncate(RECORDING_BYTES)
     with ExitStack() as stack:
-        server = stack.enter_context(BrowserFront(0, ShownSite({}, folder=tmp_path)))
+        server = stack.enter_context(
+            BrowserFront(0, ShownSite({}, ConsoleSite(find_runs(tmp_path))))
+        )
         threading.Thread(target=server.serve_forever, daemon=True).start()
         stack.callback(server.shutdown)
 

@@ -14,14 +14,27 @@ from waiting import PATIENCE_S
 
 from twin.base.errors import UsageError
 from viewer.browser.assets import Asset
-from viewer.browser.front import POLICY, READS, BrowserFront, ShownSite, SingleRecording
+from viewer.browser.front import (
+    POLICY,
+    READS,
+    REPORT_POLICY,
+    BrowserFront,
+    ShownSite,
+    SingleRecording,
+)
+from viewer.console.run_folder import find_runs
+from viewer.console.site import ConsoleSite
 
 WASM = Asset(b"\0asm" + bytes(1000), "application/wasm", "7.7")
 
 
 @contextmanager
-def front(**site):
-    """A running front; yields a function that asks it."""
+def front(folder=None, hub=None, **site):
+    """A running front, over the campaigns of ``folder``; yields a function that asks it."""
+    if "single" not in site:
+        site["console"] = ConsoleSite(find_runs(folder) if folder else [], keep=False)
+    if hub is not None:
+        site["hub"] = lambda: hub
     with BrowserFront(0, ShownSite({"re_viewer_bg.wasm": WASM}, **site)) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
         port = server.server_address[1]
@@ -50,9 +63,7 @@ def folder(tmp_path):
 def test_pages_and_what_they_ask_for(folder):
     with front(folder=folder) as ask:
         for path, words in [
-            ("/", b"Recordings"),
             ("/view?case=c", b"canvas"),
-            ("/index.js", b"about.json"),
             ("/case.js", b"re_viewer_bg.wasm"),
             ("/style.css", b"canvas"),
         ]:
@@ -60,19 +71,23 @@ def test_pages_and_what_they_ask_for(folder):
             assert answer.status == 200
             assert words in data
             assert answer.headers["Content-Security-Policy"] == POLICY
-        about = json.loads(ask("/about.json")[1])
-        assert [row["case"] for row in about["cases"]] == ["a b", "c"]
+        (run,) = json.loads(ask("/data/runs.json")[1])["runs"]
+        name = run["id"]
+        assert json.loads(ask(f"/data/runs/{name}/table.json")[1])["cases"] == ["a b", "c"]
+        about = json.loads(ask(f"/about.json?run={name}&case=a%20b")[1])
+        assert about["name"] == name
+        assert [row["case"] for row in about["cases"]] == ["a b"]
         assert not any("path" in row for row in about["cases"]), "no folder names in a browser"
-        (row,) = json.loads(ask("/about.json?case=a%20b")[1])["cases"]
-        assert row == about["cases"][0]
-        answer, data = ask("/recording/a%20b.rrd")
+        answer, data = ask(f"/recording/{name}/a%20b.rrd")
         assert data == (folder / "cases" / "a b" / "attempt-1" / "recording.rrd").read_bytes()
 
 
 def test_pages_name_no_other_host():
     with front() as ask:
-        for name in ("/", "/view", "/index.html", "/index.js", "/case.js", "/style.css"):
-            assert b"//" not in ask(name)[1].replace(b"rerun+http://${", b"").replace(b"// ", b"")
+        for name in ("/view", "/case.js", "/panel.js", "/style.css"):
+            answer, data = ask(name)
+            assert answer.status == 200
+            assert b"//" not in data.replace(b"rerun+http://${", b"").replace(b"// ", b"")
     assert "http" not in POLICY
     assert "*" not in POLICY
 
@@ -89,26 +104,50 @@ def test_large_files_are_packed_and_kept_by_browsers():
 
 @pytest.mark.parametrize(
     "path",
-    ["/recording/no.rrd", "/recording/..%2f..%2fsecret.rrd", "/../secret.rrd", "/secret.rrd", "/x"],
+    [
+        *("/recording/no.rrd", "/recording/..%2f..%2fsecret.rrd", "/../secret.rrd", "/secret.rrd"),
+        *("/recording/RUN/..%2f..%2fsecret.rrd", "/recording/../secret.rrd", "/x", "/data/x"),
+        *("/data/runs/../runs.json", "/data/runs/RUN/cases/..%2f..%2fsecret/moment.webp"),
+        *("/data/runs/RUN/cases/%00/case.json", "/data/runs/RUN/pictures/160x90/-1.webp"),
+        *("/data/runs/RUN/pictures/9x9/0.webp", "/data/runs/RUN/cases/c/film/99.webp"),
+        *("/data/runs/nobody/run.json", "/data/runs/RUN/search.json", "/report/RUN/report.html"),
+        *("/report/..%2f..%2fetc/report.html", "/data/compare/RUN/nobody.json"),
+        "/data/runs/RUN/cases/c/film/%F0%9F%98%80.webp",
+    ],
 )
 def test_what_is_not_there_is_not_found(folder, path):
     with front(folder=folder) as ask:
-        answer, data = ask(path)
+        answer, data = ask(path.replace("RUN", folder.name))
         assert answer.status == 404
         assert b"secret" not in data.replace(b"secret.rrd", b"").replace(b"secret'", b"")
 
 
 def test_an_error_is_a_line_for_the_page(folder, tmp_path):
     with front(folder=folder) as ask:
-        for path in ("/recording/cc.rrd", "/about.json?case=cc"):
+        for path in (f"/recording/{folder.name}/cc.rrd", "/about.json?case=cc"):
             assert b"did you mean 'c'?" in ask(path)[1]
-    with front(folder=tmp_path / "cases") as ask:
-        answer, data = ask("/about.json")
-        assert answer.status == 404
-        assert b"not a campaign folder" in data
+        assert b"choose a case in the console" in ask("/about.json")[1]
+        assert b"no case 'cc'" in ask(f"/data/runs/{folder.name}/cases/cc/case.json")[1]
+        assert b"no campaign 'cc' here" in ask("/data/runs/cc/run.json")[1]
+    with pytest.raises(UsageError, match="not a campaign folder"):
+        find_runs(tmp_path / "cases")
     with front(hub=("127.0.0.1", 1)) as ask:
         assert ask("/recording/c.rrd")[0].status == 404
         assert json.loads(ask("/about.json")[1])["live"] is True
+
+
+def test_a_report_has_an_origin_of_its_own(folder):
+    (folder / "report.html").write_text("<script>alert(1)</script>")
+    with front(folder=folder) as ask:
+        answer, data = ask(f"/report/{folder.name}/report.html")
+        assert data == b"<script>alert(1)</script>"
+        assert answer.headers["Content-Security-Policy"] == REPORT_POLICY
+        assert REPORT_POLICY.startswith("sandbox allow-scripts; default-src 'none'")
+        assert ask("/data/runs.json")[0].headers["Content-Security-Policy"] == POLICY
+    (folder / "report.html").unlink()
+    (folder / "report.html").symlink_to("/etc/passwd")
+    with front(folder=folder) as ask:
+        assert ask(f"/report/{folder.name}/report.html")[0].status == 404
 
 
 @pytest.mark.parametrize(
@@ -125,7 +164,7 @@ def test_an_error_is_a_line_for_the_page(folder, tmp_path):
 )
 def test_only_our_own_pages_may_ask(folder, headers, status):
     with front(folder=folder) as ask:
-        assert ask("/about.json", **headers)[0].status == status
+        assert ask("/data/runs.json", **headers)[0].status == status
 
 
 class Hub(BaseHTTPRequestHandler):
@@ -153,7 +192,7 @@ class Hub(BaseHTTPRequestHandler):
 def test_the_live_stream_is_passed_on_as_it_comes_and_nothing_else_is():
     with ThreadingHTTPServer(("127.0.0.1", 0), Hub) as hub:
         threading.Thread(target=hub.serve_forever, daemon=True).start()
-        with BrowserFront(0, ShownSite({}, hub=hub.server_address)) as server:
+        with BrowserFront(0, ShownSite({}, hub=lambda: hub.server_address)) as server:
             threading.Thread(target=server.serve_forever, daemon=True).start()
             connection = http.client.HTTPConnection(*server.server_address, timeout=PATIENCE_S)
             connection.request("POST", READS, b"hello", {"Content-Type": "application/grpc-web"})
@@ -185,7 +224,7 @@ def test_a_hub_that_is_gone_and_requests_that_are_too_large(folder):
     ["GET http://[::1 HTTP/1.1", f"POST {READS} HTTP/1.1\r\nContent-Length: \xb2"],
 )
 def test_nonsense_is_a_bad_request(request_line):
-    with BrowserFront(0, ShownSite({}, hub=("127.0.0.1", 1))) as server:
+    with BrowserFront(0, ShownSite({}, hub=lambda: ("127.0.0.1", 1))) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
         with socket.create_connection(server.server_address, timeout=PATIENCE_S) as line:
             line.sendall(f"{request_line}\r\nHost: localhost\r\n\r\n".encode("latin-1"))
@@ -212,7 +251,7 @@ class SilentHub(BaseHTTPRequestHandler):
 def test_a_browser_that_goes_away_while_nothing_comes_is_noticed():
     with ThreadingHTTPServer(("127.0.0.1", 0), SilentHub) as hub:
         threading.Thread(target=hub.serve_forever, daemon=True).start()
-        with BrowserFront(0, ShownSite({}, hub=hub.server_address)) as server:
+        with BrowserFront(0, ShownSite({}, hub=lambda: hub.server_address)) as server:
             threading.Thread(target=server.serve_forever, daemon=True).start()
             connection = http.client.HTTPConnection(*server.server_address, timeout=PATIENCE_S)
             connection.request("POST", READS, b"hello")

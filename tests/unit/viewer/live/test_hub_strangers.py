@@ -17,6 +17,8 @@ from waiting import PATIENCE_S
 
 from twin.fabric.loopback import is_ours
 from viewer.browser.front import BrowserFront, ShownSite
+from viewer.console.run_folder import find_runs
+from viewer.console.site import ConsoleSite
 from viewer.live.gate import HEAD_BYTES_MAX, NATIVE, Gate
 from viewer.live.hub import open_hub
 from viewer.live.inner_port import InnerPort
@@ -221,7 +223,7 @@ def test_a_connection_of_ours_is_ours() -> None:
 
 @pytest.fixture
 def front(tmp_path: Path) -> Iterator[BrowserFront]:
-    with BrowserFront(0, ShownSite({}, folder=a_run(tmp_path))) as found:
+    with BrowserFront(0, ShownSite({}, ConsoleSite(find_runs(a_run(tmp_path))))) as found:
         threading.Thread(target=found.serve_forever, daemon=True).start()
         yield found
         found.shutdown()
@@ -248,8 +250,8 @@ def a_run(folder: Path) -> Path:
     return run
 
 
-def get(front: BrowserFront, case: str) -> str:
-    head = f"GET /recording/{case}.rrd HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n"
+def get(front: BrowserFront, case: str, path: str = "recording/{}.rrd") -> str:
+    head = f"GET /{path.format(case)} HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n"
     return talk(0, front.server_address[1], head)
 
 
@@ -263,6 +265,9 @@ def test_a_link_is_no_recording(front: BrowserFront, case: str) -> None:
     assert answer.startswith("HTTP/1.1 404 ")
     assert "SECRET" not in answer
     assert "was not recorded" in answer
+    # Nor is its picture made, nor anything read that lies beside it.
+    for path in ("moment.webp", "case.json", "series.json", "film/0.webp"):
+        assert "SECRET" not in get(front, case, f"data/runs/run/cases/{{}}/{path}")
 
 
 @root

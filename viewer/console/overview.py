@@ -1,0 +1,125 @@
+"""Campaigns in the list, and what the page must know of one before it shows its cases."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from typing import Any
+
+from schemas.files.rulebook_result import FILE_NAME as RULEBOOK_FILE
+from schemas.files.search_result import FILE_NAME as SEARCH_FILE
+from viewer.console.pictures import PER_SHEET, SIZES
+from viewer.console.resources import gpus_of
+from viewer.console.run_folder import RunFolder
+from viewer.console.shown_run import ShownRun, component
+from viewer.console.table import verdict_words
+
+MANIFEST_BYTES_MAX = 256 << 20
+"""Largest manifest that is read [bytes]."""
+
+
+def run_row(shown: ShownRun) -> dict[str, Any]:
+    """A campaign in the list."""
+    ending, times = shown.run.ending(), shown.run.times()
+    live = None if ending.complete else shown.live
+    endings = shown.endings()
+    verdicts: dict[str, int] = {}
+    for row in endings.values():
+        if row.status:
+            verdicts[row.status] = verdicts.get(row.status, 0) + 1
+    done = sum(verdicts.values())
+    elapsed_s = None
+    if times.first_s is not None and times.last_s is not None:
+        elapsed_s = times.last_s - times.first_s
+    rig_s = sum(row.rig_wall_s for row in endings.values())
+    cases = max(len(endings), live.cases if live else 0)
+    done = max(done, live.cases - live.left if live else 0)
+    per_minute = 60 * done / elapsed_s if elapsed_s and done else None
+    eta_s = None
+    if live is not None:
+        per_minute = live.per_minute
+        eta_s = 60 * live.left / per_minute if per_minute else None
+    return {
+        "id": shown.run.id,
+        "name": ending.campaign,
+        "state": _state(shown),
+        "paused": live is not None and live.paused,
+        "cases": cases,
+        "done": done,
+        "verdicts": verdicts,
+        "started_s": times.first_s,
+        "elapsed_s": elapsed_s,
+        "eta_s": eta_s,
+        "per_minute": per_minute,
+        "workers": live.workers if live is not None else times.workers,
+        "gpus": gpus_of(shown.run),
+        "device_hours": rig_s / 3600 if rig_s else None,
+    }
+
+
+def _state(shown: ShownRun) -> str:
+    if shown.run.ending().complete:
+        return "finished"
+    if shown.live is not None:
+        done = shown.live.leased or shown.live.left < shown.live.cases
+        return "running" if done else "waiting"
+    began = any(row.outcome for row in shown.endings().values())
+    return "running" if shown.run.served and began else "waiting"
+
+
+def run_json(shown: ShownRun) -> dict[str, Any]:
+    """A campaign with what its table holds."""
+    table, ending, folder = shown.table(), shown.run.ending(), shown.run.folder
+    name = component(shown.run.id)
+    return {
+        **run_row(shown),
+        "version": table_version(shown),
+        "axes": table.axes,
+        "columns": table.heads,
+        "verdict_words": verdict_words(),
+        "links": {
+            "report": f"report/{name}/report.html" if (folder / "report.html").is_file() else None,
+            "search": f"data/runs/{name}/search.json" if (folder / SEARCH_FILE).is_file() else None,
+            "rulebook": f"data/runs/{name}/rulebook.json"
+            if (folder / RULEBOOK_FILE).is_file()
+            else None,
+        },
+        "digest": ending.digest or None,
+        "software": ending.software or None,
+        "device_classes": ending.device_classes,
+        "fingerprint": fingerprint_of(shown.run),
+    }
+
+
+def table_json(shown: ShownRun) -> dict[str, Any]:
+    """The table of all cases, in columns."""
+    table = shown.table()
+    return {"version": table_version(shown), "cases": table.cases, "columns": table.columns}
+
+
+def fingerprint_of(run: RunFolder) -> str | None:
+    """The fingerprint that the signed manifest names; None: nobody has signed it."""
+    try:
+        manifest = json.loads(run.read("manifest.json", MANIFEST_BYTES_MAX))
+        return str(manifest["fingerprint"]) or None
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def table_version(shown: ShownRun) -> str:
+    """Changes when the table does."""
+    run, heard, running = shown.version
+    text = f"{run} {heard} {sorted(running)}"
+    return hashlib.sha256(text.encode()).hexdigest()[:12]
+
+
+def atlas_json(shown: ShownRun) -> dict[str, Any]:
+    """Which cases have a picture. Moments are in ``case.json``: here they would take reading the
+    rows of all cases."""
+    recorded = shown.recorded()
+    return {
+        "sizes": [list(size) for size in SIZES],
+        "per_atlas": PER_SHEET,
+        "has": recorded,
+        "moment": [None] * len(recorded),
+    }

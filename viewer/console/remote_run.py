@@ -1,0 +1,130 @@
+"""A campaign that runs elsewhere: known from what the conductor and the simulators say."""
+
+from __future__ import annotations
+
+import os
+import threading
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from schemas.points import Point
+from schemas.wire.view import Thumbnail, clock
+from viewer.console.run_folder import CampaignEnding, CaseEnding, RunFolder, RunTimes, Version
+
+NOWHERE = Path(os.devnull)
+"""No file lies below it."""
+
+CASES_MAX = 100_000
+"""Most cases of a campaign without a folder; further ones are not shown."""
+
+
+class HeardCases:
+    """Endings, axes and pictures of cases as they are heard, by case in the order of their first
+    word. Any thread may ask."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._endings: dict[str, CaseEnding] = {}
+        self._axes: dict[str, dict[str, Any]] = {}
+        self._changes = 0
+
+    @property
+    def version(self) -> int:
+        """Changes with every word that counts."""
+        return self._changes
+
+    def committed(self, result: dict[str, Any], worker: str, attempt: int) -> None:
+        """A case has a result.
+
+        Raises:
+            msgspec.ValidationError: it is of another version.
+        """
+        ending = msgspec.convert(result, CaseEnding, strict=False)
+        ending = msgspec.structs.replace(ending, worker=worker, attempt=attempt, attempts=attempt)
+        self._end(str(result["case"]), ending)
+
+    def ended(self, case: str, outcome: str, reason: str) -> None:
+        """A case has ended without a result."""
+        self._end(case, CaseEnding(outcome=outcome, reasons=[reason]))
+
+    def waits_again(self, case: str) -> None:
+        """What was known of its end does not hold any more."""
+        with self._lock:
+            if case in self._endings:
+                self._endings[case] = CaseEnding()
+                self._changes += 1
+
+    def seen(self, thumbnail: Thumbnail) -> None:
+        """A picture of a case has come."""
+        case = thumbnail.case
+        with self._lock:
+            if case not in self._axes and len(self._axes) < CASES_MAX:
+                self._axes[case] = {
+                    "model": thumbnail.model,
+                    "time_of_day": clock(thumbnail.time_of_day_min),
+                    "weather": thumbnail.weather,
+                }
+                self._endings.setdefault(case, CaseEnding())
+                self._changes += 1
+            ending = self._endings.get(case)
+            if ending is not None and not ending.outcome and thumbnail.outcome:
+                self._endings[case] = CaseEnding(
+                    outcome=thumbnail.outcome, verdict=thumbnail.verdict
+                )
+                self._changes += 1
+
+    def leased(self, case: str) -> None:
+        """A worker has it: it is a case, if nothing else said so."""
+        with self._lock:
+            if case not in self._endings and len(self._endings) < CASES_MAX:
+                self._endings[case] = CaseEnding()
+                self._changes += 1
+
+    def endings(self) -> dict[str, CaseEnding]:
+        """How each case stands."""
+        with self._lock:
+            return dict(self._endings)
+
+    def axes(self) -> dict[str, dict[str, Any]]:
+        """Values of axes by case, as pictures said them."""
+        with self._lock:
+            return dict(self._axes)
+
+    def _end(self, case: str, ending: CaseEnding) -> None:
+        with self._lock:
+            if case in self._endings or len(self._endings) < CASES_MAX:
+                self._endings[case] = ending
+                self._changes += 1
+
+
+class RemoteRun(RunFolder):
+    """A campaign of which no folder is at hand: everything about it is heard."""
+
+    def __init__(self, name: str) -> None:
+        super().__init__(NOWHERE / name)
+        self.complete = False
+        """Whether the conductor says that all cases have ended."""
+
+    @property
+    def version(self) -> Version:
+        """Of what is known here: nothing but that it has ended."""
+        return (int(self.complete),)
+
+    @property
+    def served(self) -> bool:
+        """A conductor has told of it."""
+        return True
+
+    def ending(self) -> CampaignEnding:
+        """No case is known from here."""
+        return CampaignEnding(campaign=self.id, complete=self.complete)
+
+    def points(self) -> dict[str, Point]:
+        """None are known from here."""
+        return {}
+
+    def times(self) -> RunTimes:
+        """Nothing says when it began."""
+        return RunTimes()

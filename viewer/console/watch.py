@@ -1,0 +1,328 @@
+"""The console's ear: what the conductor and the simulators say becomes tables, pictures and events.
+
+One thread calls :meth:`LiveWatch.turn`; pages are answered by others. Nothing is asked of a
+simulator beyond the thumbnails that every viewer gets, and no table is made while nobody looks.
+"""
+
+from __future__ import annotations
+
+import queue
+import threading
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from schemas.escape import escape
+from schemas.wire.codec import ATTACHMENT_BYTES_MAX, WireError, decode
+from schemas.wire.status import CampaignStatus, ConductorStatus
+from schemas.wire.view import Thumbnail
+from twin.base.errors import TwinError
+from twin.fabric.bus import Sample
+from twin.fabric.discovery import Target
+from viewer.console.overview import table_version
+from viewer.console.remote_run import RemoteRun
+from viewer.console.run_folder import RunFolder
+from viewer.console.shown_run import LiveFigures, LivePicture, ShownRun
+from viewer.console.site import ConsoleSite
+from viewer.console.stream import EventStream
+from viewer.console.table import ConsoleTable
+from viewer.live.link import ConductorEvent, Link, LinkEnded, Said, Status
+from viewer.live.pulse import sentence
+from viewer.live.renewal import Renewal
+from viewer.live.slots import LatestSlots
+from viewer.live.throughput import Throughput
+
+TURN_S = 0.25
+"""Time between two turns [s]."""
+PICTURES_S = 0.5
+"""Shortest time between two events of pictures [s]: simulators send two a second."""
+TABLE_S = 0.5
+"""Shortest time between two tables [s]; large ones come less often, see :data:`TABLE_SHARE`."""
+TABLE_SHARE = 20
+"""A table is made when so many times as long has passed as the last one took: one core's
+twentieth."""
+SILENCE_S = 10.0
+"""Time without a status after which nobody knows what runs [s]."""
+PICTURE_BYTES_MAX = 64 << 10
+"""Largest thumbnail that is kept [bytes]."""
+PICTURES_MAX = 20_000
+"""Most pictures of a campaign that are kept, those of ended cases among them."""
+LINES_MAX = 500
+"""Lines of the conductor's log that a page is given when it comes."""
+CAMPAIGNS_MAX = 256
+"""Campaigns of one conductor that are shown."""
+
+
+class LiveWatch:
+    """Listens to one conductor for a :class:`ConsoleSite`."""
+
+    def __init__(
+        self,
+        site: ConsoleSite,
+        resolve: Callable[[], Target],
+        stream: EventStream,
+        *,
+        here: bool,
+        say: Callable[[str], None] = lambda _: None,
+    ) -> None:
+        """
+        Args:
+            site: what is shown; campaigns of the conductor are added to it.
+            resolve: where the conductor is now.
+            stream: takes the events.
+            here: folders that the conductor names are at hand.
+            say: takes a line for people.
+        """
+        self.stream = stream
+        self.slots = LatestSlots()
+        self.status: ConductorStatus = {}
+        """What the conductor said last; empty: nothing yet."""
+        self.status_s: float | None = None
+        """When it said that, by the monotonic clock [s]."""
+        self.lines: list[dict[str, Any]] = []
+        """Latest lines of the log."""
+        self.charged: dict[str, dict[str, str]] = {}
+        """Run -> cases that were charged and have not ended -> why."""
+        self.strangers = 0
+        """Messages of another version, or damaged."""
+        self.error: TwinError | None = None
+        """Why nothing is listened to any more."""
+        self._site, self._here, self._say = site, here, say
+        self._link = Link(resolve, None, self.slots, running=True)
+        self._runs: dict[str, ShownRun] = {}
+        """Campaign -> what is shown of it."""
+        self._paces: dict[str, Throughput] = {}
+        self._tokens: dict[tuple[str, str], int] = {}
+        self._renewal = Renewal()
+        self._numbers = 0
+        self._fresh: dict[str, dict[str, None]] = {}
+        """Run -> cases with a picture since the last event."""
+        self._tables: dict[str, tuple[tuple[Any, ...], ConsoleTable]] = {}
+        self._due_s: dict[str, float] = {}
+        self._pictures_s = 0.0
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="watch", daemon=True)
+        site.live = True
+
+    def start(self) -> None:
+        """Begin to listen."""
+        self._link.start()
+        self._thread.start()
+
+    def close(self) -> None:
+        """End the session."""
+        self._stop.set()
+        self._link.close()
+        if self._thread.is_alive():
+            self._thread.join()
+        self.stream.close()
+
+    def shown(self, campaign: str) -> ShownRun | None:
+        """What is shown of a campaign of the conductor; None: it is none of it."""
+        return self._runs.get(campaign)
+
+    def campaign_of(self, run: str) -> str | None:
+        """Name of the campaign that a run of the site is, for the conductor; None: it is not
+        this conductor's."""
+        return next((name for name, shown in self._runs.items() if shown.run.id == run), None)
+
+    @property
+    def age_s(self) -> float | None:
+        """How long ago the conductor said anything; None: never [s]."""
+        return None if self.status_s is None else time.monotonic() - self.status_s
+
+    def turn(self, now_s: float) -> None:
+        """Take in what came, and tell the pages; ``now_s`` by the monotonic clock.
+
+        Raises:
+            TwinError: waiting does not help any more.
+        """
+        self._hear(now_s)
+        if self.status_s is not None and now_s - self.status_s > SILENCE_S:
+            self._silent()
+        for sample in self.slots.take():
+            self._thumbnail(sample, now_s)
+        if self.stream.followers:
+            self._tell_tables(now_s)
+            if now_s - self._pictures_s >= PICTURES_S:
+                self._pictures_s = now_s
+                self._tell_pictures(now_s)
+
+    def _run(self) -> None:
+        while not self._stop.wait(TURN_S):
+            try:
+                self.turn(time.monotonic())
+            except TwinError as error:
+                self.error = error
+                self.stream.put("gone", {"error": str(error)})
+                return
+
+    def _hear(self, now_s: float) -> None:
+        while True:
+            try:
+                heard = self._link.heard.get_nowait()
+            except queue.Empty:
+                return
+            match heard:
+                case Status(found):
+                    self._status(found, now_s)
+                case ConductorEvent(fact):
+                    self._fact(fact)
+                case Said(line):
+                    self._say(line)
+                    self._log("info", line)
+                case LinkEnded(error):
+                    raise error
+
+    def _silent(self) -> None:
+        """Nobody knows what runs while the conductor is away."""
+        for shown in self._runs.values():
+            shown.running, shown.live = frozenset(), None
+
+    def _status(self, found: ConductorStatus, now_s: float) -> None:
+        self.status, self.status_s = found, now_s
+        for name in self._renewal.status(found):
+            self._tokens = {key: t for key, t in self._tokens.items() if key[0] != name}
+        running: dict[str, set[str]] = {}
+        for lease in found.get("running", []):
+            running.setdefault(lease["campaign"], set()).add(lease["case"])
+        present = [worker for worker in found.get("workers", []) if worker["present"]]
+        for name, row in list(found.get("campaigns", {}).items())[:CAMPAIGNS_MAX]:
+            shown = self._known(name, row)
+            shown.running = frozenset(running.get(name, ()))
+            for case in shown.running:
+                shown.heard.leased(case)
+            if isinstance(shown.run, RemoteRun):
+                shown.run.complete = row["left"] == 0
+            pace = self._paces.setdefault(name, Throughput())
+            shown.live = LiveFigures(
+                cases=row["cases"],
+                left=row["left"],
+                leased=row["leased"],
+                paused=row["paused"],
+                per_minute=pace.count(row["cases"] - row["left"], now_s),
+                workers=len(present),
+            )
+        self.stream.put("workers", {"draining": found.get("draining", False)})
+
+    def _known(self, name: str, row: CampaignStatus) -> ShownRun:
+        """The run of a campaign; found by its folder where that is at hand, else made."""
+        if name in self._runs:
+            return self._runs[name]
+        out = Path(row.get("out", ""))
+        if self._here and out.is_dir():
+            for shown in self._site.runs.values():
+                if shown.run.folder.resolve() == out.resolve():
+                    break
+            else:
+                shown = self._site.add(RunFolder(out))
+        else:
+            shown = self._site.add(RemoteRun(name))
+        self._runs[name] = shown
+        return shown
+
+    def _fact(self, fact: Mapping[str, Any]) -> None:
+        text = sentence(fact)
+        if text:
+            level = {"case_ended": "error", "attempt_ended": "warn"}.get(str(fact["fact"]), "info")
+            self._log(level, text)
+        result = fact.get("result")
+        campaign = str((result if isinstance(result, dict) else fact).get("campaign", ""))
+        shown = self._runs.get(campaign)
+        if shown is None:
+            return
+        charged = self.charged.setdefault(shown.run.id, {})
+        try:
+            match fact.get("fact"):
+                case "committed":
+                    assert isinstance(result, dict)
+                    shown.heard.committed(result, fact["worker"], fact["attempt"])
+                    charged.pop(result["case"], None)
+                case "case_ended":
+                    shown.heard.ended(fact["case"], fact["outcome"], fact["reason"])
+                    charged.pop(fact["case"], None)
+                case "attempt_ended" if fact["charged"]:
+                    charged[fact["case"]] = escape(fact.get("detail") or fact["reason"])
+                case "retried":
+                    shown.heard.waits_again(fact["case"])
+        except (KeyError, TypeError, msgspec.ValidationError):
+            self.strangers += 1  # events are a courtesy
+
+    def _thumbnail(self, sample: Sample, now_s: float) -> None:
+        if not sample.key.endswith("/thumbnail") or len(sample.payload) > PICTURE_BYTES_MAX:
+            self.strangers += 1
+            return
+        try:
+            thumbnail: Thumbnail = decode(sample.attachment, Thumbnail, ATTACHMENT_BYTES_MAX)
+        except WireError:
+            self.strangers += 1
+            return
+        shown = self._runs.get(thumbnail.campaign)
+        key = (thumbnail.campaign, thumbnail.case)
+        if shown is None or thumbnail.token < self._tokens.get(key, 0):
+            return  # of nobody's campaign, or of an attempt that is over
+        pictures = shown.live_pictures
+        if thumbnail.case not in pictures and len(pictures) >= PICTURES_MAX:
+            return
+        self._tokens[key] = thumbnail.token
+        self._numbers += 1
+        pictures[thumbnail.case] = LivePicture(
+            bytes(sample.payload), thumbnail.sim_time_ns, self._numbers, now_s
+        )
+        shown.heard.seen(thumbnail)
+        self._fresh.setdefault(shown.run.id, {})[thumbnail.case] = None
+
+    def _tell_tables(self, now_s: float) -> None:
+        for shown in list(self._runs.values()):
+            name = shown.run.id
+            known = self._tables.get(name)
+            if now_s < self._due_s.get(name, 0.0) or (known and known[0] == shown.version):
+                continue
+            began_s = time.monotonic()
+            version = shown.version
+            try:
+                table = shown.table()
+            except TwinError as error:
+                self._log("warn", str(error))
+                self._due_s[name] = now_s + TABLE_S * TABLE_SHARE
+                continue
+            if known is not None:
+                self._tell_change(shown, known[1], table)
+            self._tables[name] = version, table
+            took_s = time.monotonic() - began_s
+            self._due_s[name] = now_s + max(TABLE_S, TABLE_SHARE * took_s)
+
+    def _tell_change(self, shown: ShownRun, before: ConsoleTable, table: ConsoleTable) -> None:
+        event: dict[str, Any] = {"run": shown.run.id, "version": table_version(shown)}
+        if table.cases[: len(before.cases)] != before.cases or table.heads != before.heads:
+            event["reset"] = True  # other columns, or cases in another order: ask for all anew
+        else:
+            event["rows"] = table.changed_rows(before)
+            event["cases"] = table.cases[len(before.cases) :]
+        self.stream.put("table", event)
+
+    def _tell_pictures(self, now_s: float) -> None:
+        for name, cases in self._fresh.items():
+            shown = self._site.runs[name]
+            places = shown.places()
+            rows = [
+                [
+                    places[case],
+                    picture.number,
+                    picture.sim_time_ns / 1e9,
+                    round(now_s - picture.came_s, 3),
+                ]
+                for case in cases
+                if case in places and (picture := shown.live_pictures.get(case)) is not None
+            ]
+            if rows:
+                self.stream.put("picture", {"run": name, "pictures": rows})
+        self._fresh = {}
+
+    def _log(self, level: str, text: str) -> None:
+        line = {"at_s": time.time(), "level": level, "text": escape(text)}
+        self.lines = [*self.lines[-LINES_MAX + 1 :], line]
+        self.stream.put("log", line)
