@@ -5,6 +5,7 @@ Everything follows from the number of a case. Pictures are drawn, and of many ca
 
 from __future__ import annotations
 
+import io
 import json
 import math
 import shutil
@@ -44,6 +45,9 @@ PICTURE_SIZE = (640, 360)
 """Size of the camera's picture, in which boxes are [px]."""
 TICK_S = 0.05
 TICKS = 200
+PAGES_MAX = 1000
+"""In larger sites only cases with a film have a page of their own."""
+EMPTY: dict[str, Any] = {"t": [], "series": {}, "actors": [], "road": None, "detections": []}
 DRAWN_ATLASES = 4
 """Pictures that differ; sheets beyond are copies of these."""
 
@@ -104,7 +108,7 @@ def made_case(index: int) -> MadeCase:
     )
     chance = (index * 2654435761 % 2**32) / 2**32
     name = name_of(axes)
-    late = round(5 + index % 8 * 0.15, 3)
+    late = round(5 + index % 7 * 0.15, 3)
     if chance < risk - 0.6:
         speed = round(axes["ego_speed_mps"] * (0.3 + 0.6 * chance), 3)
         words = f"collided with the van at {speed} m/s"
@@ -313,14 +317,14 @@ def write_site(
     dossiers: int = 12,
     running: int = 0,
 ) -> list[MadeCase]:
-    """Write a console of ``count`` cases; with data of their own the ``dossiers`` worst and first.
+    """Write a console of ``count`` cases; the ``dossiers`` worst and first have a film.
 
     Args:
         folder: is made.
         count: cases.
         run: name of the run.
         static: as files for a disk; False: as a server gives them, with ``runs.json`` being live.
-        dossiers: cases with film and series, of each end.
+        dossiers: cases with a film and series: so many of the worst, and of the first.
         running: how many of the last cases still run.
     """
     cases = [made_case(index) for index in range(count)]
@@ -357,17 +361,28 @@ def write_site(
         range(count), key=lambda i: (ranks.get(cases[i].verdict, 99), -(cases[i].impact_mps or 0))
     )
     names = {case.name: index for index, case in enumerate(cases)}
-    for index in sorted(
-        {*worst[:dossiers], *range(min(dossiers, count)), *range(count - running, count)}
-    ):
+    moments = [_webp(draw(320, 180, shade / 7, 0.6)) for shade in range(7)]
+    films = {*worst[:dossiers], *range(min(dossiers, count))}
+    for index in range(count) if count <= PAGES_MAX else sorted(films):
         case = cases[index]
+        filmed = index in films and bool(case.verdict)
+        write(
+            f"runs/{run}/cases/{case.name}/case.json",
+            case_of(case, index, names, recording=filmed),
+        )
+        write(f"runs/{run}/cases/{case.name}/series.json", series_of(case) if filmed else EMPTY)
         place = data / "runs" / run / "cases" / case.name
-        write(f"runs/{run}/cases/{case.name}/case.json", case_of(case, index, names))
-        write(f"runs/{run}/cases/{case.name}/series.json", series_of(case))
-        (place / "film").mkdir()
-        draw(320, 180, index % 7 / 7, 0.6).save(place / "moment.webp", quality=60)
-        _write_film(place / "film", index)
+        (place / "moment.webp").write_bytes(moments[index % 7])
+        if filmed:
+            (place / "film").mkdir()
+            _write_film(place / "film", index)
     return cases
+
+
+def _webp(picture: Image.Image) -> bytes:
+    file = io.BytesIO()
+    picture.save(file, "WEBP", quality=60)
+    return file.getvalue()
 
 
 def write_page(folder: Path, *, static: bool) -> None:

@@ -63,7 +63,7 @@ function Beside({ left, right, start }: { left: Side; right: Side; start: string
       <p class="box notice" role="status">
         {!both ? "One of the drives has no rows, so nothing is compared tick by tick."
         : differs === null ? "Both drives are the same, at every tick."
-        : `They differ first at ${at(differs.t)}: ${plain(differs.what)} is ${text(differs.left, differs.unit)} on the left, ${text(differs.right, differs.unit)} on the right${closely(differs.left, differs.right)}.`}
+        : `They differ first at ${at(differs.t)}: ${plain(differs.what)} is ${text(differs.left, differs.unit)} on the left, ${text(differs.right, differs.unit)} on the right${closely(differs.left, differs.right, differs.unit)}.`}
       </p>
       <Player clock={clock} tick={tick} marks={marks} />
       <div class="sides">
@@ -79,8 +79,8 @@ function Beside({ left, right, start }: { left: Side; right: Side; start: string
 }
 
 /** Two values that look the same when rounded. */
-const closely = (left: number | null, right: number | null): string =>
-  left !== null && right !== null && number(left) === number(right) ? `, a difference of ${number(right - left)}` : "";
+const closely = (left: number | null, right: number | null, unit: string): string =>
+  left !== null && right !== null && number(left) === number(right) ? `, a difference of ${text(right - left, unit)}` : "";
 
 function SideView({ side, clock, label }: { side: Side; clock: Clock; label: string }): JSX.Element {
   const { run, info, series } = side;
@@ -90,7 +90,7 @@ function SideView({ side, clock, label }: { side: Side; clock: Clock; label: str
         <a href={toCase(run, info.case)}>{info.case}</a>
       </h2>
       <p>
-        <Chip verdict={statusOf(info)} /> {info.reasons.join("; ")} <span class="dim">{run}</span>
+        <Chip verdict={statusOf(info)} />: {info.reasons.join("; ")} <span class="dim">({run})</span>
       </p>
       <FilmView run={run} info={info} series={series} clock={clock} label={`the ${label} case`} />
       {series !== null && <TopView series={series} clock={clock} label={`The ${label} case`} />}

@@ -57,6 +57,7 @@ export function Canvas(inputs: Inputs): JSX.Element {
       };
       const tiles = paint(context, scene, ratio);
       canvas.current!.dataset.tiles = String(tiles);
+      box.dataset.loading = String(now.thumbs.atlas === null ? "…" : now.thumbs.missing);
     });
   });
   useLayoutEffect(() => {

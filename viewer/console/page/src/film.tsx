@@ -76,7 +76,7 @@ function StripFilm({ run, info, series, clock, film, label }: Inputs & { film: F
   const drawn = useRef<() => void>(() => undefined);
   useEffect(() => {
     const per = film.per_strip;
-    const strips = new Strips(`runs/${run}/cases/${info.case}`, film.strips, () => draw());
+    const strips = new Strips(`runs/${run}/cases/${info.case}`, film.strips, () => drawn.current());
     const times = series?.detections.map((one) => one.t) ?? [];
     const [width, height] = film.size;
     const draw = (): void => {

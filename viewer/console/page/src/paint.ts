@@ -180,7 +180,7 @@ function paintTile(
 /** A name that is too long loses its middle: cases differ at the end. */
 function fitted(context: CanvasRenderingContext2D, name: string, room: number): string {
   if (context.measureText(name).width <= room) return name;
-  const chars = Math.max(4, Math.floor((room / context.measureText(name).width) * name.length) - 1);
+  const chars = Math.max(4, Math.floor((room / context.measureText(name).width) * name.length) - 2);
   return `${name.slice(0, Math.floor(chars / 3))}…${name.slice(name.length - Math.ceil((chars * 2) / 3))}`;
 }
 

@@ -80,7 +80,7 @@ export function Player({ clock, tick, marks }: Inputs): JSX.Element {
           </button>
         ))}
       <label>
-        <span class="away">Speed</span>
+        <span class="away">Playing speed</span>
         <select value={clock.rate} onChange={(event) => void (clock.rate = Number((event.target as HTMLSelectElement).value))}>
           {RATES.map((rate) => (
             <option key={rate} value={rate}>

@@ -42,6 +42,10 @@ export class Thumbs {
   private readonly shown = new Map<number, string>();
   private closed = false;
   private wishes: Wish[] = [];
+  /** Pictures on their way, or wanted. */
+  get missing(): number {
+    return this.loading + this.wishes.length;
+  }
   private loading = 0;
   private drawing = 0;
   private pixels = 0;
