@@ -401,7 +401,10 @@ def _end_with_parent() -> None:
 def bench_command(
     cases: Annotated[int, typer.Option(min=1, max=1000, help="Synthetic live cases.")] = 64,
     focus: Annotated[int, typer.Option(min=0, max=8, help="Cases of these in full.")] = 1,
-    seconds: Annotated[float, duration("How long the viewer is measured; 0: not [s].")] = 60.0,
+    console: Annotated[
+        int, typer.Option(min=0, max=1000, help="Synthetic cases of the console; 0: none.")
+    ] = 256,
+    seconds: Annotated[float, duration("How long each of them is measured; 0: not [s].")] = 60.0,
     campaign: Annotated[
         str | None,
         typer.Option(help="Run with and without viewers; default: cells of the AEB campaign."),
@@ -411,7 +414,7 @@ def bench_command(
         typer.Option(min=4, help="Cases of it, the first; default: 32 of ours, all of another."),
     ] = None,
     rounds: Annotated[
-        int, typer.Option(min=0, help="Runs of it with nobody, a viewer, a frozen one, recorded.")
+        int, typer.Option(min=0, help="Runs of it with nobody, each kind of viewer, and recorded.")
     ] = 3,
     workers: Annotated[int | None, typer.Option(min=1, help="Of these runs.")] = None,
     slots: Annotated[int, typer.Option(min=1, max=4096, help="Of these runs.")] = 1,
@@ -427,7 +430,7 @@ def bench_command(
     if campaign is None:
         campaign, simulate = str(CAMPAIGN), simulate or SIMULATED
     options = BenchOptions(
-        cases, focus, seconds, campaign, rounds, simulate, workers, slots, device
+        *(cases, focus, console, seconds, campaign, rounds, simulate, workers, slots, device)
     )
     raise typer.Exit(bench(options, as_json=output is Output.json, check=check))
 

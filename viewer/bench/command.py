@@ -11,9 +11,10 @@ import signal
 import subprocess
 import sys
 import tempfile
+import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,7 @@ import psutil
 
 from twin.base.errors import EXIT_FAILED, EXIT_PASS, InfrastructureError, UsageError
 from twin.base.process import end, last_lines, spawn
+from twin.fabric.discovery import FILE_NAME as CONDUCTOR_FILE
 from viewer.bench import compare as bench_compare
 from viewer.bench.compare import MODES, CampaignRun, compare, window
 from viewer.bench.course import CampaignCourse
@@ -36,11 +38,15 @@ CAMPAIGN = Path(__file__).with_name("bench_campaign.yaml")
 SIMULATED = 32
 """Cases of it that are simulated unless somebody says otherwise."""
 
+WAIT_S = 120
+"""Longest time until a campaign's conductor is there [s]."""
 LOOK_S = 0.1
 """Time between two looks at a campaign's progress [s]."""
 
 CPU_MAX = 0.25
 """Target: the viewer process takes at most this share of a core [-]."""
+CONSOLE_CPU_MAX = 0.15
+"""Target: the console takes at most this share of a core [-]."""
 MEMORY_MAX_MB = 600.0
 """Target: and at most so much memory at the end [MB]."""
 
@@ -52,6 +58,8 @@ class BenchOptions:
     cases: int = 64
     focus: int = 1
     """Cases of these in full."""
+    console: int = 256
+    """Synthetic live cases that a page of the console looks at; 0: it is not measured."""
     seconds: float = 60.0
     """Time for which the viewer is measured; 0: not at all [s]."""
     campaign: str = str(CAMPAIGN)
@@ -72,6 +80,8 @@ def bench(options: BenchOptions, *, as_json: bool, check: bool) -> int:
     figures: dict[str, Any] = {}
     if options.seconds:
         figures["viewer"] = measure_viewer(options)
+    if options.seconds and options.console:
+        figures["console"] = measure_console(options)
     if options.rounds:
         figures["simulation"] = measure_simulation(options)
     missed = misses(figures)
@@ -109,8 +119,30 @@ def measure_viewer(options: BenchOptions) -> dict[str, Any]:
     }
 
 
+def measure_console(options: BenchOptions) -> dict[str, Any]:
+    """CPU share and memory of ``viewer web`` over many synthetic cases, with a page that follows
+    them and asks for the pictures on its screen."""
+    with _source(options.console) as endpoint, _console("--connect", endpoint, "--insecure") as web:
+        process = psutil.Process(web.child.pid)
+        with _page(web.url) as page:
+            time.sleep(WARM_UP_S)
+            before, begun_s, seen = process.cpu_times(), time.monotonic(), page.pictures
+            time.sleep(options.seconds)
+            after, wall_s = process.cpu_times(), time.monotonic() - begun_s
+            seen = page.pictures - seen
+        memory_mb = process.memory_info().rss / 1e6
+    used_s = after.user + after.system - before.user - before.system
+    return {
+        "cases": options.console,
+        "seconds": round(wall_s, 1),
+        "cpu_share": round(used_s / wall_s, 4),
+        "memory_mb": round(memory_mb, 1),
+        "pictures_per_s": round(seen / wall_s, 1),
+    }
+
+
 def measure_simulation(options: BenchOptions) -> dict[str, Any]:
-    """One campaign with nobody, a viewer, a frozen viewer and recorders; interleaved."""
+    """One campaign with nobody, each kind of viewer, and recorders; interleaved."""
     runs: dict[str, list[CampaignRun]] = {mode: [] for mode in MODES}
     with tempfile.TemporaryDirectory(prefix="viewer-bench-") as folder:
         for index in range(options.rounds):
@@ -131,6 +163,13 @@ def misses(found: dict[str, Any]) -> list[str]:
             missed.append(f"viewer: {viewer['cpu_share']:.0%} of a core, at most {CPU_MAX:.0%}")
         if viewer["memory_last_mb"] > MEMORY_MAX_MB:
             missed.append(f"viewer: {viewer['memory_last_mb']} MB, at most {MEMORY_MAX_MB:.0f}")
+    if console := found.get("console"):
+        if console["cpu_share"] > CONSOLE_CPU_MAX:
+            missed.append(
+                f"console: {console['cpu_share']:.0%} of a core, at most {CONSOLE_CPU_MAX:.0%}"
+            )
+        if not console["pictures_per_s"]:
+            missed.append("console: the page was given no picture")
     if simulation := found.get("simulation"):
         missed += bench_compare.misses(simulation)
     return missed
@@ -146,8 +185,11 @@ def _simulate(options: BenchOptions, mode: str, out: Path) -> CampaignRun:
     ]
     if mode in ("none", "record"):
         summary, course = _run(arguments, out)
+    elif mode == "console":
+        with ExitStack() as looking:
+            summary, course = _run(arguments, out, looks=lambda: _look_on(looking, out))
     else:
-        with _viewer("--run", str(out)) as child:
+        with _viewer("--run", str(out), "--wait", str(WAIT_S)) as child:
             summary, course = _run(arguments, out, child if mode == "frozen" else None)
     sizes = [path.stat().st_size / 1e6 for path in out.glob(f"cases/*/*/{naming.RECORDING_FILE}")]
     measured = window(course.samples, course.workers * options.slots)
@@ -155,9 +197,13 @@ def _simulate(options: BenchOptions, mode: str, out: Path) -> CampaignRun:
 
 
 def _run(
-    arguments: list[str], out: Path, freeze: subprocess.Popen[bytes] | None = None
+    arguments: list[str],
+    out: Path,
+    freeze: subprocess.Popen[bytes] | None = None,
+    looks: Callable[[], None] | None = None,
 ) -> tuple[dict[str, Any], CampaignCourse]:
-    """``conductor run``; with ``freeze`` that viewer is stopped once the first case has ended."""
+    """``conductor run``; with ``freeze`` that viewer is stopped once the first case has ended, and
+    ``looks`` is called once there is a conductor."""
     with tempfile.TemporaryFile() as log:
         child = spawn([sys.executable, "-m", "conductor", *arguments], log=log, pipe_output=True)
         try:
@@ -165,6 +211,9 @@ def _run(
             frozen = freeze is None
             while child.poll() is None:
                 course.look()
+                if looks is not None and (out / CONDUCTOR_FILE).exists():
+                    looks()
+                    looks = None
                 if freeze is not None and not frozen:
                     frozen = any(out.glob("cases/*/attempt-*"))
                     if frozen:
@@ -199,6 +248,62 @@ def _source(cases: int) -> Iterator[str]:
             end(child)
 
 
+@dataclass(frozen=True, slots=True)
+class RunningConsole:
+    """`viewer web` as a child."""
+
+    child: subprocess.Popen[bytes]
+    url: str
+
+
+class SeenPictures:
+    """What a child that stands for a page says of itself."""
+
+    def __init__(self, child: subprocess.Popen[bytes]) -> None:
+        self.pictures = 0
+        """Pictures that it was given."""
+        self._child = child
+        threading.Thread(target=self._read, name="page", daemon=True).start()
+
+    def _read(self) -> None:
+        assert self._child.stdout is not None
+        for line in self._child.stdout:
+            self.pictures = json.loads(line)["pictures"]
+
+
+@contextmanager
+def _console(*arguments: str) -> Iterator[RunningConsole]:
+    """`viewer web` over running cases."""
+    with tempfile.TemporaryFile() as log:
+        command = [sys.executable, "-m", "viewer", "web", *arguments, "--output", "json"]
+        child = spawn(command, log=log, pipe_output=True)
+        try:
+            assert child.stdout is not None
+            line = child.stdout.readline()
+            if not line:
+                raise InfrastructureError(f"viewer web: {last_lines(log)}")
+            yield RunningConsole(child, json.loads(line)["url"])
+        finally:
+            end(child)
+
+
+@contextmanager
+def _page(url: str) -> Iterator[SeenPictures]:
+    """A page that looks at a console."""
+    with tempfile.TemporaryFile() as log:
+        child = spawn([sys.executable, "-m", "viewer.bench.page", url], log=log, pipe_output=True)
+        try:
+            yield SeenPictures(child)
+        finally:
+            end(child)
+
+
+def _look_on(looking: ExitStack, out: Path) -> None:
+    """A console over a running campaign, and a page that looks at it, until ``looking`` ends."""
+    console = looking.enter_context(_console("--run", str(out)))
+    looking.enter_context(_page(console.url))
+
+
 @contextmanager
 def _viewer(*arguments: str) -> Iterator[subprocess.Popen[bytes]]:
     """``viewer live`` without a window."""
@@ -230,6 +335,12 @@ def _lines(figures: dict[str, Any]) -> list[str]:
             f"{viewer['seconds']} s: {viewer['cpu_share']:.1%} of a core, "
             f"{viewer['memory_first_mb']} MB at first, {viewer['memory_last_mb']} MB at last, "
             f"{viewer['received']} messages"
+        )
+    if console := figures.get("console"):
+        lines.append(
+            f"console, {console['cases']} cases, {console['seconds']} s: "
+            f"{console['cpu_share']:.1%} of a core, {console['memory_mb']} MB, "
+            f"{console['pictures_per_s']} pictures a second for one page"
         )
     if simulation := figures.get("simulation"):
         lines.append(f"{Path(simulation['campaign']).name}, {simulation['rounds']} runs of each:")

@@ -15,10 +15,11 @@ from typing import Any
 
 from twin.base.errors import UsageError
 
-MODES = ("none", "live", "frozen", "record")
-"""Modes of a run: nobody looks, a viewer does, it is frozen, every case is recorded."""
+MODES = ("none", "live", "frozen", "console", "record")
+"""Modes of a run: nobody looks, a viewer does, it is frozen, a page of the console does, every case
+is recorded."""
 
-SHARE_MIN = {"live": 0.95, "frozen": 0.99, "record": 0.90}
+SHARE_MIN = {"live": 0.95, "frozen": 0.99, "console": 0.98, "record": 0.90}
 """Targets: cases per minute relative to those with nobody [-]."""
 RECORDING_MAX_MB = 12.0
 """Target: the largest recording of a case [MB]."""
@@ -27,6 +28,7 @@ NAMES = {
     "none": "with nobody",
     "live": "with a viewer",
     "frozen": "with a frozen viewer",
+    "console": "with a page of the console",
     "record": "recorded",
 }
 

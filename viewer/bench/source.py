@@ -10,6 +10,7 @@ import json
 import math
 import sys
 import time
+from typing import Any
 
 import cv2
 import numpy as np
@@ -18,7 +19,8 @@ from schemas import SCHEMA_VERSION
 from schemas.messages import Detection, Lights
 from schemas.wire import topics
 from schemas.wire.codec import decode, encode
-from schemas.wire.control import Explain, Reply, Request
+from schemas.wire.control import Explain, Reply, Request, StatusRequest
+from schemas.wire.status import RunningCase
 from schemas.wire.view import (
     POINTS_MAX,
     UNNUMBERED,
@@ -37,6 +39,8 @@ from twin.fabric.zenoh_bus import open_bus
 CAMPAIGN = "bench"
 THUMBNAIL_HZ, CAMERA_HZ, LIDAR_HZ = 2, 10, 5
 """Rates of the view plane [Hz]."""
+WORKERS = 8
+"""Workers that have them."""
 PICTURES = 20
 """Different pictures that are shown in turn."""
 
@@ -83,11 +87,27 @@ def _picture(rng: np.random.Generator, width: int, height: int) -> bytes:
 
 def _answer(data: bytes, respond: Respond, cases: int) -> None:
     campaigns = {CAMPAIGN: {"cases": cases, "left": cases, "leased": cases}}
-    workers = [{"id": f"w{i}", "present": True, "held": cases // 8} for i in range(8)]
-    status = {"campaigns": campaigns, "workers": workers}
-    if isinstance(decode(data, Request), Explain):
+    workers = [{"id": f"w{i}", "present": True, "held": cases // WORKERS} for i in range(WORKERS)]
+    status: dict[str, Any] = {"campaigns": campaigns, "workers": workers}
+    request = decode(data, Request)
+    if isinstance(request, Explain):
         status = {"explain": ["is shown for a measurement"]}
+    elif isinstance(request, StatusRequest) and request.running:
+        status["running"] = [_lease(index) for index in range(cases)]
     respond(encode(Reply(v=SCHEMA_VERSION, epoch=1, status=status)))
+
+
+def _lease(index: int) -> RunningCase:
+    return {
+        "campaign": CAMPAIGN,
+        "case": case_name(index),
+        "worker": f"w{index % WORKERS}",
+        "host": "bench",
+        "attempt": 1,
+        "tick": 1,
+        "for_s": 1.0,
+        "by_hand": "",
+    }
 
 
 def _publish(bus: Bus, topic: topics.Topic, index: int, payload: bytes, more: bytes = b"") -> None:

@@ -117,6 +117,8 @@ def _serve(site: ShownSite, options: WebOptions, stop: StopSignal) -> None:
     with BrowserFront(options.port, site) as front:
         threading.Thread(target=front.serve_forever, name="front", daemon=True).start()
         _tell(front, options)
+        if site.console is not None:
+            threading.Thread(target=site.console.warm, name="warm", daemon=True).start()
         while not stop.wait(POLL_S):
             if site.live is not None and site.live.watch.error is not None:
                 break

@@ -5,6 +5,7 @@ The same function makes both, so a console that was written out shows what the s
 
 from __future__ import annotations
 
+import contextlib
 import json
 import subprocess
 import sys
@@ -14,7 +15,7 @@ from urllib.parse import unquote
 
 from schemas.files.rulebook_result import FILE_NAME as RULEBOOK_FILE
 from schemas.files.search_result import FILE_NAME as SEARCH_FILE
-from twin.base.errors import EXIT_FAILED, UsageError
+from twin.base.errors import EXIT_FAILED, TwinError, UsageError
 from viewer.console.case_page import case_page, film_of
 from viewer.console.overview import atlas_json, run_json, run_row, table_json
 from viewer.console.pictures import (
@@ -100,6 +101,13 @@ class ConsoleSite:
             "runs": rows,
             "verdict_words": verdict_words(),
         }
+
+    def warm(self) -> None:
+        """Read what the first page will ask for; what is wrong is told when it asks."""
+        for shown in list(self.runs.values()):
+            with contextlib.suppress(TwinError, OSError):
+                shown.table()
+                shown.recorded()
 
     def addresses(self) -> Iterator[str]:
         """Every address with a content, of what has ended; those of one case stand together."""

@@ -19,7 +19,7 @@ from schemas.escape import escape
 from schemas.wire.codec import ATTACHMENT_BYTES_MAX, WireError, decode
 from schemas.wire.status import CampaignStatus, ConductorStatus
 from schemas.wire.view import Thumbnail
-from twin.base.errors import TwinError
+from twin.base.errors import InfrastructureError, TwinError
 from twin.fabric.bus import Sample
 from twin.fabric.discovery import Target
 from viewer.console.overview import table_version
@@ -29,7 +29,7 @@ from viewer.console.shown_run import LiveFigures, LivePicture, ShownRun
 from viewer.console.site import ConsoleSite
 from viewer.console.stream import EventStream
 from viewer.console.table import ConsoleTable
-from viewer.live.link import ConductorEvent, Link, LinkEnded, Said, Status
+from viewer.live.link import ConductorEvent, Heard, Link, LinkEnded, Said, Status
 from viewer.live.pulse import sentence
 from viewer.live.renewal import Renewal
 from viewer.live.slots import LatestSlots
@@ -151,14 +151,39 @@ class LiveWatch:
                 self._pictures_s = now_s
                 self._tell_pictures(now_s)
 
+    def take(self, heard: Heard, now_s: float) -> None:
+        """Take in one thing that was heard.
+
+        Raises:
+            TwinError: waiting does not help any more.
+        """
+        match heard:
+            case Status(found):
+                self._status(found, now_s)
+            case ConductorEvent(fact):
+                self._fact(fact)
+            case Said(line):
+                self._say(line)
+                self._log("info", line)
+            case LinkEnded(error):
+                raise error
+
     def _run(self) -> None:
         while not self._stop.wait(TURN_S):
             try:
                 self.turn(time.monotonic())
             except TwinError as error:
-                self.error = error
-                self.stream.put("gone", {"error": str(error)})
+                self._end(error)
                 return
+            except Exception as error:
+                # Without this thread pages would stand still for ever and say nothing.
+                line = " ".join(str(error).split())
+                self._end(InfrastructureError(f"{type(error).__name__}: {line}"))
+                return
+
+    def _end(self, error: TwinError) -> None:
+        self.error = error
+        self.stream.put("gone", {"error": str(error)})
 
     def _hear(self, now_s: float) -> None:
         while True:
@@ -166,16 +191,7 @@ class LiveWatch:
                 heard = self._link.heard.get_nowait()
             except queue.Empty:
                 return
-            match heard:
-                case Status(found):
-                    self._status(found, now_s)
-                case ConductorEvent(fact):
-                    self._fact(fact)
-                case Said(line):
-                    self._say(line)
-                    self._log("info", line)
-                case LinkEnded(error):
-                    raise error
+            self.take(heard, now_s)
 
     def _silent(self) -> None:
         """Nobody knows what runs while the conductor is away."""
@@ -186,24 +202,25 @@ class LiveWatch:
         self.status, self.status_s = found, now_s
         for name in self._renewal.status(found):
             self._tokens = {key: t for key, t in self._tokens.items() if key[0] != name}
-        running: dict[str, set[str]] = {}
+        running: dict[str, dict[str, None]] = {}
         for lease in found.get("running", []):
-            running.setdefault(lease["campaign"], set()).add(lease["case"])
-        present = [worker for worker in found.get("workers", []) if worker["present"]]
+            running.setdefault(lease["campaign"], {})[lease["case"]] = None
+        present = [worker for worker in found.get("workers", []) if worker.get("present")]
         for name, row in list(found.get("campaigns", {}).items())[:CAMPAIGNS_MAX]:
             shown = self._known(name, row)
             shown.running = frozenset(running.get(name, ()))
-            for case in shown.running:
+            for case in running.get(name, ()):
                 shown.heard.leased(case)
+            cases, left = row.get("cases", 0), row.get("left", 0)
             if isinstance(shown.run, RemoteRun):
-                shown.run.complete = row["left"] == 0
+                shown.run.complete = left == 0
             pace = self._paces.setdefault(name, Throughput())
             shown.live = LiveFigures(
-                cases=row["cases"],
-                left=row["left"],
-                leased=row["leased"],
-                paused=row["paused"],
-                per_minute=pace.count(row["cases"] - row["left"], now_s),
+                cases=cases,
+                left=left,
+                leased=row.get("leased", 0),
+                paused=row.get("paused", False),
+                per_minute=pace.count(cases - left, now_s),
                 workers=len(present),
             )
         self.stream.put("workers", {"draining": found.get("draining", False)})
@@ -225,31 +242,37 @@ class LiveWatch:
         return shown
 
     def _fact(self, fact: Mapping[str, Any]) -> None:
+        try:
+            self._log_fact(fact)
+            self._case_fact(fact)
+        except (KeyError, TypeError, AttributeError, msgspec.ValidationError):
+            self.strangers += 1  # of another version: events are a courtesy
+
+    def _log_fact(self, fact: Mapping[str, Any]) -> None:
         text = sentence(fact)
         if text:
             level = {"case_ended": "error", "attempt_ended": "warn"}.get(str(fact["fact"]), "info")
             self._log(level, text)
+
+    def _case_fact(self, fact: Mapping[str, Any]) -> None:
         result = fact.get("result")
         campaign = str((result if isinstance(result, dict) else fact).get("campaign", ""))
         shown = self._runs.get(campaign)
         if shown is None:
             return
         charged = self.charged.setdefault(shown.run.id, {})
-        try:
-            match fact.get("fact"):
-                case "committed":
-                    assert isinstance(result, dict)
-                    shown.heard.committed(result, fact["worker"], fact["attempt"])
-                    charged.pop(result["case"], None)
-                case "case_ended":
-                    shown.heard.ended(fact["case"], fact["outcome"], fact["reason"])
-                    charged.pop(fact["case"], None)
-                case "attempt_ended" if fact["charged"]:
-                    charged[fact["case"]] = escape(fact.get("detail") or fact["reason"])
-                case "retried":
-                    shown.heard.waits_again(fact["case"])
-        except (KeyError, TypeError, msgspec.ValidationError):
-            self.strangers += 1  # events are a courtesy
+        match fact.get("fact"):
+            case "committed":
+                assert isinstance(result, dict)
+                shown.heard.committed(result, fact["worker"], fact["attempt"])
+                charged.pop(result["case"], None)
+            case "case_ended":
+                shown.heard.ended(fact["case"], fact["outcome"], fact["reason"])
+                charged.pop(fact["case"], None)
+            case "attempt_ended" if fact["charged"]:
+                charged[fact["case"]] = escape(fact.get("detail") or fact["reason"])
+            case "retried":
+                shown.heard.waits_again(fact["case"])
 
     def _thumbnail(self, sample: Sample, now_s: float) -> None:
         if not sample.key.endswith("/thumbnail") or len(sample.payload) > PICTURE_BYTES_MAX:

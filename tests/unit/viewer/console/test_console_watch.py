@@ -1,0 +1,208 @@
+"""What the conductor and the simulators say becomes tables, pictures and events."""
+
+import json
+
+import msgspec
+import pytest
+from unit.viewer.console.console_runs import CASES, a_run, ended, outcomes
+from view_messages import thumbnail
+
+from schemas.wire.codec import encode
+from twin.base.errors import UnreachableError
+from twin.fabric.bus import Sample
+from viewer.console.run_folder import find_runs
+from viewer.console.site import ConsoleSite
+from viewer.console.stream import EventStream
+from viewer.console.watch import PICTURE_BYTES_MAX, SILENCE_S, LiveWatch
+from viewer.live.link import ConductorEvent, LinkEnded, Said, Status
+
+
+class Heard:
+    """A watch that nobody speaks to but the test, and a page that follows it."""
+
+    def __init__(self, folder=None, follows=True):
+        self.site = ConsoleSite(find_runs(folder) if folder else [], keep=False)
+        self.stream = EventStream("e")
+        self.watch = LiveWatch(self.site, self._nowhere, self.stream, here=folder is not None)
+        self.stream.followers = int(follows)
+        self.now_s = 0.0
+        self._told = 0
+
+    def _nowhere(self):
+        raise UnreachableError("nobody is there")
+
+    def status(self, out="", running=(), **row):
+        campaign = {"out": str(out), "cases": 4, "left": 4, "leased": len(running), "paused": False}
+        leases = [{"campaign": "demo", "case": case, "worker": "w1"} for case in running]
+        found = {"campaigns": {"demo": campaign | row}, "workers": [], "running": leases}
+        self.watch.take(Status(found), self.now_s)
+
+    def fact(self, **fact):
+        self.watch.take(ConductorEvent(fact), self.now_s)
+
+    def committed(self, case, **result):
+        result = {"campaign": "demo", "case": case, **ended(**result)}
+        self.fact(fact="committed", result=result, worker="w1", attempt=1)
+
+    def picture(self, case, jpeg=b"jpeg", **changes):
+        sample = msgspec.structs.replace(thumbnail(case=case), **changes)
+        key = f"view/{sample.campaign}/{sample.case}/thumbnail"
+        self.watch.slots.put(Sample(key, jpeg, encode(sample)))
+
+    def events(self, kind):
+        """Events of a kind since the last question, after a turn half a minute later."""
+        self.now_s += 30.0
+        self.watch.status_s = self.now_s
+        self.watch.turn(self.now_s)
+        texts = [event.text.splitlines() for event in self.stream.wait(self._told, 0)]
+        self._told += len(texts)
+        return [json.loads(t[2][6:]) for t in texts if t[1] == f"event: {kind}".encode()]
+
+    def read(self, path):
+        return json.loads(self.site.answer(path).data)
+
+
+def test_a_campaign_without_a_folder_is_known_from_what_is_heard():
+    heard = Heard()
+    heard.status(running=["c1"])
+    assert heard.events("table") == [], "a page that comes asks for the table itself"
+    heard.picture("c2", weather="clear", model="m")
+    (event,) = heard.events("table")
+    assert event["reset"], "it has an axis that was not there"
+    heard.committed("c1", verdict="collision")
+    assert heard.events("table")[0]["reset"], "and columns"
+    heard.status(running=["c2", "c3"])
+    (event,) = heard.events("table")
+    assert event["cases"] == ["c3"]
+    assert event["rows"]["1"] == {"state": "running"}
+    table = heard.read("runs/demo/table.json")
+    assert table["cases"] == ["c1", "c2", "c3"]
+    assert table["columns"]["verdict"] == ["collision", None, None]
+    assert table["version"] == event["version"]
+    (row,) = heard.read("runs.json")["runs"]
+    assert (row["state"], row["cases"], row["done"]) == ("running", 4, 1)
+
+
+def test_a_folder_that_is_at_hand_is_the_campaigns(tmp_path):
+    run = a_run(tmp_path / "demo", recorded=())
+    outcomes(run, {case: {"outcome": ""} for case in CASES}, complete=False)
+    heard = Heard(run)
+    heard.status(out=run, running=CASES[:1])
+    heard.events("table")
+    heard.committed(CASES[0], verdict="collision")
+    assert len(heard.events("table")) == 1
+    assert heard.read("runs/demo/table.json")["columns"]["verdict"][0] == "collision"
+    # What the file says of the end counts, and what it does not say yet was heard.
+    rows = {CASES[0]: ended("pass"), **{case: {"outcome": ""} for case in CASES[1:]}}
+    outcomes(run, rows, complete=False)
+    heard.committed(CASES[1], verdict="collision")
+    columns = heard.read("runs/demo/table.json")["columns"]
+    assert columns["verdict"][:2] == ["pass", "collision"]
+    assert list(heard.site.runs) == ["demo"]
+
+
+def test_a_folder_is_not_believed_over_the_network(tmp_path):
+    run = a_run(tmp_path / "demo", recorded=())
+    heard = Heard()
+    heard.status(out=run)
+    assert heard.read("runs/demo/table.json")["cases"] == []
+
+
+def test_pictures_are_told_with_their_age():
+    heard = Heard()
+    heard.status(running=["c1", "c2"])
+    heard.events("picture")
+    heard.picture("c2", b"first", sim_time_ns=1_500_000_000)
+    (event,) = heard.events("picture")
+    assert event == {"run": "demo", "pictures": [[1, 1, 1.5, 0.0]]}
+    assert heard.site.answer("runs/demo/cases/c2/moment.webp").data == b"first"
+    assert heard.site.answer("runs/demo/cases/c2/moment.webp").media_type == "image/jpeg"
+    assert heard.events("picture") == []
+    assert heard.read("runs/demo/pictures/atlas.json")["has"] == [False, True]
+
+
+def test_an_attempt_that_is_over_shows_nothing_more():
+    heard = Heard()
+    heard.status(running=["c1"])
+    heard.picture("c1", b"second", token=9)
+    heard.events("picture")
+    heard.picture("c1", b"first", token=8)
+    assert heard.events("picture") == []
+    assert heard.site.answer("runs/demo/cases/c1/moment.webp").data == b"second"
+
+
+@pytest.mark.parametrize("change", ["campaign", "size", "bytes"])
+def test_what_no_campaign_sent_is_counted_or_left(change):
+    heard = Heard()
+    heard.status()
+    if change == "campaign":
+        heard.picture("c1", campaign="other")
+    elif change == "size":
+        heard.picture("c1", bytes(PICTURE_BYTES_MAX + 1))
+    else:
+        heard.watch.slots.put(Sample("view/demo/c1/thumbnail", b"jpeg", b"\xff"))
+    assert heard.events("picture") == []
+    assert heard.watch.strangers == (change != "campaign")
+    assert heard.read("runs/demo/table.json")["cases"] == []
+
+
+def test_facts_of_another_version_are_no_end_of_the_console():
+    heard = Heard()
+    heard.status(running=["c1"])
+    heard.fact(fact="committed", result={"campaign": "demo", "case": "c1", "outcome": 1})
+    heard.fact(
+        fact="committed",
+        result={"campaign": "demo", "verdict": "x", "reasons": [], "case": "c1", "scalars": 3},
+        worker="w",
+        attempt=1,
+    )
+    assert heard.watch.strangers == 2
+    assert heard.read("runs/demo/table.json")["columns"]["verdict"] == [None]
+
+
+def test_charged_cases_are_quarantined_until_they_end():
+    heard = Heard()
+    heard.status(running=["c1"])
+    attempt = {"campaign": "demo", "case": "c1", "token": 1, "reason": "rig_died"}
+    heard.fact(fact="attempt_ended", charged=False, detail="", **attempt)
+    assert heard.watch.charged["demo"] == {}
+    heard.fact(fact="attempt_ended", charged=True, detail="the rig \x1b[2Jdied", **attempt)
+    assert heard.watch.charged["demo"] == {"c1": "the rig \\x1b[2Jdied"}
+    heard.committed("c1")
+    assert heard.watch.charged["demo"] == {}
+
+
+def test_nothing_is_made_while_nobody_looks():
+    heard = Heard(follows=False)
+    heard.status(running=["c1"])
+    heard.picture("c1")
+    assert heard.events("table") == []
+    assert heard.events("picture") == []
+    assert heard.site.answer("runs/demo/cases/c1/moment.webp").data == b"jpeg"
+
+
+def test_a_silent_conductor_leaves_no_case_running():
+    heard = Heard()
+    heard.status(running=["c1"])
+    assert heard.read("runs/demo/table.json")["columns"]["state"] == ["running"]
+    heard.watch.turn(heard.now_s + SILENCE_S + 1)
+    assert heard.read("runs/demo/table.json")["columns"]["state"] == ["waiting"]
+    heard.watch.take(Said("connected to tcp/127.0.0.1:1"), 0.0)
+    heard.status(running=["c1"])
+    assert heard.read("runs/demo/table.json")["columns"]["state"] == ["running"]
+
+
+def test_lines_of_the_log_are_escaped():
+    heard = Heard()
+    heard.status()
+    heard.fact(
+        fact="case_ended", campaign="demo", case="c1", outcome="unresolved", reason="\x1b<b>"
+    )
+    (event,) = heard.events("log")
+    assert (event["level"], event["text"]) == ("error", "demo/c1 unresolved: \\x1b<b>")
+
+
+def test_waiting_that_does_not_help_ends_it():
+    heard = Heard()
+    with pytest.raises(UnreachableError):
+        heard.watch.take(LinkEnded(UnreachableError("no")), 0.0)
