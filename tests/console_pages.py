@@ -17,6 +17,8 @@ import pytest
 
 CHROMIUM = Path("/usr/bin/chromium")
 ARGUMENTS = ["--no-sandbox", "--disable-dev-shm-usage", "--disable-background-networking"]
+PATIENCE_MS = 120_000
+"""Drawing in software, on a machine with other work."""
 AXE_VERSION = "4.14.1"
 """Of axe-core (MPL-2.0), which a test fetches by npm into a folder of its own."""
 
@@ -38,7 +40,7 @@ class OpenedPages:
         )
         context.grant_permissions([])
         page = context.new_page()
-        page.set_default_timeout(60_000)
+        page.set_default_timeout(PATIENCE_MS)
         page.on("request", lambda request: self.asked.append(request.url))
         page.on("pageerror", lambda error: self.said.append(f"error: {error}"))
         page.on("console", lambda message: self.said.append(f"{message.type}: {message.text}"))

@@ -404,6 +404,15 @@ def bench_command(
     console: Annotated[
         int, typer.Option(min=0, max=1000, help="Synthetic cases of the console; 0: none.")
     ] = 256,
+    page: Annotated[
+        int,
+        typer.Option(
+            min=0,
+            max=20_480,
+            help="Measure the console's page with so many cases in Chromium (the targets are for "
+            "10240); 0: not.",
+        ),
+    ] = 0,
     seconds: Annotated[float, duration("How long each of them is measured; 0: not [s].")] = 60.0,
     campaign: Annotated[
         str | None,
@@ -430,7 +439,7 @@ def bench_command(
     if campaign is None:
         campaign, simulate = str(CAMPAIGN), simulate or SIMULATED
     options = BenchOptions(
-        *(cases, focus, console, seconds, campaign, rounds, simulate, workers, slots, device)
+        *(cases, focus, console, seconds, campaign, rounds, simulate, workers, slots, device, page)
     )
     raise typer.Exit(bench(options, as_json=output is Output.json, check=check))
 

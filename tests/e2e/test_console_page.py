@@ -11,13 +11,22 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from console_pages import CHROMIUM, OpenedPages, axe_source, chromium, file_server, findings
+from console_pages import (
+    CHROMIUM,
+    PATIENCE_MS,
+    OpenedPages,
+    axe_source,
+    chromium,
+    file_server,
+    findings,
+)
 
 from viewer.bench.console_site import AXES, HOSTILE, PER_STRIP, made_case, write_site
 
 sync_api = pytest.importorskip("playwright.sync_api", reason="install the package 'playwright'")
 # The page's security policy forbids eval, so wait with `expect`, not with `wait_for_function`.
 expect = sync_api.expect
+expect.set_options(timeout=PATIENCE_MS)
 
 pytestmark = pytest.mark.skipif(
     not CHROMIUM.exists(), reason="no browser: install the Debian package 'chromium'"

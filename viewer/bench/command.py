@@ -25,6 +25,7 @@ from twin.base.errors import EXIT_FAILED, EXIT_PASS, InfrastructureError, UsageE
 from twin.base.process import end, last_lines, spawn
 from twin.fabric.discovery import FILE_NAME as CONDUCTOR_FILE
 from viewer.bench import compare as bench_compare
+from viewer.bench import in_browser
 from viewer.bench.compare import MODES, CampaignRun, compare, window
 from viewer.bench.course import CampaignCourse
 from viewer.recording import naming
@@ -71,6 +72,8 @@ class BenchOptions:
     workers: int | None = None
     slots: int = 1
     device: str = "cpu"
+    page: int = 0
+    """Cases of the console's page that is measured in a browser; 0: it is not."""
 
 
 def bench(options: BenchOptions, *, as_json: bool, check: bool) -> int:
@@ -82,6 +85,8 @@ def bench(options: BenchOptions, *, as_json: bool, check: bool) -> int:
         figures["viewer"] = measure_viewer(options)
     if options.seconds and options.console:
         figures["console"] = measure_console(options)
+    if options.page:
+        figures["page"] = in_browser.measure_page(options.page)
     if options.rounds:
         figures["simulation"] = measure_simulation(options)
     missed = misses(figures)
@@ -170,6 +175,8 @@ def misses(found: dict[str, Any]) -> list[str]:
             )
         if not console["pictures_per_s"]:
             missed.append("console: the page was given no picture")
+    if page := found.get("page"):
+        missed += in_browser.misses(page)
     if simulation := found.get("simulation"):
         missed += bench_compare.misses(simulation)
     return missed
@@ -342,6 +349,8 @@ def _lines(figures: dict[str, Any]) -> list[str]:
             f"{console['cpu_share']:.1%} of a core, {console['memory_mb']} MB, "
             f"{console['pictures_per_s']} pictures a second for one page"
         )
+    if page := figures.get("page"):
+        lines += in_browser.lines(page)
     if simulation := figures.get("simulation"):
         lines.append(f"{Path(simulation['campaign']).name}, {simulation['rounds']} runs of each:")
         lines += [f"  {line}" for line in bench_compare.lines(simulation)]

@@ -8,7 +8,12 @@ import type { Table } from "./table";
 import { plain, text } from "./words";
 
 const ROW_PX = 30;
-const MORE = 8;
+const MORE = 4;
+/** Widths are given, so that other texts move nothing [px]. */
+const CASE_PX = 300;
+const VERDICT_PX = 150;
+const WHY_PX = 380;
+const COLUMN_PX = 150;
 
 interface Inputs {
   table: Table;
@@ -47,7 +52,12 @@ export function Rows({ table, order, active, chosen, sort, onActive, onChoose, o
   };
   return (
     <div ref={frame} class="rows" tabIndex={0} role="region" aria-label="Cases as rows; arrows move, Enter opens, space selects" onScroll={() => setTop(frame.current!.scrollTop)} onKeyDown={move}>
-      <table aria-rowcount={order.length + 1}>
+      <table aria-rowcount={order.length + 1} style={{ width: `${CASE_PX + VERDICT_PX + WHY_PX + columns.length * COLUMN_PX}px` }}>
+        <colgroup>
+          {[CASE_PX, VERDICT_PX, WHY_PX, ...columns.map(() => COLUMN_PX)].map((width, at) => (
+            <col key={at} style={{ width: `${width}px` }} />
+          ))}
+        </colgroup>
         <thead>
           <tr aria-rowindex={1}>
             <Title name="case" title="case" sort={sort} />
@@ -61,12 +71,13 @@ export function Rows({ table, order, active, chosen, sort, onActive, onChoose, o
         <tbody>
           <tr class="pad" style={{ height: `${from * ROW_PX}px` }} aria-hidden="true" />
           {order.slice(from, to).map((index, at) => (
-            <tr key={index} aria-rowindex={from + at + 2} class={`${index === active ? "active" : ""} ${chosen.has(index) ? "chosen" : ""}`} onClick={() => onActive(index)} onDblClick={() => onOpen(index)}>
-              <th scope="row">{table.cases[index]}</th>
+            // Elements stay where they are and get other texts, which is cheaper than other elements.
+            <tr key={at} aria-rowindex={from + at + 2} class={`${index === active ? "active" : ""} ${chosen.has(index) ? "chosen" : ""}`} onClick={() => onActive(index)} onDblClick={() => onOpen(index)}>
+              <th scope="row" title={table.cases[index]}>{table.cases[index]}</th>
               <td>
                 <Chip verdict={table.verdict(index)} />
               </td>
-              <td class="why">{text(table.value("reason", index))}</td>
+              <td title={text(table.value("reason", index))}>{text(table.value("reason", index))}</td>
               {columns.map((column) => {
                 const value = table.value(column.name, index);
                 return (

@@ -2,7 +2,7 @@
 import { type Atlas, file } from "./data";
 
 /** Most pixels that are kept of pictures; four bytes each. */
-const PIXELS_MAX = 16e6;
+const PIXELS_MAX = 12e6;
 /** Pictures on their way at once. */
 const LOADS_MAX = 6;
 /** From this width of a tile on a case has a picture of its own [px of the screen]. */
@@ -31,6 +31,19 @@ interface Wish {
   url: string;
   /** Width to which it is made smaller [px]; 0: as it is. */
   width: number;
+}
+
+/** What a bitmap is made of. A blob leaves nothing in the browser's caches of decoded pictures; from a disk it is refused. */
+async function source(url: string): Promise<ImageBitmapSource> {
+  if (location.protocol !== "file:") {
+    const answer = await fetch(url);
+    if (!answer.ok) throw new Error(String(answer.status));
+    return answer.blob();
+  }
+  const image = new Image();
+  image.src = url;
+  await image.decode();
+  return image;
 }
 
 export class Thumbs {
@@ -148,11 +161,8 @@ export class Thumbs {
     this.kept.set(wish.key, kept);
     this.loading++;
     try {
-      const image = new Image();
-      image.src = wish.url;
-      await image.decode();
-      const smaller = wish.width && wish.width < image.naturalWidth;
-      kept.image = await createImageBitmap(image, smaller ? { resizeWidth: wish.width, resizeQuality: "medium" } : {});
+      const resize: ImageBitmapOptions = wish.width ? { resizeWidth: wish.width, resizeQuality: "medium" } : {};
+      kept.image = await createImageBitmap(await source(wish.url), resize);
       this.pixels += kept.image.width * kept.image.height;
       if (this.kept.get(wish.key) !== kept) this.drop(wish.key, kept); // nobody wants it any more
     } catch {
