@@ -41,6 +41,8 @@ SIMULATED = 32
 
 WAIT_S = 120
 """Longest time until a campaign's conductor is there [s]."""
+FIRST_S = 60.0
+"""Longest time until a page is given its first picture [s]."""
 LOOK_S = 0.1
 """Time between two looks at a campaign's progress [s]."""
 
@@ -130,6 +132,7 @@ def measure_console(options: BenchOptions) -> dict[str, Any]:
     with _source(options.console) as endpoint, _console("--connect", endpoint, "--insecure") as web:
         process = psutil.Process(web.child.pid)
         with _page(web.url) as page:
+            page.wait()
             time.sleep(WARM_UP_S)
             before, begun_s, seen = process.cpu_times(), time.monotonic(), page.pictures
             time.sleep(options.seconds)
@@ -271,6 +274,18 @@ class SeenPictures:
         """Pictures that it was given."""
         self._child = child
         threading.Thread(target=self._read, name="page", daemon=True).start()
+
+    def wait(self) -> None:
+        """Wait for the first picture.
+
+        Raises:
+            InfrastructureError: none comes.
+        """
+        until_s = time.monotonic() + FIRST_S
+        while not self.pictures:
+            if time.monotonic() > until_s or self._child.poll() is not None:
+                raise InfrastructureError("the page is given no picture by viewer web")
+            time.sleep(LOOK_S)
 
     def _read(self) -> None:
         assert self._child.stdout is not None

@@ -30,6 +30,10 @@ def viewer(**changes):
     return {"viewer": {"cpu_share": 0.25, "memory_last_mb": 600.0, **changes}}
 
 
+def console(**changes):
+    return {"console": {"cpu_share": 0.15, "pictures_per_s": 1.0, **changes}}
+
+
 def runs(mode, *walls, cpu=None, **changes):
     """Runs of 10 cases that took so many seconds of wall time, and of one core unless said."""
     recorded = (4.0,) * 10 if mode == "record" else ()
@@ -47,7 +51,7 @@ def simulation(**changes):
 
 def test_exactly_at_the_targets_nothing_is_missed():
     slower = {mode: runs(mode, *[100 / least] * 2) for mode, least in SHARE_MIN.items()}
-    assert misses({**viewer(), **simulation(**slower)}) == []
+    assert misses({**viewer(), **console(), **simulation(**slower)}) == []
     assert misses(simulation(record=runs("record", 100.0, recordings_mb=(12.0,) * 10))) == []
 
 
@@ -56,6 +60,9 @@ def test_exactly_at_the_targets_nothing_is_missed():
     [
         (viewer(cpu_share=0.26), "26% of a core"),
         (viewer(memory_last_mb=600.1), "600.1 MB"),
+        (console(cpu_share=0.16), "console: 16% of a core"),
+        (console(pictures_per_s=0.0), "was given no picture"),
+        (simulation(console=runs("console", 103.0, 103.0, cpu=100)), "of the console: 97.1%"),
         (
             simulation(live=runs("live", 106.0, 106.0, cpu=100)),
             "a viewer: 94.3% of the cases per minute",
@@ -89,7 +96,7 @@ def test_processor_time_tells_where_the_clock_cannot():
         CampaignRun(10, CampaignWindow(10, wall, 50.0), "same", (4.0,) * 10)
         for wall in (110.0, 220.0)
     ]
-    [missed] = misses(simulation(none=loud, live=loud, frozen=loud, record=dear))
+    [missed] = misses(simulation(none=loud, live=loud, frozen=loud, console=loud, record=dear))
     assert "recorded: 90.9% of the cases per minute (noise 100.0%), 80.0% of those" in missed
 
 
@@ -162,9 +169,12 @@ def test_every_synthetic_case_is_sent():
 
 def test_synthetic_cases_are_measured(capsys, monkeypatch):
     monkeypatch.setattr("viewer.bench.command.WARM_UP_S", 0.5)
-    options = BenchOptions(cases=4, focus=1, seconds=0.5, rounds=0)
+    options = BenchOptions(cases=4, focus=1, console=4, seconds=0.5, rounds=0)
     assert bench(options, as_json=True, check=False) == 0
-    found = json.loads(capsys.readouterr().out)["viewer"]
+    figures = json.loads(capsys.readouterr().out)
+    assert figures["console"]["cases"] == 4
+    assert figures["console"]["memory_mb"] > 20
+    found = figures["viewer"]
     assert found["cases"] == 4
     assert found["in_full"] == 1
     assert found["cpu_share"] >= 0
