@@ -6,6 +6,7 @@ import io
 from typing import Any
 
 import msgspec
+import pyarrow as pa
 import pyarrow.parquet as pq
 
 from schemas.files.regular_file import open_below
@@ -71,8 +72,12 @@ def _table(run: RunFolder) -> dict[str, list[dict[str, Any]]] | None:
         data = run.read(TABLE_FILE, TABLE_BYTES_MAX)
         parquet = pq.ParquetFile(io.BytesIO(data))
         names = [name for name in _COLUMNS if name in parquet.schema_arrow.names]
-        rows = parquet.read(columns=names).to_pylist()
-    except (OSError, ValueError):
+        table = parquet.read(columns=names)
+        place = table.schema.get_field_index("time_ns")
+        # A timestamp would become an object of pandas.
+        times = table.column("time_ns").cast(pa.int64())
+        rows = table.set_column(place, "time_ns", times).to_pylist()
+    except (OSError, ValueError, KeyError):
         return None
     by_worker: dict[str, list[dict[str, Any]]] = {}
     for row in rows:

@@ -9,6 +9,7 @@ import contextlib
 import json
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator
 from typing import Any
 from urllib.parse import unquote
@@ -29,6 +30,7 @@ from viewer.console.pictures import (
     sheet,
     strip,
 )
+from viewer.console.resources import resources_of
 from viewer.console.run_folder import RunFolder
 from viewer.console.series import case_series
 from viewer.console.shown_run import JPEG, JSON, WEBP, ShownRun, SiteAnswer, as_json, component
@@ -39,6 +41,11 @@ FILE_BYTES_MAX = 256 << 20
 """Largest search or rulebook file that is passed on [bytes]."""
 COMPARE_S = 600.0
 """Longest time a comparison may take [s]."""
+
+
+COMPARISONS_MAX = 2
+"""Comparisons that are made at the same time; further ones wait."""
+_COMPARING = threading.BoundedSemaphore(COMPARISONS_MAX)
 
 
 class ConsoleSite:
@@ -114,7 +121,8 @@ class ConsoleSite:
         yield "runs.json"
         for run in self.runs.values():
             base = f"runs/{component(run.run.id)}"
-            yield from (f"{base}/run.json", f"{base}/table.json", f"{base}/pictures/atlas.json")
+            yield from (f"{base}/run.json", f"{base}/table.json", f"{base}/workers.json")
+            yield f"{base}/pictures/atlas.json"
             for name in (SEARCH_FILE, RULEBOOK_FILE):
                 if (run.run.folder / name).is_file():
                     yield f"{base}/{name}"
@@ -145,6 +153,8 @@ class ConsoleSite:
                 return as_json(run_json(shown))
             case ["table.json"]:
                 return shown.kept("table", lambda: table_json(shown))
+            case ["workers.json"]:
+                return as_json(idle_workers(shown))
             case ["search.json"]:
                 return _passed_on(shown, SEARCH_FILE)
             case ["rulebook.json"]:
@@ -249,9 +259,24 @@ def _passed_on(shown: ShownRun, name: str) -> SiteAnswer:
         raise UsageError(f"{shown.run.id}: {name} is damaged: {error}") from None
 
 
+def idle_workers(shown: ShownRun) -> dict[str, Any]:
+    """``workers.json`` where no conductor is listened to: what its workers used, and no leases."""
+    return {
+        "age_s": None,
+        "draining": False,
+        "storage_error": None,
+        **{name: [] for name in ("workers", "leases", "notes", "hosts", "quarantine")},
+        "resources": resources_of(shown.run),
+    }
+
+
 def _compared(folders: list[str]) -> bytes:
     command = [sys.executable, "-m", "conductor", "compare", *folders, "--output", "json"]
-    done = subprocess.run(command, capture_output=True, timeout=COMPARE_S, check=False)
+    try:
+        with _COMPARING:
+            done = subprocess.run(command, capture_output=True, timeout=COMPARE_S, check=False)
+    except subprocess.TimeoutExpired:
+        raise UsageError(f"conductor compare takes more than {COMPARE_S:g} s; run it") from None
     if done.returncode not in (0, EXIT_FAILED):
         lines = done.stderr.decode(errors="replace").strip().splitlines()
         raise UsageError(lines[-1] if lines else f"conductor compare: exit code {done.returncode}")
