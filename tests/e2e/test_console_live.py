@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from console_pages import (
+from browser_pages import (
     CHROMIUM,
     PATIENCE_MS,
     LiveSite,

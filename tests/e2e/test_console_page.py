@@ -11,7 +11,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from console_pages import (
+from browser_pages import (
     CHROMIUM,
     PATIENCE_MS,
     OpenedPages,
@@ -49,6 +49,7 @@ VIEWS = {
     "rows": f"#/run/{RUN}/wall?as=rows&at={WORST}",
     "case": f"#/run/{RUN}/case/{WORST}?t=5",
     "beside": f"#/run/{RUN}/case/{WORST}/beside/{RUN}/{COLLISIONS[1].name}",
+    "workers": f"#/run/{RUN}/workers",
     "lost": "#/nowhere",
 }
 
@@ -91,17 +92,24 @@ def coarse(picture: np.ndarray) -> np.ndarray:
 
 def ready(page: Any, view: str) -> None:
     """Wait until a view shows what it has."""
-    heads = {"runs": "Campaigns", "run": RUN, "beside": "Side by side", "lost": "No such view"}
+    heads = {
+        "runs": "Campaigns",
+        "run": RUN,
+        "beside": "Side by side",
+        "workers": "Workers",
+        "lost": "No such view",
+    }
     if view in heads:
         expect(page.locator("main h1")).to_contain_text(heads[view])
     if view in ("wall", "heat"):
         expect(page.locator(".frame canvas")).to_have_attribute("data-tiles", re.compile(r"[1-9]"))
     if view == "rows":
         expect(page.locator(".rows tbody th").first).to_have_text(WORST)
+    if view in ("case", "beside", "workers"):
+        expect(page.locator(".plot .main-svg").first).to_be_attached()
     if view in ("case", "beside"):
         film = page.locator(".film canvas").first
         expect(film).to_have_attribute("data-frame", re.compile(r"\d"))
-        expect(page.locator(".plot .main-svg").first).to_be_attached()
 
 
 def test_a_new_user_finds_the_worst_case_and_the_command_that_repeats_it(pages, site):

@@ -73,6 +73,18 @@ COLUMNS = [
         )
     ),
 ]
+WORKERS = {
+    "age_s": None,
+    "draining": False,
+    "storage_error": None,
+    "workers": [],
+    "leases": [],
+    "notes": [],
+    "hosts": [],
+    "quarantine": [],
+    "resources": {"worker-1": {"t": [0, 5, 10, 15], "cpu_cores": [0.9, 1.0, 0.8, 1.0]}},
+}
+"""``workers.json`` of a campaign that has ended."""
 HOSTILE = "<img src=x onerror=alert(1)> </script><b>&amp;"
 """Text of a stack that wants to be markup."""
 
@@ -351,6 +363,7 @@ def write_site(
     }
     write(f"runs/{run}/run.json", info)
     write(f"runs/{run}/table.json", table_of(cases))
+    write(f"runs/{run}/workers.json", WORKERS)
     write(
         f"runs/{run}/pictures/atlas.json",
         {"sizes": SIZES, "per_atlas": PER_ATLAS, "has": [bool(c.verdict) for c in cases]},

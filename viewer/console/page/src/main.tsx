@@ -73,7 +73,7 @@ function Head({ route, isLive, single }: { route: Route; isLive: boolean; single
     ? [
         [toRun(run), "Summary", view === "run"],
         [toWall(run), "Wall", view === "wall"],
-        ...(isLive ? [[address(["run", run, "workers"]), "Workers", view === "workers"] as [string, string, boolean]] : []),
+        [address(["run", run, "workers"]), "Workers", view === "workers"],
       ]
     : [];
   return (

@@ -2,7 +2,7 @@
 import type { JSX } from "preact";
 import { useMemo } from "preact/hooks";
 import { actsOnRun, Acts, mayAct } from "./acts";
-import { type RunSummary, type Runs, STATIC } from "./data";
+import type { RunSummary, Runs } from "./data";
 import { byRank, Chip, Command, Figure, Icon, kinds, Shares, Waiting, wordsOf } from "./parts";
 import { address, toCase, toRun, toWall } from "./route";
 import { ordered, WORST } from "./table";
@@ -165,11 +165,9 @@ export function RunView({ run, runs }: { run: string; runs: Runs }): JSX.Element
       <Figure title="More">
         <ul class="plain">
           {Object.entries(info.links ?? {}).map(([name, link]) => link !== null && Own({ run, name, link }))}
-          {!STATIC && (
-            <li>
-              <a href={address(["run", run, "workers"])}>Workers, leases and quarantine</a>
-            </li>
-          )}
+          <li>
+            <a href={address(["run", run, "workers"])}>Workers, leases, resources</a>
+          </li>
           {groupsOf(info.axes.filter((axis) => axis.values.length > 1).map((axis) => axis.name)).map(([a, b]) => (
             <li key={`${a},${b}`}>
               <a href={toWall(run, [["group", `${a},${b}`]])}>

@@ -21,9 +21,10 @@ export function WorkersView({ run, runs }: { run: string; runs: Runs }): JSX.Ele
   const [lines, setLines] = useState<LogLine[]>([]);
   const { data: state, error } = useData<Workers>(`runs/${run}/workers.json`, again);
   useEffect(() => {
+    if (!runs.live) return;
     const timer = setInterval(() => document.visibilityState === "visible" && setAgain((n) => n + 1), ASK_MS);
     return () => clearInterval(timer);
-  }, []);
+  }, [runs.live]);
   useEvents("log", (line) => setLines((before) => [...before, line].slice(-LINES_MAX)));
   useEvents("hello", (event) => setLines(event.log ?? []));
   const summary = runs.runs.find((one) => one.id === run);
@@ -36,9 +37,10 @@ export function WorkersView({ run, runs }: { run: string; runs: Runs }): JSX.Ele
       </h1>
       <Alarms state={state} />
       {operates && <Acts label="Campaign" acts={actsOnRun(run, summary?.paused ?? false)} />}
-      <WorkersTable run={run} state={state} operates={operates} />
-      <Leases run={run} leases={state.leases} />
-      <Figure title="Quarantine">
+      {runs.live && <WorkersTable run={run} state={state} operates={operates} />}
+      {runs.live && <Leases run={run} leases={state.leases} />}
+      {!runs.live && Object.keys(state.resources).length === 0 && <p class="dim">No worker wrote down what it used.</p>}
+      {runs.live && <Figure title="Quarantine">
         {state.quarantine.length === 0 && <p class="dim">No case is charged with a failure.</p>}
         {state.quarantine.map((one) => (
           <div key={one.case} class="box alarm">
@@ -51,13 +53,13 @@ export function WorkersView({ run, runs }: { run: string; runs: Runs }): JSX.Ele
             </pre>
           </div>
         ))}
-      </Figure>
+      </Figure>}
       <Resources resources={state.resources} />
-      <Figure title="What the conductor says">
+      {runs.live && <Figure title="What the conductor says">
         <pre tabIndex={0} class="log" aria-label="Lines of the conductor">
           {lines.map((line) => line.text).join("\n") || "Nothing yet."}
         </pre>
-      </Figure>
+      </Figure>}
     </>
   );
 }

@@ -27,7 +27,7 @@ class OpenedPages:
     """Pages of one test, and what went wrong on them."""
 
     def __init__(self, browser: Any) -> None:
-        self._browser = browser
+        self.browser = browser
         self.asked: list[str] = []
         self.said: list[str] = []
         self.allowed: list[str] = []
@@ -35,7 +35,7 @@ class OpenedPages:
 
     def open(self, url: str, *, width: int = 1280, height: int = 800, theme: str = "light") -> Any:
         """A page of a window of its own."""
-        context = self._browser.new_context(
+        context = self.browser.new_context(
             viewport={"width": width, "height": height}, color_scheme=theme, reduced_motion="reduce"
         )
         context.grant_permissions([])
