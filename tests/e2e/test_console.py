@@ -98,6 +98,40 @@ def test_who_may_look_and_who_may_operate(marked, tmp_path):
     ended(seen, kept, conductor)
 
 
+def test_mistakes_are_one_line(marked, quiet, tmp_path):
+    run, full = str(quiet["folder"]), tmp_path / "full"
+    full.mkdir()
+    (full / "x").touch()
+    done = [
+        (marked.start("viewer", "web", *arguments), words)
+        for arguments, words in [
+            ([run, "--recordings"], "belongs to --static"),
+            (["--run", run, "--static", str(tmp_path / "out")], "viewer web DIR --static OUT"),
+            ([run, "case", "--static", str(tmp_path / "out")], "viewer web DIR --static OUT"),
+            ([run, "--static", str(full)], "not empty"),
+            ([run, "--static", f"{run}/static"], "lies in the run"),
+            ([run, "--case", "x"], "--case is for running cases"),
+        ]
+    ]
+    for child, words in done:
+        _, err = child.communicate(timeout=PATIENCE_S)
+        assert child.returncode == 2, err
+        assert words in err
+        assert len(err.splitlines()) == 1
+
+
+def test_a_run_that_has_ended_is_shown_as_one(marked, quiet):
+    """Also where somebody still asks for what runs."""
+    child, url = console(marked, "--run", str(quiet["folder"]))
+    page = ConsolePage(url, "x")
+    found = page.data("runs.json")
+    assert (found["live"], found["roles"]) == (False, "look")
+    assert [row["state"] for row in found["runs"]] == ["finished"]
+    assert page.token == "", "there is nothing to operate"
+    ended(child)
+    assert child.returncode == 0
+
+
 def paused(marked, state):
     """Whether the conductor says so."""
     status = marked.run("conductor", "status", "--state", str(state), "--output", "json")

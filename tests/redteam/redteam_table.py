@@ -7,7 +7,15 @@ import importlib
 from attacks import ATTACKS, Attack, Found
 
 MODULES = (
-    *("stack_rows", "stranger_rows", "member_rows", "route_rows", "run_rows", "input_rows"),
+    *(
+        "stack_rows",
+        "stranger_rows",
+        "member_rows",
+        "route_rows",
+        "console_rows",
+        "run_rows",
+        "input_rows",
+    ),
     *("scenario_rows", "recording_rows", "certificate_rows", "ros2_rows"),
 )
 BEGIN, END = "<!-- redteam: begin -->", "<!-- redteam: end -->"

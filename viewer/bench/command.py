@@ -26,6 +26,7 @@ from twin.base.process import end, last_lines, spawn
 from twin.fabric.discovery import FILE_NAME as CONDUCTOR_FILE
 from viewer.bench import compare as bench_compare
 from viewer.bench import in_browser
+from viewer.bench import table as bench_table
 from viewer.bench.compare import MODES, CampaignRun, compare, window
 from viewer.bench.course import CampaignCourse
 from viewer.recording import naming
@@ -48,6 +49,12 @@ LOOK_S = 0.1
 
 CPU_MAX = 0.25
 """Target: the viewer process takes at most this share of a core [-]."""
+LAG_MAX_S = 2.0
+"""Target: a picture is on a page so long after it came to the console, at most [s]."""
+TABLE_MAX_S = 1.5
+"""Target: list, campaign and table of a finished campaign take so much processor time [s]."""
+TABLE_MEMORY_MAX_MB = 400.0
+"""Target: and take at most so much memory [MB]."""
 CONSOLE_CPU_MAX = 0.15
 """Target: the console takes at most this share of a core [-]."""
 MEMORY_MAX_MB = 600.0
@@ -63,6 +70,8 @@ class BenchOptions:
     """Cases of these in full."""
     console: int = 256
     """Synthetic live cases that a page of the console looks at; 0: it is not measured."""
+    ended: int = 10_240
+    """Cases of a finished campaign that the console tells of; 0: none."""
     seconds: float = 60.0
     """Time for which the viewer is measured; 0: not at all [s]."""
     campaign: str = str(CAMPAIGN)
@@ -89,6 +98,8 @@ def bench(options: BenchOptions, *, as_json: bool, check: bool) -> int:
         figures["console"] = measure_console(options)
     if options.page:
         figures["page"] = in_browser.measure_page(options.page)
+    if options.seconds and options.ended:
+        figures["table"] = measure_table(options)
     if options.rounds:
         figures["simulation"] = measure_simulation(options)
     missed = misses(figures)
@@ -134,6 +145,7 @@ def measure_console(options: BenchOptions) -> dict[str, Any]:
         with _page(web.url) as page:
             page.wait()
             time.sleep(WARM_UP_S)
+            page.lags_s.clear()
             before, begun_s, seen = process.cpu_times(), time.monotonic(), page.pictures
             time.sleep(options.seconds)
             after, wall_s = process.cpu_times(), time.monotonic() - begun_s
@@ -146,7 +158,24 @@ def measure_console(options: BenchOptions) -> dict[str, Any]:
         "cpu_share": round(used_s / wall_s, 4),
         "memory_mb": round(memory_mb, 1),
         "pictures_per_s": round(seen / wall_s, 1),
+        "lag_max_s": max(page.lags_s, default=0.0),
     }
+
+
+def measure_table(options: BenchOptions) -> dict[str, Any]:
+    """How long the console takes to tell of a finished campaign, and its memory."""
+    with tempfile.TemporaryFile() as log:
+        command = [sys.executable, "-m", "viewer.bench.table", str(options.ended)]
+        child = spawn(command, log=log, pipe_output=True)
+        try:
+            assert child.stdout is not None
+            text = child.stdout.readline()
+            if not text:
+                raise InfrastructureError(f"a finished campaign: {last_lines(log)}")
+            found: dict[str, Any] = json.loads(text)
+            return found
+        finally:
+            end(child)
 
 
 def measure_simulation(options: BenchOptions) -> dict[str, Any]:
@@ -176,10 +205,19 @@ def misses(found: dict[str, Any]) -> list[str]:
             missed.append(
                 f"console: {console['cpu_share']:.0%} of a core, at most {CONSOLE_CPU_MAX:.0%}"
             )
+        if console["lag_max_s"] > LAG_MAX_S:
+            missed.append(f"console: pictures lag {console['lag_max_s']} s, at most {LAG_MAX_S:g}")
         if not console["pictures_per_s"]:
             missed.append("console: the page was given no picture")
     if page := found.get("page"):
         missed += in_browser.misses(page)
+    if table := found.get("table"):
+        if table["first_cpu_s"] > TABLE_MAX_S:
+            cpu = f"{table['first_cpu_s']} s of a processor, at most {TABLE_MAX_S:g} s"
+            missed.append(f"console: its table in {cpu}")
+        if table["memory_mb"] > TABLE_MEMORY_MAX_MB:
+            memory = f"{table['memory_mb']} MB, at most {TABLE_MEMORY_MAX_MB:.0f}"
+            missed.append(f"console: {table['cases']} cases take {memory}")
     if simulation := found.get("simulation"):
         missed += bench_compare.misses(simulation)
     return missed
@@ -272,6 +310,8 @@ class SeenPictures:
     def __init__(self, child: subprocess.Popen[bytes]) -> None:
         self.pictures = 0
         """Pictures that it was given."""
+        self.lags_s: list[float] = []
+        """Of each second, the longest time from a picture's coming to the console to the page."""
         self._child = child
         threading.Thread(target=self._read, name="page", daemon=True).start()
 
@@ -290,7 +330,9 @@ class SeenPictures:
     def _read(self) -> None:
         assert self._child.stdout is not None
         for line in self._child.stdout:
-            self.pictures = json.loads(line)["pictures"]
+            said = json.loads(line)
+            self.pictures = said["pictures"]
+            self.lags_s.append(said["lag_s"])
 
 
 @contextmanager
@@ -362,10 +404,13 @@ def _lines(figures: dict[str, Any]) -> list[str]:
         lines.append(
             f"console, {console['cases']} cases, {console['seconds']} s: "
             f"{console['cpu_share']:.1%} of a core, {console['memory_mb']} MB, "
-            f"{console['pictures_per_s']} pictures a second for one page"
+            f"{console['pictures_per_s']} pictures a second for one page, at most "
+            f"{console['lag_max_s']} s after they came"
         )
     if page := figures.get("page"):
         lines += in_browser.lines(page)
+    if table := figures.get("table"):
+        lines.append(bench_table.line(table))
     if simulation := figures.get("simulation"):
         lines.append(f"{Path(simulation['campaign']).name}, {simulation['rounds']} runs of each:")
         lines += [f"  {line}" for line in bench_compare.lines(simulation)]

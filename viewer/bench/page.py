@@ -53,10 +53,13 @@ class _Page:
     def __init__(self, address: str, base: str) -> None:
         self._address, self._base = address, base
         self._cases: list[str] = []
-        self._waiting: dict[int, int] = {}
+        self._waiting: dict[int, tuple[int, float]] = {}
+        """Place of a case -> number of its picture, and when the console got it."""
         self._change = threading.Condition()
         self._line = http.client.HTTPConnection(address, timeout=PATIENCE_S)
         self.seen = 0
+        self.lag_s = 0.0
+        """Longest time from a picture's coming to the console to its being here [s]."""
         for _ in range(LINES):
             threading.Thread(target=self._load, daemon=True).start()
 
@@ -66,7 +69,9 @@ class _Page:
         def tell() -> None:
             while True:
                 time.sleep(period_s)
-                print(json.dumps({"pictures": self.seen}), flush=True)
+                said = {"pictures": self.seen, "lag_s": round(self.lag_s, 3)}
+                self.lag_s = 0.0
+                print(json.dumps(said), flush=True)
 
         threading.Thread(target=tell, daemon=True).start()
 
@@ -79,8 +84,13 @@ class _Page:
         elif kind == "workers":
             _get(self._line, f"{self._base}/workers.json".lstrip("/"))
         elif kind == "picture":
+            now_s = time.monotonic()
             with self._change:
-                self._waiting |= {i: number for i, number, *_ in data["pictures"] if i < SEEN}
+                self._waiting |= {
+                    index: (number, now_s - age_s)
+                    for index, number, _, age_s in data["pictures"]
+                    if index < SEEN
+                }
                 self._change.notify_all()
 
     def _load(self) -> None:
@@ -89,7 +99,7 @@ class _Page:
             with self._change:
                 while not self._waiting:
                     self._change.wait()
-                index, number = self._waiting.popitem()
+                index, (number, came_s) = self._waiting.popitem()
             if index >= len(self._cases):
                 continue
             case = quote(self._cases[index])
@@ -97,6 +107,7 @@ class _Page:
             if line.getresponse().read():
                 with self._change:
                     self.seen += 1
+                    self.lag_s = max(self.lag_s, time.monotonic() - came_s)
 
 
 def _get(line: http.client.HTTPConnection, path: str) -> dict:  # type: ignore[type-arg]

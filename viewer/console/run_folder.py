@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import threading
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +13,7 @@ import msgspec
 from msgspec import Struct
 
 from schemas.files.json_text import JsonError, decode_json
-from schemas.files.regular_file import RUN_FILE_BYTES_MAX, open_below, read_regular
+from schemas.files.regular_file import RUN_FILE_BYTES_MAX, open_below
 from schemas.points import Point
 from schemas.verdict import Judged
 from schemas.wire.view import clock
@@ -144,10 +146,12 @@ class RunFolder:
             OSError: it is not there, or larger than ``most`` bytes.
         """
         with open_below(self.folder, name) as file:
-            data = file.read(most + 1)
-        if len(data) > most:
-            raise OSError(27, f"more than {most} bytes", name)
-        return data
+            # Python sets aside as much as it is asked to read.
+            size = os.fstat(file.fileno()).st_size
+            if size > most:
+                words = f"{size} bytes, at most {most} are read"
+                raise OSError(errno.EFBIG, words, str(self.folder / name))
+            return file.read(size)
 
     def _stamp(self, name: str) -> Version:
         try:
@@ -158,8 +162,7 @@ class RunFolder:
 
     def _read_ending(self) -> CampaignEnding:
         try:
-            data = read_regular(self.folder / OUTCOMES_NAME, RUN_FILE_BYTES_MAX)
-            return decode_json(data, CampaignEnding)
+            return decode_json(self.read(OUTCOMES_NAME, RUN_FILE_BYTES_MAX), CampaignEnding)
         except FileNotFoundError:
             return self._begun()
         except OSError as error:
@@ -181,7 +184,7 @@ class RunFolder:
 
     def _read_times(self) -> RunTimes:
         try:
-            data = read_regular(self.folder / TIMELINE_FILE, TIMELINE_BYTES_MAX)
+            data = self.read(TIMELINE_FILE, TIMELINE_BYTES_MAX)
         except OSError:
             return RunTimes()
         first, last, workers = None, None, set()

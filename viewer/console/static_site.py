@@ -51,9 +51,9 @@ def write_static(
         UsageError: ``out`` holds something already, or lies in a run; or the page is not built.
         InfrastructureError: the disk lets us down.
     """
+    _check_out(site, out)
     if "index.html" not in pages:
         raise UsageError("the console's page is not built: run `make console`")
-    _check_out(site, out)
     writing = _Writing(out)
     try:
         for name, asset in {**pages, PLOTLY: plotly_script()}.items():

@@ -31,7 +31,11 @@ def viewer(**changes):
 
 
 def console(**changes):
-    return {"console": {"cpu_share": 0.15, "pictures_per_s": 1.0, **changes}}
+    return {"console": {"cpu_share": 0.15, "pictures_per_s": 1.0, "lag_max_s": 2.0, **changes}}
+
+
+def table(**changes):
+    return {"table": {"cases": 10_240, "first_cpu_s": 1.5, "memory_mb": 400.0, **changes}}
 
 
 def runs(mode, *walls, cpu=None, **changes):
@@ -51,7 +55,7 @@ def simulation(**changes):
 
 def test_exactly_at_the_targets_nothing_is_missed():
     slower = {mode: runs(mode, *[100 / least] * 2) for mode, least in SHARE_MIN.items()}
-    assert misses({**viewer(), **console(), **simulation(**slower)}) == []
+    assert misses({**viewer(), **console(), **table(), **simulation(**slower)}) == []
     assert misses(simulation(record=runs("record", 100.0, recordings_mb=(12.0,) * 10))) == []
 
 
@@ -61,6 +65,9 @@ def test_exactly_at_the_targets_nothing_is_missed():
         (viewer(cpu_share=0.26), "26% of a core"),
         (viewer(memory_last_mb=600.1), "600.1 MB"),
         (console(cpu_share=0.16), "console: 16% of a core"),
+        (table(first_cpu_s=1.6), "its table in 1.6 s"),
+        (table(memory_mb=401.0), "10240 cases take 401.0 MB"),
+        (console(lag_max_s=2.1), "pictures lag 2.1 s"),
         (console(pictures_per_s=0.0), "was given no picture"),
         (simulation(console=runs("console", 103.0, 103.0, cpu=100)), "of the console: 97.1%"),
         (
@@ -169,11 +176,16 @@ def test_every_synthetic_case_is_sent():
 
 def test_synthetic_cases_are_measured(capsys, monkeypatch):
     monkeypatch.setattr("viewer.bench.command.WARM_UP_S", 0.5)
-    options = BenchOptions(cases=4, focus=1, console=4, seconds=0.5, rounds=0)
+    options = BenchOptions(cases=4, focus=1, console=4, ended=200, seconds=0.5, rounds=0)
     assert bench(options, as_json=True, check=False) == 0
     figures = json.loads(capsys.readouterr().out)
     assert figures["console"]["cases"] == 4
     assert figures["console"]["memory_mb"] > 20
+    table = figures["table"]
+    assert table["cases"] >= 200
+    assert table["first_cpu_s"] > 0
+    assert table["again_s"] > 0
+    assert table["line_kb"] > 1
     found = figures["viewer"]
     assert found["cases"] == 4
     assert found["in_full"] == 1
