@@ -19,6 +19,8 @@ CHROMIUM = Path("/usr/bin/chromium")
 ARGUMENTS = ["--no-sandbox", "--disable-dev-shm-usage", "--disable-background-networking"]
 PATIENCE_MS = 120_000
 """Drawing in software, on a machine with other work."""
+BEAT_S = 1.0
+"""Longest silence of a :class:`LiveSite` [s]."""
 AXE_VERSION = "4.14.1"
 """Of axe-core (MPL-2.0), which a test fetches by npm into a folder of its own."""
 
@@ -120,6 +122,8 @@ class LiveSite:
 
     def __init__(self, folder: Path, role: str = "look") -> None:
         self.folder, self.role = folder, role
+        self.talks = True
+        """Whether the conductor behind it says anything."""
         self.port = 0
         self.running = ""
         """The case that runs, for acts."""
@@ -175,8 +179,9 @@ class LiveSite:
             with self.changed:
                 if self._stopped:
                     return
-                if at >= len(self.events) and not self.changed.wait(5):
-                    write(_event("beat", "", {}))
+                if at >= len(self.events) and not self.changed.wait(BEAT_S):
+                    word = _event("workers", "", {"draining": False}) if self.talks else b""
+                    write(_event("beat", "", {}) + word)
                 fresh = list(enumerate(self.events))[at:]
                 if self._stopped:
                     return

@@ -172,10 +172,12 @@ def test_a_lost_conductor_and_a_late_picture_are_said(pages, made):
     expect(page.get_by_text("The picture lags 3.1 s behind the simulator.")).to_be_visible()
     live = page.get_by_role("img", name=re.compile("sees now"))
     expect(live).to_have_attribute("src", re.compile(r"v=2$"))
-    site.put("gone", error="no conductor answers")
-    online(page, "conductor: no conductor answers")
+    site.talks = False
+    online(page, "conductor: no word from it")
     site.put("workers", draining=False)
     online(page, "live")
+    site.put("gone", error="no conductor answers")
+    online(page, "conductor: no conductor answers")
 
 
 def test_only_who_has_the_token_acts_and_nothing_happens_before_a_yes(pages, made):

@@ -3,6 +3,8 @@ import { STATIC, type Value } from "./data";
 
 /** Without any event for so long the stream is opened anew [ms]; the server says something every 5 s. */
 const SILENCE_MS = 12_000;
+/** Without a word of the conductor for so long it is said to be silent [ms]; it says something every second. */
+const CONDUCTOR_MS = 8_000;
 const PAUSE_MS = [500, 1000, 2000, 4000];
 
 export interface Events {
@@ -36,6 +38,8 @@ class Live extends EventTarget {
   /** Why the conductor is not reachable; empty: it is. */
   gone = "";
   private server = "";
+  /** When the conductor said something, as far as the server knows; by this browser's clock [ms]. */
+  private word = 0;
   private stream: EventSource | null = null;
   private last = "";
   private heard = 0;
@@ -90,23 +94,30 @@ class Live extends EventTarget {
   private take(name: (typeof NAMES)[number], text: string): void {
     const detail = JSON.parse(text) as Events[typeof name];
     if (name === "hello") {
-      const { server, resync } = detail as Events["hello"];
+      const { server, resync, conductor_age_s: age } = detail as Events["hello"];
+      this.word = age === null ? 0 : Date.now() - age * 1000;
       if (resync || (this.server && server !== this.server)) {
         this.epoch++;
         this.dispatchEvent(new Event("epoch"));
       }
       this.server = server;
     }
+    if (name === "workers") this.word = Date.now();
     const gone = name === "gone" ? ((detail as Events["gone"]).error ?? "not reachable") : "";
-    const changed = gone !== this.gone && name !== "log";
-    if (name !== "log") this.gone = gone;
     this.dispatchEvent(new CustomEvent(name, { detail }));
-    if (changed) this.dispatchEvent(new Event("line"));
+    if (name === "gone" || name === "workers") this.tell(gone);
   }
 
   /** A browser that slept, or a line that is cut without a word, gives no error. */
   private look(): void {
     if (this.stream !== null && Date.now() - this.heard > SILENCE_MS) this.reopen();
+    else if (this.line === "open" && Date.now() - this.word > CONDUCTOR_MS && !this.gone) this.tell("no word from it");
+  }
+
+  private tell(gone: string): void {
+    if (gone === this.gone) return;
+    this.gone = gone;
+    this.dispatchEvent(new Event("line"));
   }
 
   private again(): void {
