@@ -39,7 +39,6 @@ def write_campaign(folder: Path, cases: int) -> int:
     campaign = {
         "schema": 1,
         "campaign": "bench",
-        "autonomy": {"perception": {"truth": {"type": "ground_truth"}}},
         "matrix": {
             "repeat": list(range(repeats)),
             "weather": list(WEATHERS),

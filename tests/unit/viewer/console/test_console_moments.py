@@ -12,7 +12,7 @@ NONE = [None] * 4
     ("collisions", "dtc_m", "nearest_m", "aeb", "moment"),
     [
         ([0, 0, 1, 2], [9.0, 8.0, 1.0, 0.5], NONE, [False, True, True, True], (20, "impact")),
-        ([0] * 4, [9.0, 4.0, 4.0, 6.0], [1.0, 0.1, 0.1, 0.1], NONE, (10, "closest")),
+        ([0] * 4, [9.0, 4.0, 4.0, 6.0], [0.1, 1.0, 1.0, 1.0], NONE, (10, "closest")),
         ([0] * 4, NONE, [3.0, None, 2.0, 2.5], [True] * 4, (20, "closest")),
         (NONE, NONE, NONE, [None, False, True, True], (20, "trigger")),
         (NONE, NONE, NONE, NONE, (30, "end")),

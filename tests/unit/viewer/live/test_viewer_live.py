@@ -177,8 +177,9 @@ def test_without_a_display_a_laptop_is_told_how(monkeypatch, capsys):
     assert "ssh -N -L 9876:127.0.0.1:9000" in told
 
 
-@pytest.mark.parametrize("command", [["live", "--run"], ["web", "--run"], ["shot"]])
+@pytest.mark.parametrize("command", [["live", "--run"], ["shot"]])
 def test_nobody_waits_for_a_run_that_has_ended(tmp_path, command):
+    """The console shows it instead: tests/e2e/test_console.py."""
     (tmp_path / "outcomes.json").write_text('{"complete": true}')
     done = CliRunner().invoke(app, [*command, str(tmp_path)])
     assert isinstance(done.exception, RunEndedError)
