@@ -104,41 +104,45 @@ def test_a_running_case_is_seen_paused_and_heals(marked, pages, tmp_path):
     there = ("--state", str(state))
     submitted = marked.run("conductor", "submit", str(tmp_path / "slow.yaml"), *there)
     assert submitted.returncode == 0, submitted.stderr
-    marked.start("twin", "worker", *there)
+    worker = marked.start("twin", "worker", *there)
     case = caught(state)
     name = case.state.case
     case.resume()
     child, url = web(marked, "--run", str(state))
-    port = url.rpartition(":")[2].partition("/")[0]
-    page = pages.open(url)
-    page.evaluate("window.stays = true")
-    online = page.locator(".online")
-    expect(online).to_have_text("live")
-    page.get_by_role("link", name="Summary").last.click()
-    page.get_by_role("link", name="Open the wall").click()
-    expect(page.locator(".frame canvas")).to_have_attribute("data-tiles", "2")
-    run = re.search(r"#/run/([^/]+)/wall", page.url)[1]
-    page.evaluate(f"location.hash = '#/run/{run}/case/{name}'")
-    expect(page.get_by_text(re.compile(r"Live; the picture|The picture lags"))).to_be_visible()
-    page.get_by_role("button", name="Pause case").click()
-    page.get_by_role("dialog").get_by_role("button", name="Pause case").click()
-    wait_for(lambda: case.look().paused, "the pause")
-    page.get_by_label("Weather").select_option("heavy_rain")
-    page.get_by_role("button", name="Set weather and hour").click()
-    expect(page.get_by_role("dialog")).to_contain_text("it gets no verdict")
-    page.get_by_role("dialog").get_by_role("button", name="No").click()
+    try:
+        port = url.rpartition(":")[2].partition("/")[0]
+        page = pages.open(url)
+        page.evaluate("window.stays = true")
+        online = page.locator(".online")
+        expect(online).to_have_text("live")
+        page.get_by_role("link", name="Summary").last.click()
+        page.get_by_role("link", name="Open the wall").click()
+        expect(page.locator(".frame canvas")).to_have_attribute("data-tiles", "2")
+        run = re.search(r"#/run/([^/]+)/wall", page.url)[1]
+        page.evaluate(f"location.hash = '#/run/{run}/case/{name}'")
+        expect(page.get_by_text(re.compile(r"Live; the picture|The picture lags"))).to_be_visible()
+        page.get_by_role("button", name="Pause case").click()
+        page.get_by_role("dialog").get_by_role("button", name="Pause case").click()
+        wait_for(lambda: case.look().paused, "the pause")
+        page.get_by_label("Weather").select_option("heavy_rain")
+        page.get_by_role("button", name="Set weather and hour").click()
+        expect(page.get_by_role("dialog")).to_contain_text("it gets no verdict")
+        page.get_by_role("dialog").get_by_role("button", name="No").click()
 
-    child.kill()
-    child.wait(PATIENCE_S)
-    expect(online).to_have_text("no connection; trying again")
-    child, _ = web(marked, "--run", str(state), "--port", port)
-    expect(online).to_have_text("live")
+        child.kill()
+        child.wait(PATIENCE_S)
+        expect(online).to_have_text("no connection; trying again")
+        child, _ = web(marked, "--run", str(state), "--port", port)
+        expect(online).to_have_text("live")
 
-    conductor.kill()
-    conductor.wait(PATIENCE_S)
-    expect(online).to_have_text(re.compile("conductor"))
-    serve(marked, state)
-    expect(online).to_have_text("live")
-    assert page.evaluate("window.stays") is True
-    child.send_signal(signal.SIGINT)
-    assert child.wait(PATIENCE_S) == 0
+        conductor.kill()
+        conductor.wait(PATIENCE_S)
+        expect(online).to_have_text(re.compile("conductor"))
+        conductor = serve(marked, state)
+        expect(online).to_have_text("live")
+        assert page.evaluate("window.stays") is True
+    finally:
+        case.close()
+        for process in (child, worker, conductor):
+            process.send_signal(signal.SIGINT)
+            process.wait(PATIENCE_S)
