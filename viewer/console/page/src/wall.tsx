@@ -106,7 +106,7 @@ function Wall({ run, query, info, table, version }: WallInputs): JSX.Element {
           <Rows table={table} order={order} active={active} chosen={chosen} sort={sort} onActive={setActive} onChoose={choose} onOpen={open} />
         ) : (
           <Canvas
-            layout={layout} table={table} thumbs={thumbs} version={version + redraw} active={active} chosen={chosen}
+            layout={layout} table={table} thumbs={thumbs} version={version + redraw + (atlas.data === null ? 0 : 1)} active={active} chosen={chosen}
             onActive={setActive} onChoose={choose} onOpen={open} onZoom={(factor) => zoomTo.current(tile * factor)}
             frame={frame} width={width} height={height}
           />
