@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN = $(VENV)/bin
 
-.PHONY: help install install-test install-test-all install-train install-bench demo driving test test-all test-rest audit-env faults redteam fuzz soak offline planted mutation check lock models integer-models processors ablation frozen clean
+.PHONY: help install install-test install-test-all install-train install-bench demo driving test test-all test-rest audit-env faults redteam fuzz soak offline planted mutation check lock models integer-models console processors ablation frozen clean
 
 help:
 	@echo "make demo     install, then run the eight-case demo campaign (again: resume)"
@@ -20,6 +20,7 @@ help:
 	@echo "make install-bench  install the peers of 'conductor bench' and 'twin bench'"
 	@echo "make models   render the dataset, train the shipped detectors anew (-j4: all at once; DEVICE=cuda:0)"
 	@echo "make integer-models  render pictures, make the shipped detectors whole numbers again (some minutes)"
+	@echo "make console  build the console's page from viewer/console/page (Node, npm)"
 	@echo "make processors  bytes of everything with AVX-512 and without, on a CPU that has it (half an hour)"
 	@echo "make planted  plants bugs one by one and runs the tests that must notice (half an hour)"
 	@echo "make mutation  small changes of the pure cores that no test notices (a quarter of an hour)"
@@ -179,6 +180,10 @@ frozen: install
 	  || { echo "make frozen: commit your changes first; the streets are drawn from the commit" >&2; exit 2; }
 	@file=$$($(BIN)/python -m devkit.fusion.frozen --commit $(FROZEN_COMMIT) --out build/frozen/$(FROZEN_COMMIT) $(if $(QUICK),--quick)) \
 	  && $(BIN)/conductor run $$file --out runs/frozen-$(FROZEN_COMMIT)$(if $(QUICK),-quick) $(ARGS)
+
+# The console's page: sources in viewer/console/page, built files in viewer/console/built. Node and npm are needed.
+console:
+	cd viewer/console/page && npm ci --no-audit --no-fund --ignore-scripts && npm run types && npm run build
 
 clean:
 	rm -rf $(VENV) $(VENV)-lock build dist

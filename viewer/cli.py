@@ -404,6 +404,15 @@ def bench_command(
     console: Annotated[
         int, typer.Option(min=0, max=1000, help="Synthetic cases of the console; 0: none.")
     ] = 256,
+    page: Annotated[
+        int,
+        typer.Option(
+            min=0,
+            max=20_480,
+            help="Measure the console's page with so many cases in Chromium (the targets are for "
+            "10240); 0: not.",
+        ),
+    ] = 0,
     ended: Annotated[
         int, typer.Option(min=0, max=100_000, help="Of a finished campaign in it; 0: none.")
     ] = 10_240,
@@ -433,7 +442,20 @@ def bench_command(
     if campaign is None:
         campaign, simulate = str(CAMPAIGN), simulate or SIMULATED
     options = BenchOptions(
-        *(cases, focus, console, ended, seconds, campaign, rounds, simulate, workers, slots, device)
+        *(
+            cases,
+            focus,
+            console,
+            ended,
+            seconds,
+            campaign,
+            rounds,
+            simulate,
+            workers,
+            slots,
+            device,
+        ),
+        page,
     )
     raise typer.Exit(bench(options, as_json=output is Output.json, check=check))
 

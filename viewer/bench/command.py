@@ -25,6 +25,7 @@ from twin.base.errors import EXIT_FAILED, EXIT_PASS, InfrastructureError, UsageE
 from twin.base.process import end, last_lines, spawn
 from twin.fabric.discovery import FILE_NAME as CONDUCTOR_FILE
 from viewer.bench import compare as bench_compare
+from viewer.bench import in_browser
 from viewer.bench import table as bench_table
 from viewer.bench.compare import MODES, CampaignRun, compare, window
 from viewer.bench.course import CampaignCourse
@@ -82,6 +83,8 @@ class BenchOptions:
     workers: int | None = None
     slots: int = 1
     device: str = "cpu"
+    page: int = 0
+    """Cases of the console's page that is measured in a browser; 0: it is not."""
 
 
 def bench(options: BenchOptions, *, as_json: bool, check: bool) -> int:
@@ -93,6 +96,8 @@ def bench(options: BenchOptions, *, as_json: bool, check: bool) -> int:
         figures["viewer"] = measure_viewer(options)
     if options.seconds and options.console:
         figures["console"] = measure_console(options)
+    if options.page:
+        figures["page"] = in_browser.measure_page(options.page)
     if options.seconds and options.ended:
         figures["table"] = measure_table(options)
     if options.rounds:
@@ -204,6 +209,8 @@ def misses(found: dict[str, Any]) -> list[str]:
             missed.append(f"console: pictures lag {console['lag_max_s']} s, at most {LAG_MAX_S:g}")
         if not console["pictures_per_s"]:
             missed.append("console: the page was given no picture")
+    if page := found.get("page"):
+        missed += in_browser.misses(page)
     if table := found.get("table"):
         if table["first_cpu_s"] > TABLE_MAX_S:
             cpu = f"{table['first_cpu_s']} s of a processor, at most {TABLE_MAX_S:g} s"
@@ -400,6 +407,8 @@ def _lines(figures: dict[str, Any]) -> list[str]:
             f"{console['pictures_per_s']} pictures a second for one page, at most "
             f"{console['lag_max_s']} s after they came"
         )
+    if page := figures.get("page"):
+        lines += in_browser.lines(page)
     if table := figures.get("table"):
         lines.append(bench_table.line(table))
     if simulation := figures.get("simulation"):

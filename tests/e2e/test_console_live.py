@@ -1,0 +1,230 @@
+"""The console's page beside a server that sends, is cut off, and comes back as another."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+from browser_pages import (
+    CHROMIUM,
+    PATIENCE_MS,
+    LiveSite,
+    OpenedPages,
+    axe_source,
+    chromium,
+    findings,
+)
+from waiting import wait_for
+
+from viewer.bench.console_site import MadeCase, write_site
+
+sync_api = pytest.importorskip("playwright.sync_api", reason="install the package 'playwright'")
+expect = sync_api.expect
+expect.set_options(timeout=PATIENCE_MS)
+
+pytestmark = pytest.mark.skipif(
+    not CHROMIUM.exists(), reason="no browser: install the Debian package 'chromium'"
+)
+
+COUNT, RUNNING = 96, 8
+RUN = "made-up"
+TOKEN = "#steer=secret-token"
+CUT = ("ERR_CONNECTION", "ERR_EMPTY_RESPONSE", "ERR_INCOMPLETE", "ERR_NETWORK", "Failed to fetch")
+"""What Chromium says on the console by itself when a line is cut."""
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with chromium(sync_api) as browser:
+        yield browser
+
+
+@pytest.fixture
+def made(tmp_path: Path) -> tuple[LiveSite, list[MadeCase]]:
+    """A live site of its own, and its cases; the last ones run."""
+    folder = tmp_path / "site"
+    cases = write_site(folder, COUNT, static=False, dossiers=2, running=RUNNING)
+    workers = {
+        "age_s": 0.2,
+        "draining": False,
+        "storage_error": None,
+        "workers": [
+            {"id": "w1", "host": "cn1", "device_class": "cpu", "slots": 8, "draining": False}
+            | {"held": 8, "remaining_s": 3600.0, "age_s": 0.3, "present": True}
+        ],
+        "leases": [
+            {"case": cases[-1].name, "worker": "w1", "attempt": 1, "tick": 40, "for_s": 2.0}
+            | {"by_hand": False}
+        ],
+        "notes": [],
+        "hosts": ["host cn2: 3 different cases died on it"],
+        "quarantine": [
+            {"case": cases[3].name, "charge": "the simulator died", "explain": ["alone next"]}
+        ],
+        "resources": {"w1": {"t": [0, 1, 2], "cpu_cores": [1.0, 1.5, 1.2], "ram_bytes": [1e9] * 3}},
+    }
+    (folder / "data" / "runs" / RUN / "workers.json").write_text(json.dumps(workers))
+    site = LiveSite(folder, role="operate")
+    site.running = cases[-1].name
+    site.start()
+    yield site, cases
+    site.stop()
+
+
+@pytest.fixture
+def pages(browser: Any, made: tuple[LiveSite, list[MadeCase]]):
+    pages = OpenedPages(browser)
+    yield pages
+    pages.check(made[0].url)
+
+
+def online(page: Any, words: str) -> None:
+    expect(page.locator(".online")).to_have_text(words)
+
+
+def ended(site: LiveSite, index: int, version: str, verdict: str = "collision") -> None:
+    """A case ends: in the table that a page reads, and as an event."""
+    path = site.folder / "data" / "runs" / RUN / "table.json"
+    table = json.loads(path.read_text())
+    cells = {"verdict": verdict, "state": "ended", "reason": "collided at 9 m/s"}
+    for name, value in cells.items():
+        table["columns"][name][index] = value
+    path.write_text(json.dumps({**table, "version": version}))
+    site.put("table", run=RUN, version=version, rows={str(index): cells}, cases=[])
+
+
+def chip(page: Any, words: str) -> Any:
+    return page.get_by_role("group", name="Verdicts").get_by_role("button", name=words, exact=True)
+
+
+def test_cases_that_end_appear_without_a_reload(pages, made):
+    site, _ = made
+    page = pages.open(f"{site.url}#/run/{RUN}/wall")
+    online(page, "live")
+    expect(chip(page, f"{RUNNING} running")).to_be_visible()
+    ended(site, COUNT - 1, "second")
+    expect(chip(page, f"{RUNNING - 1} running")).to_be_visible()
+    site.put(
+        "table", run=RUN, version="third", rows={str(COUNT): {"state": "waiting"}}, cases=["new"]
+    )
+    expect(chip(page, "1 waiting")).to_be_visible()
+    expect(page.locator("#filter-says")).to_have_text(f"{COUNT + 1} of {COUNT + 1} cases")
+
+
+def test_a_cut_line_heals_where_it_was(pages, made):
+    site, _ = made
+    pages.allowed += CUT
+    page = pages.open(f"{site.url}#/run/{RUN}/wall")
+    page.evaluate("window.stays = true")
+    online(page, "live")
+    ended(site, COUNT - 1, "second")
+    expect(chip(page, f"{RUNNING - 1} running")).to_be_visible()
+    site.stop()
+    online(page, "no connection; trying again")
+    ended(site, COUNT - 2, "third")  # while nobody hears it
+    site.start()
+    online(page, "live")
+    expect(chip(page, f"{RUNNING - 2} running")).to_be_visible()
+    assert site.resumed[-1] == "first-1"
+    assert page.evaluate("window.stays") is True
+
+
+def test_a_server_that_is_another_one_is_read_anew(pages, made):
+    site, _ = made
+    pages.allowed += CUT
+    page = pages.open(f"{site.url}#/run/{RUN}/wall")
+    page.evaluate("window.stays = true")
+    online(page, "live")
+    site.stop()
+    online(page, "no connection; trying again")
+    ended(site, COUNT - 1, "elsewhere")
+    site.epoch, site.events = "second", []  # which knows of no event
+    site.start()
+    online(page, "live")
+    expect(chip(page, f"{RUNNING - 1} running")).to_be_visible()
+    assert page.evaluate("window.stays") is True
+
+
+def test_a_page_that_was_opened_before_its_server_is_there_shows_it_later(pages, made):
+    site, _ = made
+    pages.allowed += CUT
+    page = pages.open(f"{site.url}#/")
+    online(page, "live")
+    site.stop()
+    online(page, "no connection; trying again")
+    page.evaluate(f"location.hash = '#/run/{RUN}/wall'")
+    expect(page.get_by_text("asking again")).to_be_visible()
+    site.start()
+    expect(chip(page, f"{RUNNING} running")).to_be_visible()
+
+
+def test_a_lost_conductor_and_a_late_picture_are_said(pages, made):
+    site, cases = made
+    page = pages.open(f"{site.url}#/run/{RUN}/case/{cases[-1].name}")
+    online(page, "live")
+    index = COUNT - 1
+    site.put("picture", run=RUN, pictures=[[index, 1, 1.5, 0.4]])
+    expect(page.get_by_text("Live; the picture is 0.4 s old.")).to_be_visible()
+    site.put("picture", run=RUN, pictures=[[index, 2, 1.6, 3.14]])
+    expect(page.get_by_text("The picture lags 3.1 s behind the simulator.")).to_be_visible()
+    live = page.get_by_role("img", name=re.compile("sees now"))
+    expect(live).to_have_attribute("src", re.compile(r"v=2$"))
+    site.talks = False
+    online(page, "conductor: no word from it")
+    site.put("workers", draining=False)
+    online(page, "live")
+    site.put("gone", error="no conductor answers")
+    online(page, "conductor: no conductor answers")
+
+
+def test_only_who_has_the_token_acts_and_nothing_happens_before_a_yes(pages, made):
+    site, cases = made
+    hash_ = f"#/run/{RUN}/case/{cases[-1].name}"
+    looker = pages.open(f"{site.url}{hash_}")
+    expect(looker.get_by_text("Waiting for a picture.")).to_be_visible()
+    assert looker.get_by_role("button", name="Pause case").count() == 0
+    page = pages.open(f"{site.url}{TOKEN}")
+    expect(page).to_have_url(f"{site.url}#/")
+    page.evaluate(f"location.hash = '{hash_}'")
+    page.get_by_label("Weather").select_option("heavy_rain")
+    page.get_by_role("button", name="Set weather and hour").click()
+    dialog = page.get_by_role("dialog")
+    expect(dialog).to_contain_text("It gets no verdict.")
+    dialog.get_by_role("button", name="No").click()
+    assert [body["confirm"] for _, body, _ in site.posted] == [False]
+    page.get_by_role("button", name="Set weather and hour").click()
+    dialog.get_by_role("button", name="Set weather and hour").click()
+    expect(page.get_by_text("done it")).to_be_visible()
+    path, body, token = site.posted[-1]
+    assert (path, token) == ("/act/intervene", "secret-token")
+    assert body == {
+        "run": RUN,
+        "case": cases[-1].name,
+        "campaign": "c",
+        "token": 7,
+        "settings": {"weather": "heavy_rain"},
+        "confirm": True,
+    }
+
+
+def test_workers_leases_and_quarantine(pages, made, tmp_path):
+    site, cases = made
+    page = pages.open(f"{site.url}{TOKEN}")
+    expect(page.locator("h1")).to_have_text("Campaigns")
+    page.evaluate(f"location.hash = '#/run/{RUN}/workers'")
+    expect(page.get_by_role("region", name="Workers")).to_contain_text("busy")
+    expect(page.get_by_role("region", name="Leases")).to_contain_text(cases[-1].name)
+    expect(page.get_by_text("the simulator died")).to_be_visible()
+    expect(page.get_by_text("alone next")).to_be_visible()
+    expect(page.get_by_text("3 different cases died on it")).to_be_visible()
+    expect(page.locator(".plot .main-svg").first).to_be_attached()
+    site.put("log", at_s=1.0, level="info", text="worker w2 has joined")
+    expect(page.get_by_label("Lines of the conductor")).to_contain_text("worker w2 has joined")
+    page.get_by_role("button", name="Drain w1").click()
+    page.get_by_role("dialog").get_by_role("button", name="Drain w1").click()
+    wait_for(lambda: len(site.posted) == 2, "the confirmed act")
+    assert site.posted[-1][1] == {"run": RUN, "worker": "w1", "confirm": True}
+    assert findings(page, axe_source(tmp_path)) == []

@@ -1,0 +1,331 @@
+"""The console's page in a real browser, from files: every view, its addresses, keys and looks."""
+
+from __future__ import annotations
+
+import csv
+import os
+import re
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from browser_pages import (
+    CHROMIUM,
+    PATIENCE_MS,
+    OpenedPages,
+    axe_source,
+    chromium,
+    file_server,
+    findings,
+)
+
+from viewer.bench.console_site import AXES, HOSTILE, PER_STRIP, made_case, write_site
+
+sync_api = pytest.importorskip("playwright.sync_api", reason="install the package 'playwright'")
+# The page's security policy forbids eval, so wait with `expect`, not with `wait_for_function`.
+expect = sync_api.expect
+expect.set_options(timeout=PATIENCE_MS)
+
+pytestmark = pytest.mark.skipif(
+    not CHROMIUM.exists(), reason="no browser: install the Debian package 'chromium'"
+)
+
+COUNT = 320
+GOLDEN = Path(__file__).parents[1] / "golden" / "console"
+UPDATE = os.environ.get("UPDATE_GOLDEN") == "1"
+RUN = "made-up"
+COLLISIONS = sorted(
+    (case for case in map(made_case, range(COUNT)) if case.verdict == "collision"),
+    key=lambda case: -(case.impact_mps or 0),
+)
+WORST = COLLISIONS[0].name
+VIEWS = {
+    "runs": "#/",
+    "run": f"#/run/{RUN}",
+    "wall": f"#/run/{RUN}/wall?at={WORST}&sel=1,2",
+    "heat": f"#/run/{RUN}/wall?group=weather,model",
+    "rows": f"#/run/{RUN}/wall?as=rows&at={WORST}",
+    "case": f"#/run/{RUN}/case/{WORST}?t=5",
+    "beside": f"#/run/{RUN}/case/{WORST}/beside/{RUN}/{COLLISIONS[1].name}",
+    "workers": f"#/run/{RUN}/workers",
+    "lost": "#/nowhere",
+}
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with chromium(sync_api) as browser:
+        yield browser
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("console") / "site"
+    write_site(folder, COUNT)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def axe(tmp_path_factory: pytest.TempPathFactory) -> str:
+    return axe_source(tmp_path_factory.mktemp("axe"))
+
+
+@pytest.fixture
+def pages(browser: Any, site: Path):
+    """Pages from the disk; they may ask nobody and say nothing."""
+    pages = OpenedPages(browser)
+    yield pages
+    pages.check(site.as_uri())
+
+
+def address(site: Path, hash_: str) -> str:
+    return f"{(site / 'index.html').as_uri()}{hash_}"
+
+
+def coarse(picture: np.ndarray) -> np.ndarray:
+    """A tenth of a picture's width and height."""
+    height, width = picture.shape[:2]
+    return cv2.resize(picture, (width // 10, height // 10), interpolation=cv2.INTER_AREA)
+
+
+def ready(page: Any, view: str) -> None:
+    """Wait until a view shows what it has."""
+    heads = {
+        "runs": "Campaigns",
+        "run": RUN,
+        "beside": "Side by side",
+        "workers": "Workers",
+        "lost": "No such view",
+    }
+    if view in heads:
+        expect(page.locator("main h1")).to_contain_text(heads[view])
+    if view in ("wall", "heat"):
+        expect(page.locator(".frame canvas")).to_have_attribute("data-tiles", re.compile(r"[1-9]"))
+    if view == "rows":
+        expect(page.locator(".rows tbody th").first).to_have_text(WORST)
+    if view in ("case", "beside", "workers"):
+        expect(page.locator(".plot .main-svg").first).to_be_attached()
+    if view in ("case", "beside"):
+        film = page.locator(".film canvas").first
+        expect(film).to_have_attribute("data-frame", re.compile(r"\d"))
+
+
+def test_a_new_user_finds_the_worst_case_and_the_command_that_repeats_it(pages, site):
+    page = pages.open(address(site, ""))
+    page.get_by_role("link", name="Open the wall").click()
+    wall = page.get_by_role("listbox")
+    wall.focus()
+    page.keyboard.press("ArrowRight")  # the first tile: the wall stands worst first
+    details = page.get_by_role("complementary")
+    expect(details).to_contain_text(WORST)
+    expect(details).to_contain_text(f"collided with the van at {COLLISIONS[0].impact_mps} m/s")
+    page.keyboard.press("Enter")
+    expect(page.locator("h1")).to_have_text(WORST)
+    expect(page.locator(".verdict")).to_contain_text("collision")
+    command = page.get_by_label("Command that repeats this case")
+    expect(command).to_have_text(f"conductor run {RUN} --case {WORST} --view record --out again")
+    page.get_by_role("button", name="Copy").click()
+    expect(page.locator(".command [role=status]")).to_have_text("Copied")
+    expect(page.get_by_label("Traceback of the stack")).to_contain_text("stack.py")
+
+
+@pytest.mark.parametrize("theme", ["light", "dark"])
+@pytest.mark.parametrize("view", VIEWS)
+def test_axe_finds_nothing(pages, site, axe, view, theme):
+    page = pages.open(address(site, VIEWS[view]), theme=theme)
+    ready(page, view)
+    assert page.locator("html").get_attribute("data-theme") == theme
+    assert findings(page, axe) == []
+
+
+@pytest.mark.parametrize("view", VIEWS)
+def test_a_phone_shows_every_view_without_scrolling_sideways(pages, site, axe, view):
+    page = pages.open(address(site, VIEWS[view]), width=420, height=860)
+    ready(page, view)
+    assert page.evaluate("document.documentElement.scrollWidth") <= 420
+    assert findings(page, axe) == []
+
+
+def test_texts_of_stacks_stay_texts(pages, site):
+    page = pages.open(address(site, VIEWS["case"]))
+    ready(page, "case")
+    expect(page.locator(".events li").first).to_contain_text(HOSTILE)
+    expect(page.get_by_label("Traceback of the stack")).to_contain_text(HOSTILE)
+    assert page.locator("main b:not(.icon), main img[src=x]").count() == 0
+
+
+def test_a_filter_a_sort_and_a_group_stand_in_the_address(pages, site):
+    page = pages.open(address(site, f"#/run/{RUN}/wall"))
+    ready(page, "wall")
+    says = page.locator("#filter-says")
+    box = page.get_by_role("searchbox")
+    box.fill("weather=heavy_fog impact_speed_mps>6 -tiny")
+    wanted = [
+        case
+        for case in COLLISIONS
+        if case.axes["weather"] == "heavy_fog" and case.impact_mps > 6 and "tiny" not in case.name
+    ]
+    assert wanted
+    expect(says).to_have_text(f"{len(wanted)} of {COUNT} cases")
+    page.get_by_label("Sort").select_option("impact_speed_mps")
+    page.get_by_role("button", name="↑ rising").click()
+    page.get_by_label("Across").select_option("model")
+    expect(page.get_by_label("Down")).to_be_visible()
+    page.get_by_role("listbox").focus()
+    page.keyboard.press("Home")
+    first = page.evaluate("location.hash")
+    assert "sort=-impact_speed_mps" in first
+    assert "group=model" in first
+    copy = pages.open(address(site, first))
+    ready(copy, "wall")
+    expect(copy.locator("#filter-says")).to_have_text(f"{len(wanted)} of {COUNT} cases")
+    leftmost = min(wanted, key=lambda case: AXES["model"].index(case.axes["model"]))
+    expect(copy.get_by_role("complementary")).to_contain_text(leftmost.name)
+    box.fill("speed>3")
+    expect(says).to_contain_text("There is no column “speed”")
+    box.fill("impact_speed_mps>fast")
+    expect(says).to_contain_text("wants a number")
+    box.fill("nothing-has-this-name")
+    expect(page.get_by_text("No case passes the filter.")).to_be_visible()
+
+
+def test_columns_that_are_named_as_what_every_object_has_are_none(pages, site):
+    page = pages.open(address(site, f"#/run/{RUN}/wall?filter=constructor%3Dx"))
+    expect(page.locator("#filter-says")).to_contain_text("There is no column “constructor”")
+
+
+def test_what_is_selected_is_exported_and_compared(pages, site, tmp_path):
+    page = pages.open(address(site, f"#/run/{RUN}/wall"))
+    ready(page, "wall")
+    page.get_by_role("listbox").focus()
+    page.keyboard.press("Home")
+    page.keyboard.press("Space")
+    page.keyboard.press("Shift+ArrowRight")
+    bar = page.get_by_role("group", name="Selected cases")
+    expect(bar).to_contain_text("2 cases selected")
+    with page.expect_download() as saved:
+        bar.get_by_role("button", name="Save as CSV").click()
+    saved.value.save_as(tmp_path / "cases.csv")
+    with (tmp_path / "cases.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert {row["case"] for row in rows} == {case.name for case in COLLISIONS[:2]}
+    by_name = {case.name: case for case in COLLISIONS}
+    for row in rows:
+        assert row["verdict"] == "collision"
+        assert float(row["impact_speed_mps"]) == by_name[row["case"]].impact_mps
+    with page.expect_download() as saved:
+        bar.get_by_role("button", name="Save case ids").click()
+    assert set(Path(saved.value.path()).read_text().split()) == {row["case"] for row in rows}
+    bar.get_by_role("link", name="Compare side by side").click()
+    expect(page.locator(".box.notice")).to_contain_text("They differ first at")
+
+
+def test_zoom_leads_from_dots_to_pictures(pages, site):
+    page = pages.open(address(site, f"#/run/{RUN}/wall?zoom=0"))
+    ready(page, "wall")
+    canvas = page.locator(".frame canvas")
+    expect(canvas).to_have_attribute("data-tiles", str(COUNT))
+    page.get_by_label("Size").fill("90")
+    expect(canvas).to_have_attribute("data-tiles", re.compile(r"^\d$|^1\d$"))
+    page.get_by_role("button", name="Fit").click()
+    expect(canvas).to_have_attribute("data-tiles", str(COUNT))
+
+
+def test_film_events_and_top_view_follow_one_time(pages, site):
+    page = pages.open(address(site, VIEWS["case"]))
+    ready(page, "case")
+    film = page.locator(".film canvas")
+    expect(film).to_have_attribute("data-frame", "25")
+    expect(page.locator(".player output")).to_have_text("5.00 s")
+    page.get_by_role("button", name="1.00 s").click()
+    expect(film).to_have_attribute("data-frame", "5")
+    expect(page.locator(".events li.past")).to_have_count(1)
+    page.locator("h1").click()
+    page.keyboard.press("Shift+ArrowRight")
+    page.keyboard.press("ArrowRight")
+    expect(page.locator(".player output")).to_have_text("2.05 s")
+    expect(page.get_by_role("img", name=re.compile("from above.*At 2"))).to_be_visible()
+    page.keyboard.press("End")
+    last = str(49)
+    assert int(last) // PER_STRIP == 3
+    expect(film).to_have_attribute("data-frame", last)
+    page.keyboard.press("Home")
+    page.get_by_label("Playing speed").select_option("4")
+    page.keyboard.press("Space")
+    expect(page.get_by_role("button", name="Pause")).to_be_visible()
+    expect(film).not_to_have_attribute("data-frame", "0")
+    page.get_by_role("button", name="Pause").click()
+    expect(page).to_have_url(re.compile(r"t=\d"))
+
+
+def test_the_first_tick_that_differs_is_marked_and_both_stand_there(pages, site):
+    page = pages.open(address(site, VIEWS["beside"]))
+    ready(page, "beside")
+    words = page.locator(".box.notice").inner_text()
+    moment = re.search(r"They differ first at ([\d.]+) s", words)
+    assert moment, words
+    page.get_by_role("button", name="To impact").click()
+    page.get_by_role("button", name="To first difference").click()
+    expect(page.locator(".player output")).to_have_text(f"{moment[1]} s")
+    frames = {film.get_attribute("data-frame") for film in page.locator(".film canvas").all()}
+    assert len(frames) == 1
+    same = pages.open(address(site, f"#/run/{RUN}/case/{WORST}/beside/{RUN}/{WORST}"))
+    expect(same.locator(".box.notice")).to_have_text("Both drives are the same, at every tick.")
+
+
+def test_what_is_not_there_is_said_and_nothing_else_breaks(pages, site):
+    pages.allowed.append("ERR_FILE_NOT_FOUND")
+    page = pages.open(address(site, f"#/run/{RUN}/case/no-such-case"))
+    expect(page.get_by_text("is not part of this console")).to_be_visible()
+    page.goto(address(site, "#/run/nobody/wall"))
+    expect(page.get_by_text("is not part of this console").first).to_be_visible()
+    page.get_by_role("link", name="Campaign", exact=True).click()
+    expect(page.locator("h1")).to_have_text("Campaigns")
+
+
+def test_light_and_dark_can_be_chosen_and_stay(pages, site):
+    page = pages.open(address(site, "#/"), theme="dark")
+    expect(page.locator("html")).to_have_attribute("data-theme", "dark")
+    page.get_by_label("Colours").select_option("light")
+    expect(page.locator("html")).to_have_attribute("data-theme", "light")
+    page.reload()
+    expect(page.locator("html")).to_have_attribute("data-theme", "light")
+
+
+def test_any_web_server_gives_the_same_page(browser, site):
+    pages = OpenedPages(browser)
+    with file_server(site) as url:
+        page = pages.open(f"{url}{VIEWS['case']}")
+        ready(page, "case")
+        refused = "fetch('http://outside.example/').catch(() => 'refused')"
+        pages.allowed += ["Content Security Policy", "outside.example"]
+        assert page.evaluate(refused) == "refused"
+        pages.asked = [one for one in pages.asked if "outside.example" not in one]
+        pages.check(url)
+
+
+@pytest.mark.parametrize("width", [420, 1280, 1920])
+@pytest.mark.parametrize("view", ["run", "wall", "case"])
+def test_pictures_of_views_are_as_they_were_looked_at(pages, site, view, width, tmp_path):
+    """Goldens are small and coarse: fonts differ between machines, where things stand does not."""
+    theme = "dark" if view == "wall" else "light"
+    height = {420: 860, 1280: 800, 1920: 1080}[width]
+    page = pages.open(address(site, VIEWS[view]), width=width, height=height, theme=theme)
+    ready(page, view)
+    if view == "wall":
+        expect(page.locator(".moment")).to_have_js_property("complete", True)
+        expect(page.locator(".frame")).to_have_attribute("data-loading", "0")
+    page.screenshot(path=str(tmp_path / "now.png"))
+    now = coarse(cv2.imread(str(tmp_path / "now.png")))
+    golden = GOLDEN / f"{view}-{width}.png"
+    if UPDATE:
+        golden.parent.mkdir(exist_ok=True)
+        cv2.imwrite(str(golden), now)
+    before = cv2.imread(str(golden))
+    assert before is not None, f"{golden}: run with UPDATE_GOLDEN=1"
+    assert before.shape == now.shape
+    away = np.abs(before.astype(int) - now.astype(int))
+    assert float(away.mean()) < 6, "the view looks another way: UPDATE_GOLDEN=1 after a look"
+    assert float((away.max(axis=2) > 60).mean()) < 0.03

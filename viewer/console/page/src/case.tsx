@@ -1,0 +1,326 @@
+// One case: why it ended so, what was seen, how to repeat it.
+import type { JSX } from "preact";
+import { useMemo, useState } from "preact/hooks";
+import { Acts, actsOnCase, mayAct } from "./acts";
+import { type Clock, useClock, useTime } from "./clock";
+import { type Beside, type CaseInfo, file, type Runs, type Series, statusOf } from "./data";
+import { useData, useEvents } from "./hooks";
+import { FilmView } from "./film";
+import { Chip, Command, Figure, Waiting } from "./parts";
+import { type Mark, Player } from "./player";
+import { SeriesPlots } from "./plots";
+import { toBeside, toCase, toWall } from "./route";
+import { safe } from "./runs";
+import { TopView } from "./topview";
+import { at, count, plain, text } from "./words";
+
+interface Inputs {
+  run: string;
+  name: string;
+  query: Map<string, string>;
+  runs: Runs;
+}
+
+export const pathOf = (run: string, name: string): string => `runs/${run}/cases/${name}`;
+
+export function CaseView({ run, name, query, runs }: Inputs): JSX.Element {
+  const [version, setVersion] = useState(0);
+  const [changes, setChanges] = useState(0);
+  const [lag, setLag] = useState<number | null>(null);
+  const info = useData<CaseInfo>(`${pathOf(run, name)}/case.json`, changes);
+  const series = useData<Series | null>(`${pathOf(run, name)}/series.json`, changes);
+  useEvents("picture", (event) => {
+    if (event.run !== run) return;
+    for (const [index, picture, , age] of event.pictures) {
+      if (index !== info.data?.index) continue;
+      setVersion(picture);
+      setLag(age);
+    }
+  });
+  useEvents("table", (event) => {
+    if (event.run !== run || info.data === null) return;
+    if (event.reset || event.rows?.[String(info.data.index)] !== undefined) setChanges((before) => before + 1);
+  });
+  if (info.data === null) return <Waiting error={info.error} what={`case ${name}`} />;
+  const running = info.data.state === "running";
+  return (
+    <>
+      <Why run={run} info={info.data} runs={runs} />
+      {running && <Live run={run} info={info.data} version={version} lag={lag} runs={runs} />}
+      <Recorded run={run} info={info.data} series={series.data} start={query.get("t")} />
+      <Rest run={run} info={info.data} />
+    </>
+  );
+}
+
+function Why({ run, info, runs }: { run: string; info: CaseInfo; runs: Runs }): JSX.Element {
+  return (
+    <div class="why">
+      <p class="kicker">
+        <a href={toWall(run, [["at", info.case]])}>{runs.runs.find((one) => one.id === run)?.name || run}</a>
+      </p>
+      <h1 class="casename">{info.case}</h1>
+      <p class="verdict">
+        <Chip verdict={statusOf(info)} /> <span class="reason">{info.reasons.join("; ") || (info.outcome === null ? "It has not ended." : "No reason was given.")}</span>
+      </p>
+      <h2 class="small">Repeat it</h2>
+      <Command text={info.repeat} label="Command that repeats this case" />
+    </div>
+  );
+}
+
+const WEATHERS = ["clear", "cloudy", "light_fog", "heavy_fog", "light_rain", "heavy_rain", "light_snow", "heavy_snow"];
+
+function Live({ run, info, version, lag, runs }: {
+  run: string; info: CaseInfo; version: number; lag: number | null; runs: Runs;
+}): JSX.Element {
+  const [weather, setWeather] = useState("");
+  const [hour, setHour] = useState("");
+  return (
+    <div class="panel">
+      <img class="live" src={file(`${pathOf(run, info.case)}/moment.webp`, version)} alt={`What the camera of ${info.case} sees now`} width="640" height="360" />
+      <p role="status" class={lag !== null && lag > 2 ? "box notice" : "dim"}>
+        {lag === null ? "Waiting for a picture." : lag > 2 ? `The picture lags ${lag.toFixed(1)} s behind the simulator.` : `Live; the picture is ${lag.toFixed(1)} s old.`}
+      </p>
+      {mayAct(runs.roles) && (
+        <>
+          <div class="controls">
+            <label>
+              Weather{" "}
+              <select value={weather} onChange={(event) => setWeather((event.target as HTMLSelectElement).value)}>
+                <option value="">as it is</option>
+                {WEATHERS.map((one) => (
+                  <option key={one} value={one}>
+                    {plain(one)}
+                  </option>
+                ))}
+              </select>
+            </label>
+            <label>
+              Hour <input type="number" min="0" max="24" step="0.5" value={hour} placeholder="as it is" onInput={(event) => setHour((event.target as HTMLInputElement).value)} />
+            </label>
+          </div>
+          <Acts label="Intervene in this case" acts={actsOnCase(run, info.case, weather, hour)} />
+        </>
+      )}
+    </div>
+  );
+}
+
+/** From when to when there is something to see [s], and the length of a tick. */
+export function extentOf(info: CaseInfo, series: Series | null): [number, number, number] {
+  const times = series?.t ?? [];
+  if (times.length > 1) return [times[0]!, times[times.length - 1]!, times[1]! - times[0]!];
+  if (info.film !== null) {
+    const tick = 1 / info.film.fps;
+    return [info.film.first_t, info.film.first_t + (info.film.frames - 1) * tick, tick];
+  }
+  return [0, 0, 0.05];
+}
+
+export function marksOf(info: CaseInfo): Mark[] {
+  const marks: Mark[] = info.events.map((event) => ({ t: event.t, what: plain(event.what), kind: "event" }));
+  if (info.moment !== null && info.moment.t !== null) {
+    marks.push({ t: info.moment.t, what: plain(info.moment.what), kind: "moment" });
+  }
+  return marks;
+}
+
+function Recorded({ run, info, series, start }: {
+  run: string; info: CaseInfo; series: Series | null; start: string | null | undefined;
+}): JSX.Element | null {
+  const [begin, end, tick] = extentOf(info, series);
+  const asked = Number(start);
+  const first = start && Number.isFinite(asked) ? asked : (info.moment?.t ?? begin);
+  const clock = useClock(begin, end, first);
+  const marks = useMemo(() => marksOf(info), [info]);
+  const overlays = useMemo(() => (series === null ? [] : [{ label: info.case, series, dash: "solid" as const }]), [series, info.case]);
+  if ((series === null || series.t.length === 0) && info.film === null) {
+    return info.outcome === null ? null : <FilmView run={run} info={info} series={null} clock={clock} label={info.case} />;
+  }
+  return (
+    <>
+      <div class="stage">
+        <FilmView run={run} info={info} series={series} clock={clock} label={info.case} />
+        {series !== null && series.actors.length > 0 && <TopView series={series} clock={clock} label={info.case} />}
+      </div>
+      <Player clock={clock} tick={tick} marks={marks} />
+      <div class="twocol">
+        <Figure title="Over time">
+          <SeriesPlots overlays={overlays} clock={clock} marks={marks} />
+        </Figure>
+        <div>
+          <Events info={info} clock={clock} />
+          <Kpis info={info} />
+        </div>
+      </div>
+      <InFull info={info} clock={clock} />
+    </>
+  );
+}
+
+function Events({ info, clock }: { info: CaseInfo; clock: Clock }): JSX.Element {
+  const t = useTime(clock, 100);
+  return (
+    <Figure title="Events">
+      {info.events.length === 0 && <p class="dim">No events.</p>}
+      <ol class="events">
+        {info.events.map((event, place) => (
+          <li key={place} class={event.t <= t + 1e-9 ? "past" : ""}>
+            <button type="button" class="link" onClick={() => clock.to(event.t)}>
+              {at(event.t)}
+            </button>{" "}
+            <strong>{plain(event.what)}</strong> {event.detail}
+          </li>
+        ))}
+      </ol>
+    </Figure>
+  );
+}
+
+function Kpis({ info }: { info: CaseInfo }): JSX.Element {
+  return (
+    <Figure title="KPIs">
+      <div class="scroll" tabIndex={0} role="region" aria-label="KPIs">
+        <table>
+          <thead>
+            <tr>
+              <th scope="col">KPI</th>
+              <th scope="col" class="n">value</th>
+            </tr>
+          </thead>
+          <tbody>
+            {info.kpis.map((kpi) => (
+              <tr key={kpi.name}>
+                <th scope="row" title={kpi.doc}>
+                  {kpi.title || plain(kpi.name)}
+                </th>
+                <td class="n">{text(kpi.value, kpi.unit)}</td>
+              </tr>
+            ))}
+            {Object.entries(info.names).map(([name, value]) => (
+              <tr key={name}>
+                <th scope="row">{plain(name)}</th>
+                <td class="n">{value}</td>
+              </tr>
+            ))}
+          </tbody>
+        </table>
+      </div>
+    </Figure>
+  );
+}
+
+/** Rerun's viewer at the same moment, in a frame; it is large, so it comes when it is asked for. */
+function InFull({ info, clock }: { info: CaseInfo; clock: Clock }): JSX.Element {
+  const [address, setAddress] = useState("");
+  const { in_full: full, recording, video, incomplete } = info.links;
+  return (
+    <Figure title="In full">
+      <p class="line">
+        {full ? (
+          <button type="button" onClick={() => setAddress(`${safe(full.split("#")[0]!)}#when=sim_time@+${clock.t.toFixed(3)}s`)}>
+            {address ? "Open in full at this moment again" : "Open in full at this moment"}
+          </button>
+        ) : (
+          <span class="dim">No recording, so there is no view in 3D (run the case with --view record).</span>
+        )}
+        {recording && (
+          <a class="button" href={safe(recording)} download>
+            Recording (.rrd)
+          </a>
+        )}
+        {video && (
+          <a class="button" href={safe(video)} download>
+            Video
+          </a>
+        )}
+      </p>
+      {incomplete && <p class="dim">The recorder was stopped early: the recording ends before the case did.</p>}
+      {address && <iframe key={address} src={address} title={`Rerun viewer: ${info.case}`} />}
+    </Figure>
+  );
+}
+
+function Rest({ run, info }: { run: string; info: CaseInfo }): JSX.Element {
+  const axes = Object.entries(info.neighbours).filter(([, { before, after }]) => before !== null || after !== null);
+  return (
+    <>
+      {axes.length > 0 && (
+        <Figure title="Neighbours in the matrix">
+          {axes.map(([axis, { before, after }]) => (
+            <div key={axis} class="neighbours">
+              <h3>{plain(axis)}</h3>
+              <ul>
+                {before !== null && <Neighbour run={run} info={info} to={before} sign="←" />}
+                <li aria-current="true">
+                  <strong>{text(info.axes[axis])}</strong>
+                </li>
+                {after !== null && <Neighbour run={run} info={info} to={after} sign="→" />}
+              </ul>
+            </div>
+          ))}
+        </Figure>
+      )}
+      {info.log !== null && <Log log={info.log} />}
+      <Attempts info={info} />
+    </>
+  );
+}
+
+function Neighbour({ run, info, to, sign }: { run: string; info: CaseInfo; to: Beside; sign: string }): JSX.Element {
+  return (
+    <li>
+      <a href={toCase(run, to.case)}>
+        {sign} {text(to.value)}
+      </a>{" "}
+      <a href={toBeside(run, info.case, run, to.case)} aria-label={`Side by side with ${to.case}`} title="side by side">
+        ⇄
+      </a>
+    </li>
+  );
+}
+
+function Attempts({ info }: { info: CaseInfo }): JSX.Element | null {
+  const { count: number, charges, steered, worker, device_class: device, wall_s: wall } = info.attempts;
+  if (!number) return null;
+  return (
+    <Figure title="Attempts">
+      <p>
+        {count(number, "attempt")}
+        {worker && `; the one that counts ran on ${worker}`}
+        {device && ` (${device})`}
+        {wall !== null && ` for ${text(wall)} s`}.
+      </p>
+      <ul class="plain">
+        {charges.map((charge, place) => (
+          <li key={place}>{charge}</li>
+        ))}
+        {steered.map((words, place) => (
+          <li key={`steered${place}`}>{words}</li>
+        ))}
+      </ul>
+    </Figure>
+  );
+}
+
+function Log({ log }: { log: NonNullable<CaseInfo["log"]> }): JSX.Element {
+  return (
+    <Figure title="Log of the stack">
+      {log.traceback !== null && (
+        <>
+          <h3>Traceback</h3>
+          <pre tabIndex={0} class="alarm" aria-label="Traceback of the stack">
+            {log.traceback.join("\n")}
+          </pre>
+        </>
+      )}
+      <details open={log.traceback === null && log.lines.length < 60}>
+        <summary>{log.cut ? "The end of the log" : "The log"}</summary>
+        <pre tabIndex={0} class="log" aria-label="Log of the stack">
+          {log.lines.join("\n") || "(empty)"}
+        </pre>
+      </details>
+    </Figure>
+  );
+}
