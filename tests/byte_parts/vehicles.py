@@ -1,4 +1,4 @@
-"""Physics of random vehicle states, and divisions of rays."""
+"""Physics of random vehicle states, and the quick operations of pictures."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from twin.render.trace.traverse import divided
+from twin.base.portable import quick
 from twin.vehicle.columns import COLUMN, TELEMETRY
 from twin.vehicle.fleet import Fleet
 from twin.vehicle.ground import drivable
@@ -17,31 +17,38 @@ from twin.world.street.build import build_world
 
 STATES, BATCH = 1 << 20, 1 << 16
 STEPS = 4
-DIVISIONS = 1 << 22
 
 
 @wp.kernel(module="unique", enable_backward=False, module_options={"fuse_fp": False})
-def divide_kernel(a: wp.array(dtype=wp.float32), b: wp.array(dtype=wp.float32)):
-    """Write the quotients over ``a``."""
+def quick_kernel(
+    # state in
+    a: wp.array(dtype=wp.float32),
+    b: wp.array(dtype=wp.float32),
+    # out
+    out: wp.array2d(dtype=wp.float32),
+):
+    """Quotients, reciprocals, roots, decays, and an entry of unit vectors."""
     i = wp.tid()
-    a[i] = divided(a[i], b[i])
+    out[0, i] = quick.quotient(a[i], b[i])
+    out[1, i] = quick.reciprocal(b[i])
+    out[2, i] = quick.root(b[i])
+    out[3, i] = quick.decay(wp.abs(a[i]))
+    out[4, i] = quick.unit(wp.vec3(a[i], b[i], 1.0))[0]
 
 
 def division(found: Any) -> None:
-    """Quotients of numbers from 2**-40 to 2**40."""
+    """Quick operations on numbers from 2**-40 to 2**40; divisors and roots of all mantissas."""
     rng = np.random.default_rng(1)
-    parts = [
-        (rng.uniform(1.0, 2.0, DIVISIONS) * rng.choice((-1.0, 1.0), DIVISIONS)
-         * 2.0 ** rng.integers(-40, 40, DIVISIONS)).astype(np.float32)
-        for _ in range(2)
-    ]  # fmt: skip
-    parts[1][:: 1 << 16] = 0.0
-    arrays = [wp.array(part, dtype=wp.float32, device=found.device) for part in parts]
-    wp.launch(divide_kernel, DIVISIONS, arrays, device=found.device)
-    quotients = arrays[0].numpy()
-    # Of nothing over nothing only that it is no number.
-    quotients[parts[1] == 0.0] = 0.0
-    found.add("quotients", quotients, sample=quotients[: 1 << 16])
+    count = 1 << 24
+    size = rng.choice((-1.0, 1.0), count) * 2.0 ** rng.integers(-40, 40, count)
+    a = (rng.uniform(1.0, 2.0, count) * size).astype(np.float32)
+    b = np.arange(0x3F800000, 0x3F800000 + count, dtype=np.uint32).view(np.float32)
+    out = wp.zeros((5, count), dtype=wp.float32, device=found.device)
+    given = [wp.array(part, dtype=wp.float32, device=found.device) for part in (a, b)]
+    wp.launch(quick_kernel, count, given, [out], device=found.device)
+    names = ("quotients", "reciprocals", "roots", "decays", "unit vectors")
+    for name, values in zip(names, out.numpy(), strict=True):
+        found.add(name, values, sample=values[: 1 << 16])
 
 
 def vehicle(found: Any) -> None:

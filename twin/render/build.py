@@ -62,7 +62,7 @@ CUDA = Tuning(
     visibility=KernelOptions(blocks=8),
     look=KernelOptions(blocks=8),
     mirror=KernelOptions(blocks=4),
-    picture=KernelOptions(blocks=4),
+    picture=KernelOptions(blocks=5),
 )
 
 

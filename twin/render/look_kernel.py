@@ -12,6 +12,7 @@ from functools import cache
 
 import warp as wp
 
+from twin.base.portable.quick import dot, of_axes
 from twin.render.build import KernelOptions
 from twin.render.light.light import SlotLight
 from twin.render.look_pixels import keep_look, keep_ruffle
@@ -61,7 +62,7 @@ def look_kernel(build: KernelOptions, second: bool) -> wp.Kernel:
             slot = pixel.slot
             pose = poses[slot]
             ray = rays[pixel.row, pixel.column]
-            direction = pose.right * ray[0] + pose.down * ray[1] + pose.ahead * ray[2]
+            direction = of_axes(ray, pose.right, pose.down, pose.ahead)
             at = place_of(scene, slot, seen, thread, pose.eye, direction)
             # Light is written before the normal is worked out: fewer registers are held.
             own = look_of(scene, optics, at, direction)
@@ -73,7 +74,7 @@ def look_kernel(build: KernelOptions, second: bool) -> wp.Kernel:
             flags = flags | keep_ruffle(seen.look, thread, ruffle)
             seen.flags[thread] = seen.flags[thread] | flags
             if wp.static(second):
-                cosine = -wp.dot(at.n, direction)
+                cosine = -dot(at.n, direction)
                 material = scene.faces[at.face].material
                 needs = needs_second_rays(material, lights[slot].wetness, cosine, at.distance)
                 if own.mirror >= _MIRROR_MIN and at.distance < SECOND_RANGE_M:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warp as wp
 
+from twin.base.portable.quick import dot, quotient, reciprocal, unit
 from twin.render.light.light import SlotLight
 from twin.render.looks import SMOOTH
 from twin.render.surface import SurfacePoint, snow_share
@@ -82,14 +83,14 @@ def smooth_point(
     first = 3 * (row - _SMOOTH)
     w = 1.0 - u - v
     side = wp.float32(1.0)
-    if wp.dot(object_turned(scene.faces[face].normal, scene, slot, m), flat) < 0.0:
+    if dot(object_turned(scene.faces[face].normal, scene, slot, m), flat) < 0.0:
         side = -1.0
     a = scene.looks.normal[first] * side
     b = scene.looks.normal[first + 1] * side
     c = scene.looks.normal[first + 2] * side
     n = a * u + b * v + c * w
-    if wp.length(n) > 1.0e-3:
-        point.n = object_turned(wp.normalize(n), scene, slot, m)
+    if dot(n, n) > 1.0e-6:
+        point.n = object_turned(unit(n), scene, slot, m)
     x = scene.looks.rise[first]
     y = scene.looks.rise[first + 1]
     z = scene.looks.rise[first + 2]
@@ -113,9 +114,9 @@ def look_mirrors(scene: RayScene, face: wp.int32) -> wp.bool:
 @wp.func
 def bent_normal(n: wp.vec3, s: SurfacePoint) -> wp.vec3:
     """``n`` as the face's material bends it."""
-    if wp.dot(s.ruffle, s.ruffle) == 0.0:
+    if dot(s.ruffle, s.ruffle) == 0.0:
         return n
-    return wp.normalize(n + s.ruffle)
+    return unit(n + s.ruffle)
 
 
 @wp.func
@@ -128,13 +129,13 @@ def divided(at: LookPoint, base: wp.vec3, metallic: wp.float32, roughness: wp.fl
     if roughness >= _MATT_FROM:
         at.albedo = base
         return at
-    sharp = wp.min((_MATT_FROM - roughness) / _SHARP_SPAN, 1.0)
+    sharp = wp.min(quotient(_MATT_FROM - roughness, _SHARP_SPAN), 1.0)
     sharp = sharp * sharp
     plain = _DIELECTRIC * (1.0 - metallic)
     color = (base * metallic + wp.vec3(plain, plain, plain)) * sharp
     at.albedo = base * (1.0 - metallic * sharp)
     at.mirror = wp.max(color[0], wp.max(color[1], color[2]))
-    at.tint = color / wp.max(at.mirror, 1.0e-6)
+    at.tint = color * reciprocal(wp.max(at.mirror, 1.0e-6))
     return at
 
 
@@ -154,19 +155,19 @@ def _mapped(
     mean = scene.looks.tangent[first] * u + scene.looks.tangent[first + 1] * v
     mean = mean + scene.looks.tangent[first + 2] * w
     along = wp.vec3(mean[0], mean[1], mean[2])
-    along = along - front * wp.dot(front, along)
-    if wp.length(along) < 1.0e-4:
+    along = along - front * dot(front, along)
+    if dot(along, along) < 1.0e-8:
         return front
-    along = wp.normalize(along)
+    along = unit(along)
     turn = wp.where(mean[3] < 0.0, wp.float32(-1.0), wp.float32(1.0))
     up = wp.cross(front, along) * turn
     x = (2.0 * texel[0] - 1.0) * scale
     y = (2.0 * texel[1] - 1.0) * scale
     z = 2.0 * texel[2] - 1.0
     bent = along * x + up * y + front * z
-    if wp.length(bent) < 1.0e-4:
+    if dot(bent, bent) < 1.0e-8:
         return front
-    return wp.normalize(bent)
+    return unit(bent)
 
 
 @wp.func
@@ -208,8 +209,8 @@ def look_point(
             texture = scene.looks.maps[look, k - 1].texture
             if texture >= 0:
                 one = wp.vec3(uv[0], uv[1], 1.0)
-                x = wp.dot(scene.looks.maps[look, k - 1].u, one)
-                y = wp.dot(scene.looks.maps[look, k - 1].v, one)
+                x = dot(scene.looks.maps[look, k - 1].u, one)
+                y = dot(scene.looks.maps[look, k - 1].v, one)
                 there = wp.vec2(x, y)
                 wide = footprint * scene.looks.maps[look, k - 1].scale
         if texture >= 0:
@@ -262,13 +263,13 @@ def look_ruffle(
         if m >= 0:
             own = into_object(n, scene.objects[slot, m])
             front = into_object(flat, scene.objects[slot, m])
-        side = wp.where(wp.dot(front, scene.faces[face].normal) < 0.0, -1.0, 1.0)
+        side = wp.where(dot(front, scene.faces[face].normal) < 0.0, -1.0, 1.0)
         scale = scene.looks.table[scene.looks.look[row]].normal_scale
         own = _mapped(scene, 3 * row, own * side, u, v, bump, scale) * side
         n = object_turned(own, scene, slot, m)
-    away = wp.dot(n, direction)
+    away = dot(n, direction)
     if away > -_FACING:
-        n = wp.normalize(n - direction * (away + _FACING))
+        n = unit(n - direction * (away + _FACING))
     return n - flat
 
 
@@ -289,8 +290,8 @@ def with_look(
 def bounced(direction: wp.vec3, n: wp.vec3, flat: wp.vec3) -> wp.vec3:
     """``direction`` mirrored at a surface with normal ``n``, not into the face with normal
     ``flat``."""
-    ahead = direction + n * (2.0 * wp.clamp(-wp.dot(n, direction), 0.0, 1.0))
-    above = wp.dot(ahead, flat)
+    ahead = direction + n * (2.0 * wp.clamp(-dot(n, direction), 0.0, 1.0))
+    above = dot(ahead, flat)
     if above < _FACING:
-        ahead = wp.normalize(ahead + flat * (_FACING - above))
+        ahead = unit(ahead + flat * (_FACING - above))
     return ahead

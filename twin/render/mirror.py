@@ -11,6 +11,7 @@ from typing import Any
 
 import warp as wp
 
+from twin.base.portable.quick import ahead_of, dot, of_axes, unit
 from twin.render.build import NONE, Features, KernelOptions
 from twin.render.light.air import through_air
 from twin.render.light.lamps import LampBeams, StreetLamps
@@ -85,7 +86,7 @@ def _light_functions(features: Features) -> tuple[Any, Any]:
         if glass and hit.t < _SHELL_M:
             return wp.cw_mul(_CABIN, light.sky_rgb) * PI_INVERSE
         at = ShadedPoint()
-        at.p = start + direction * hit.t
+        at.p = ahead_of(start, direction, hit.t)
         at.n = hit.normal
         at.face = hit.face
         at.object = hit.object
@@ -102,7 +103,7 @@ def _light_functions(features: Features) -> tuple[Any, Any]:
                 smooth = smooth_point(scene, slot, at.face, at.object, at.u, at.v, at.n)
                 facing = smooth.n
                 place = place + smooth.lift
-        if light.shadows != 0 and wp.dot(facing, light.sun_direction) > 0.0:
+        if light.shadows != 0 and dot(facing, light.sun_direction) > 0.0:
             dark = occluded(scene, slot, place + at.n * 0.02, light.sun_direction, RANGE_M)
             at.lit = wp.where(dark, 0.0, sun_through_clouds(at.p, light))
         if wp.static(looks):  # noqa: SIM102 (resolved before the kernel is compiled)
@@ -168,7 +169,7 @@ def mirror_kernel(build: KernelOptions, features: Features = NONE) -> wp.Kernel:
             light = lights[slot]
             pose = poses[slot]
             ray = rays[pixel.row, pixel.column]
-            direction = pose.right * ray[0] + pose.down * ray[1] + pose.ahead * ray[2]
+            direction = of_axes(ray, pose.right, pose.down, pose.ahead)
             at = place_of(scene, slot, seen, thread, pose.eye, direction)
             color = wp.vec3(0.0, 0.0, 0.0)
             own = wp.vec4(0.0, 0.0, 0.0, 0.0)
@@ -185,10 +186,10 @@ def mirror_kernel(build: KernelOptions, features: Features = NONE) -> wp.Kernel:
                 if n[2] > 0.9 and light.wetness > 0.0:  # water is never quite level
                     x = value_noise(at.p[0] * 5.0, at.p[1] * 5.0, 21) - 0.5
                     y = value_noise(at.p[0] * 5.0, at.p[1] * 5.0, 22) - 0.5
-                    n = wp.normalize(n + wp.vec3(x, y, 0.0) * _RIPPLE)
+                    n = unit(n + wp.vec3(x, y, 0.0) * _RIPPLE)
                 if wp.static(looks):
                     n = bent_normal(n, s)
-                cosine = wp.clamp(-wp.dot(n, direction), 0.0, 1.0)
+                cosine = wp.clamp(-dot(n, direction), 0.0, 1.0)
                 fresnel = fresnel_of(s.mirror, cosine)  # Schlick (1994)
                 # One loop over both rays, so that the code of a ray stands there once.
                 count = wp.int32(1)
@@ -197,7 +198,7 @@ def mirror_kernel(build: KernelOptions, features: Features = NONE) -> wp.Kernel:
                 ahead = direction + n * (2.0 * cosine)
                 if wp.static(looks):
                     ahead = bounced(direction, n, at.n)
-                start = at.p + at.n * 0.02
+                start = ahead_of(at.p, at.n, 0.02)
                 weight = fresnel
                 glass = wp.bool(False)
                 for i in range(count):

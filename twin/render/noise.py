@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import warp as wp
 
+from twin.base.portable.quick import between, quotient
+
 _GOLDEN = wp.constant(wp.uint64(0x9E3779B97F4A7C15))
 _MIX_A = wp.constant(wp.uint64(0xBF58476D1CE4E5B9))
 _MIX_B = wp.constant(wp.uint64(0x94D049BB133111EB))
@@ -49,7 +51,7 @@ def normal(bits: wp.uint64) -> wp.float32:
     total += (bits >> _S10) & _TEN_BITS
     total += (bits >> _S20) & _TEN_BITS
     total += (bits >> _S30) & _TEN_BITS
-    return (wp.float32(total) - _SUM_MEAN) / _SUM_SIGMA
+    return quotient(wp.float32(total) - _SUM_MEAN, _SUM_SIGMA)
 
 
 @wp.func
@@ -77,6 +79,6 @@ def value_noise(x: wp.float32, y: wp.float32, seed: wp.int32) -> wp.float32:
     v = y - wp.float32(j)
     u = u * u * (3.0 - 2.0 * u)
     v = v * v * (3.0 - 2.0 * v)
-    low = lattice(i, j, seed) * (1.0 - u) + lattice(i + 1, j, seed) * u
-    high = lattice(i, j + 1, seed) * (1.0 - u) + lattice(i + 1, j + 1, seed) * u
-    return low * (1.0 - v) + high * v
+    low = between(lattice(i, j, seed), lattice(i + 1, j, seed), u)
+    high = between(lattice(i, j + 1, seed), lattice(i + 1, j + 1, seed), u)
+    return between(low, high, v)

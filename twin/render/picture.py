@@ -7,6 +7,7 @@ from typing import Any
 
 import warp as wp
 
+from twin.base.portable.quick import dot, of_axes, reciprocal
 from twin.render.boxes import gather_box
 from twin.render.build import NONE, Features, KernelOptions
 from twin.render.flow import PosesBefore, Projection, flow_at
@@ -58,14 +59,14 @@ def air_light(
     """What lamps light up in the air before the surface, and drops and flakes."""
     from_lamps = optics.mount - optics.lamps
     ahead = wp.vec3(
-        wp.dot(direction, pose.forward), wp.dot(direction, pose.left), wp.dot(direction, pose.up)
+        dot(direction, pose.forward), dot(direction, pose.left), dot(direction, pose.up)
     )
     glow = headlamp_glow(from_lamps, ahead, distance, light)
     total = color + WARM_WHITE * glow
     total += lamps_glow(pose.eye, direction, distance, slot, lamps, beams, light)
     if light.rain + light.snow > 0.0:
-        height = wp.float32(optics.height)
-        u, v = wp.float32(column) / height, wp.float32(row) / height
+        share = reciprocal(wp.float32(optics.height))
+        u, v = wp.float32(column) * share, wp.float32(row) * share
         hidden = cover(u, v, pose.right, light)
         # Drops and flakes are as bright as the air, and at night as what the lamps light up.
         flake = wp.max(light.air_rgb * 1.25 + WARM_WHITE * (glow * 3.0), total)
@@ -106,7 +107,7 @@ def _facing(at: ShadedPoint, pose: SlotPose) -> wp.vec3:
     """Normal of what is seen in the camera's axes; zero where nothing is seen."""
     n = wp.vec3(0.0, 0.0, 0.0)
     if at.face >= 0:
-        n = wp.vec3(wp.dot(at.n, pose.right), wp.dot(at.n, pose.down), wp.dot(at.n, pose.ahead))
+        n = wp.vec3(dot(at.n, pose.right), dot(at.n, pose.down), dot(at.n, pose.ahead))
     return n
 
 
@@ -124,11 +125,11 @@ def _mirrored_sky(features: Features) -> Any:
         light: SlotLight,
         sky_table: wp.array3d(dtype=wp.vec3),
     ) -> wp.vec3:
-        cosine = wp.clamp(-wp.dot(at.n, direction), 0.0, 1.0)
+        cosine = wp.clamp(-dot(at.n, direction), 0.0, 1.0)
         bounce = direction + at.n * (2.0 * cosine)
         if wp.static(looks):
             n = bent_normal(at.n, s)
-            cosine = wp.clamp(-wp.dot(n, direction), 0.0, 1.0)
+            cosine = wp.clamp(-dot(n, direction), 0.0, 1.0)
             bounce = bounced(direction, n, at.n)
         back = smooth_sky(bounce, slot, light, sky_table)
         if wp.static(looks):
@@ -200,7 +201,7 @@ def picture_kernel(
             if row >= optics.height or column >= optics.width:
                 continue
             ray = rays[row, column]
-            direction = pose.right * ray[0] + pose.down * ray[1] + pose.ahead * ray[2]
+            direction = of_axes(ray, pose.right, pose.down, pose.ahead)
             at = place_of(scene, slot, seen, thread, pose.eye, direction)
             tag = _instance_of(scene, slot, at)
             if tag >= 0:

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import warp as wp
 
+from twin.base.portable.quick import root
 from twin.render.noise import draw, normal
 
 # Signal of a white surface in electrons, and read noise relative to it.
-_FULL_WELL = wp.constant(7000.0)
+_PER_FULL_WELL = wp.constant(1.0 / 7000.0)
 _READ_NOISE = wp.constant(1.2e-3)
 
 
 @wp.func
 def sensor_noise(x: wp.float32, key: wp.uint64, tick: wp.int32, element: wp.int32) -> wp.float32:
     """Signal ``x`` with its noise; ``element`` counts the values of an image, row by row, RGB."""
-    sigma = wp.sqrt(wp.max(x, 0.0) / _FULL_WELL + _READ_NOISE * _READ_NOISE)
+    sigma = root(wp.max(x, 0.0) * _PER_FULL_WELL + _READ_NOISE * _READ_NOISE)
     return x + sigma * normal(draw(key, tick, element))

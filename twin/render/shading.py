@@ -7,6 +7,7 @@ from typing import Any
 
 import warp as wp
 
+from twin.base.portable.quick import ahead_of, dot, quotient, unit
 from twin.render.build import Features
 from twin.render.light.lamps import (
     SODIUM,
@@ -73,14 +74,14 @@ def place_of(
     if (flags & LIT) != 0:
         at.lit = 1.0
     at.distance = seen.t[thread]
-    at.p = eye + direction * at.distance
+    at.p = ahead_of(eye, direction, at.distance)
     bary = seen.bary[thread]
     at.u = wp.float32((bary >> 16) & 65535) * 1.5259022e-5
     at.v = wp.float32(bary & 65535) * 1.5259022e-5
     at.n = scene.faces[at.face].normal
     if at.object >= 0:
         at.n = out_of_object(at.n, scene.objects[slot, at.object])
-    if wp.dot(at.n, direction) > 0.0:
+    if dot(at.n, direction) > 0.0:
         at.n = -at.n
     return at
 
@@ -88,8 +89,8 @@ def place_of(
 @wp.func
 def look_of(scene: RayScene, optics: Optics, at: ShadedPoint, direction: wp.vec3) -> LookPoint:
     """What the material of a face with details says of a place seen along ``direction``."""
-    slope = wp.max(0.2, wp.abs(wp.dot(at.n, direction)))
-    footprint = at.distance * optics.pixel / slope * -scene.faces[at.face].uv_per_m
+    slope = wp.max(0.2, wp.abs(dot(at.n, direction)))
+    footprint = quotient(at.distance * optics.pixel, slope) * -scene.faces[at.face].uv_per_m
     uv = uv_at(scene, at.face, at.u, at.v)
     return look_point(scene, at.face, at.u, at.v, uv, footprint)
 
@@ -148,7 +149,7 @@ def _contact(scene: RayScene, slot: wp.int32, at: ShadedPoint) -> wp.float32:
             pose = scene.objects[slot, m]
             local = into_object(at.p - pose.position, pose)
             beyond = wp.max(wp.abs(local[0]) - pose.half[0], wp.abs(local[1]) - pose.half[1])
-            cover = wp.clamp(0.45 - beyond / 0.7, 0.0, 0.9)
+            cover = wp.clamp(0.45 - beyond * (1.0 / 0.7), 0.0, 0.9)
             share = share * (1.0 - cover)
     return share
 
@@ -172,7 +173,7 @@ def irradiance(
     total = light.sky_rgb * ((0.78 * upward * upward + 0.05) * open_sky)
     total += light.sun_rgb * (0.06 * (1.0 - upward) * open_sky)  # sun bounced off the ground
     if at.lit > 0.0:
-        facing = wp.dot(n, light.sun_direction)
+        facing = dot(n, light.sun_direction)
         if facing > 0.0:
             total += light.sun_rgb * (facing * at.lit)
     if light.lamps_on > 0.0:
@@ -180,12 +181,10 @@ def irradiance(
         total += vehicles_lux(at.p, n, slot, beams)
     if light.low_beam + light.high_beam + light.fog_lamp > 0.0:
         ray = at.p - pose.position
-        local = wp.vec3(wp.dot(ray, pose.forward), wp.dot(ray, pose.left), wp.dot(ray, pose.up))
+        local = wp.vec3(dot(ray, pose.forward), dot(ray, pose.left), dot(ray, pose.up))
         local = local - optics.lamps
-        to_lamp = wp.normalize(
-            pose.forward * -local[0] + pose.left * -local[1] + pose.up * -local[2]
-        )
-        total += WARM_WHITE * (retro * headlamp_lux(local, wp.dot(to_lamp, n), light))
+        to_lamp = unit(pose.forward * -local[0] + pose.left * -local[1] + pose.up * -local[2])
+        total += WARM_WHITE * (retro * headlamp_lux(local, dot(to_lamp, n), light))
     return total
 
 
@@ -226,8 +225,8 @@ def surface_functions(features: Features, copy: int = 0) -> tuple[Any, Any]:
         """Reflectance and own light at a place seen along ``direction``; ``detailed``: albedo of a
         face with details, of which the rest is up to :func:`with_look`."""
         face = scene.faces[at.face]
-        slope = wp.max(0.2, wp.abs(wp.dot(at.n, direction)))
-        footprint = at.distance * optics.pixel / slope
+        slope = wp.max(0.2, wp.abs(dot(at.n, direction)))
+        footprint = quotient(at.distance * optics.pixel, slope)
         if wp.static(looks):
             albedo = detailed
             if face.uv_per_m >= 0.0:
@@ -264,7 +263,7 @@ def surface_functions(features: Features, copy: int = 0) -> tuple[Any, Any]:
         if wp.static(looks):
             n = bent_normal(n, s)
         elif scene.faces[at.face].material == _FOLIAGE:  # leaves face every way
-            n = wp.normalize(n + s.ruffle)
+            n = unit(n + s.ruffle)
         lux = irradiance(scene, slot, lamps, beams, optics, pose, at, n, s.retro, light)
         return wp.cw_mul(s.albedo, lux) * PI_INVERSE + s.emission
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warp as wp
 
+from twin.base.portable.quick import quotient, reciprocal
 from twin.render.light.light import SlotLight
 from twin.render.noise import lattice, value_noise
 from twin.render.trace.geometry import Face
@@ -74,10 +75,12 @@ def _facade(s: SurfacePoint, tag: wp.int32, u: wp.float32, z: wp.float32, light:
     pitch = 2.3 + 1.5 * lattice(tag, 1, 0)
     storey = 3.1 + 0.5 * lattice(tag, 2, 0)
     broad = 0.42 + 0.26 * lattice(tag, 3, 0)
-    column = wp.floor(u / pitch)
-    row = wp.floor((z - 4.2) / storey)
-    a = u / pitch - column
-    b = (z - 4.2) / storey - row
+    across = quotient(u, pitch)
+    up = quotient(z - 4.2, storey)
+    column = wp.floor(across)
+    row = wp.floor(up)
+    a = across - column
+    b = up - row
     inside_a = wp.abs(a - 0.5) - 0.5 * broad
     inside_b = wp.abs(b - 0.52) - 0.29
     if inside_a < 0.0 and inside_b < 0.0:
@@ -104,8 +107,9 @@ def _facade(s: SurfacePoint, tag: wp.int32, u: wp.float32, z: wp.float32, light:
 @wp.func
 def _shopfront(s: SurfacePoint, tag: wp.int32, u: wp.float32, z: wp.float32, light: SlotLight):
     pitch = 3.4 + 1.6 * lattice(tag, 4, 0)
-    column = wp.floor(u / pitch)
-    a = wp.abs(u / pitch - column - 0.5)
+    across = quotient(u, pitch)
+    column = wp.floor(across)
+    a = wp.abs(across - column - 0.5)
     i = wp.int32(column)
     dice = lattice(tag + i, 5, 3)
     if z > 3.15 and z < 3.85 and a < 0.47:  # sign board
@@ -138,7 +142,7 @@ def _ground(
             s.albedo = s.albedo * 0.65
     elif material == _ASPHALT:
         grain = lattice(wp.int32(wp.floor(p[0] * 14.0)), wp.int32(wp.floor(p[1] * 14.0)), 2)
-        keep = 1.0 / (1.0 + 0.004 * distance * distance)  # grain averages out far away
+        keep = reciprocal(1.0 + 0.004 * distance * distance)  # grain averages out far away
         s.albedo = s.albedo * (0.78 + 0.4 * patch + (grain - 0.5) * 0.35 * keep)
     else:
         s.albedo = s.albedo * (0.82 + 0.18 * patch)
@@ -152,12 +156,12 @@ def _ground(
         # Tyre tracks stay darker: two bands around each lane's centre.
         track = wp.float32(1.0)
         if material != _PAVING:
-            in_lane = p[1] - 3.5 * wp.floor((p[1] + 1.75) / 3.5)
+            in_lane = p[1] - 3.5 * wp.floor((p[1] + 1.75) * (1.0 / 3.5))
             band = wp.abs(wp.abs(in_lane) - 0.8)
             track = wp.clamp(0.45 + 0.9 * band, 0.0, 1.0)
         rough = value_noise(p[0] * 1.3, p[1] * 3.1, 8)
         # Clods and grains, which average out far away.
-        near = 1.0 / (1.0 + 0.004 * distance * distance)
+        near = reciprocal(1.0 + 0.004 * distance * distance)
         clods = value_noise(p[0] * 7.0, p[1] * 9.0, 11) - 0.5
         rough += (0.5 * clods + 0.35 * (value_noise(p[0] * 31.0, p[1] * 33.0, 12) - 0.5)) * near
         share = wp.clamp(light.snow_cover * track * 1.5 + (rough - 0.62) * 0.6, 0.0, 0.97)
@@ -201,12 +205,13 @@ def _pane(s: SurfacePoint, tag: wp.int32, light: SlotLight):
 @wp.func
 def _masonry(s: SurfacePoint, tag: wp.int32, u: wp.float32, z: wp.float32, distance: wp.float32):
     """Courses of bricks of 25 cm by 7.7 cm; joints average out far away."""
-    course = wp.floor(z / 0.077)
-    along = u / 0.25 + 0.5 * (course - 2.0 * wp.floor(course * 0.5))
+    height = z * (1.0 / 0.077)
+    course = wp.floor(height)
+    along = u * 4.0 + 0.5 * (course - 2.0 * wp.floor(course * 0.5))
     brick = wp.floor(along)
     shade = 0.82 + 0.36 * lattice(wp.int32(brick), wp.int32(course), tag)
-    keep = 1.0 / (1.0 + 0.0015 * distance * distance)
-    joint = z / 0.077 - course < 0.13 or along - brick < 0.04
+    keep = reciprocal(1.0 + 0.0015 * distance * distance)
+    joint = height - course < 0.13 or along - brick < 0.04
     mortar = wp.vec3(0.36, 0.34, 0.31)
     face = s.albedo * (1.0 + (shade - 1.0) * keep)
     if joint:
@@ -295,7 +300,7 @@ def _bare_surface(
         return s
     if m == _GRASS:
         blade = lattice(wp.int32(wp.floor(p[0] * 11.0)), wp.int32(wp.floor(p[1] * 11.0)), 12)
-        keep = 1.0 / (1.0 + 0.004 * distance * distance)
+        keep = reciprocal(1.0 + 0.004 * distance * distance)
         s.albedo = s.albedo * (0.75 + 0.5 * value_noise(p[0] * 0.4, p[1] * 0.4, 13))
         s.albedo = s.albedo * (1.0 + (blade - 0.5) * 0.6 * keep)
         return s

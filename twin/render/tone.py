@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import warp as wp
 
+from twin.base.portable.quick import quotient
 from twin.base.portable.whole import whole_within_f32
 from twin.world.meshes.srgb import srgb
 
@@ -31,4 +32,4 @@ def tone_table() -> np.ndarray:
 def tone(signal: wp.float32, table: wp.array(dtype=wp.uint8)) -> wp.uint8:
     """8-bit sRGB of a linear signal; white where it is infinite."""
     x = wp.min(wp.max(signal, 0.0), _BRIGHTEST)
-    return table[whole_within_f32(x / (1.0 + x) * _TABLE_TOP + 0.5, 0, _LAST)]
+    return table[whole_within_f32(quotient(x, 1.0 + x) * _TABLE_TOP + 0.5, 0, _LAST)]

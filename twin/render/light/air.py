@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warp as wp
 
-from twin.base.portable_math import portable_exp_f32
+from twin.base.portable.quick import decay, quotient
 
 # Depth of the layer that fog, rain and snow fill [m], and the extinction that is no weather [1/m]:
 # the haze of clear air is part of the sky's own colour.
@@ -15,7 +15,7 @@ _CLEAR_PER_M = wp.constant(2.0e-4)
 @wp.func
 def transmission(extinction: wp.float32, distance: wp.float32) -> wp.float32:
     """Share of light that passes ``distance`` [m] of air: e^(-b d)."""
-    return portable_exp_f32(-extinction * distance)
+    return decay(extinction * distance)
 
 
 @wp.func
@@ -34,4 +34,4 @@ def through_air(
 def sky_path(extinction: wp.float32, up: wp.float32) -> wp.float32:
     """Length of the weather's path to the sky at direction cosine ``up`` [m]."""
     weather = wp.max(0.0, extinction - _CLEAR_PER_M)
-    return _LAYER_M / wp.max(up, 0.01) * weather / wp.max(extinction, 1.0e-9)
+    return quotient(_LAYER_M * weather, wp.max(up, 0.01) * wp.max(extinction, 1.0e-9))

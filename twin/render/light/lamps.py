@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
+
 import warp as wp
 
 from twin.actors.lamps import VehicleLamp
+from twin.base.portable.quick import decay, dot, quotient, reciprocal, root
 from twin.base.portable.whole import whole_within_f32
-from twin.base.portable_math import portable_exp_f32
 from twin.render.light.light import SlotLight
 from twin.render.trace.geometry import RayScene, out_of_object
 from twin.render.trace.rays import SlotPose
@@ -24,6 +26,12 @@ SODIUM = wp.constant(wp.vec3(1.0, 0.76, 0.46))
 
 _FOG_BLUR_M = wp.constant(6.0)
 """Softening of a beam's cut-off, as a slope, per extinction [m]."""
+# Half width and height of each beam, as slopes: how often they go into 1.
+_LOW_WIDTH, _LOW_HEIGHT = wp.constant(1.0 / 0.42), wp.constant(1.0 / 0.09)
+_HIGH_WIDTH, _HIGH_HEIGHT = wp.constant(1.0 / 0.24), wp.constant(1.0 / 0.10)
+_FOG_WIDTH, _FOG_HEIGHT = wp.constant(1.0 / 0.80), wp.constant(1.0 / 0.10)
+_CUT_OFF = wp.constant(1.0 / 0.012)
+_SPHERE = wp.constant(1.0 / (4.0 * math.pi))
 # Share of light that fog scatters straight back, relative to isotropic scattering.
 _BACKSCATTER = wp.constant(0.6)
 
@@ -67,17 +75,20 @@ _LAMPS_LIGHTING = wp.constant(LAMPS_LIGHTING)
 def _near_lamp(x: wp.float32, y: wp.float32, i: wp.int32, lamps: StreetLamps) -> wp.int32:
     """The ``i``-th of the lamps that light a place; -1: none."""
     columns, rows = lamps.near.shape[1], lamps.near.shape[0]
-    column = whole_within_f32(wp.floor((x - lamps.corner[0]) / lamps.cell), -1, columns)
-    row = whole_within_f32(wp.floor((y - lamps.corner[1]) / lamps.cell), -1, rows)
+    across = quotient(x - lamps.corner[0], lamps.cell)
+    along = quotient(y - lamps.corner[1], lamps.cell)
+    column = whole_within_f32(wp.floor(across), -1, columns)
+    row = whole_within_f32(wp.floor(along), -1, rows)
     if row < 0 or row >= rows or column < 0 or column >= columns:
         return wp.int32(-1)
     return lamps.near[row, column, i]
 
 
 @wp.func
-def _lobe(offset: wp.float32, width: wp.float32) -> wp.float32:
-    q = offset / width
-    return 1.0 / ((1.0 + q * q) * (1.0 + q * q))
+def _lobes(h: wp.float32, v: wp.float32) -> wp.float32:
+    """Share of a beam's peak at ``h`` half widths to the side and ``v`` half heights up."""
+    square = (1.0 + h * h) * (1.0 + v * v)
+    return reciprocal(square * square)
 
 
 @wp.func
@@ -88,13 +99,15 @@ def _beam_cd(h: wp.float32, v: wp.float32, light: SlotLight) -> wp.float32:
     blur = wp.min(_FOG_BLUR_M * light.extinction, 0.2)
     if light.low_beam > 0.0:
         # Cut-off 1 % below the horizon, softened over 1.2 %.
-        cut = wp.clamp((-0.004 - v) / (0.012 + blur) + 0.5 * blur / (0.012 + blur), 0.0, 1.0)
-        total += light.low_beam * LOW_CD * _lobe(h, 0.42) * _lobe(v + 0.03, 0.09) * (cut + 0.008)
+        cut = wp.clamp(quotient(0.5 * blur - 0.004 - v, 0.012 + blur), 0.0, 1.0)
+        shape = _lobes(h * _LOW_WIDTH, (v + 0.03) * _LOW_HEIGHT)
+        total += light.low_beam * LOW_CD * shape * (cut + 0.008)
     if light.high_beam > 0.0:
-        total += light.high_beam * HIGH_CD * _lobe(h, 0.24) * _lobe(v, 0.10)
+        total += light.high_beam * HIGH_CD * _lobes(h * _HIGH_WIDTH, v * _HIGH_HEIGHT)
     if light.fog_lamp > 0.0:
-        cut = wp.clamp((-0.015 - v) / (0.015 + blur) + 0.5 * blur / (0.015 + blur), 0.0, 1.0)
-        total += light.fog_lamp * FOG_CD * _lobe(h, 0.80) * _lobe(v + 0.06, 0.10) * cut
+        cut = wp.clamp(quotient(0.5 * blur - 0.015 - v, 0.015 + blur), 0.0, 1.0)
+        shape = _lobes(h * _FOG_WIDTH, (v + 0.06) * _FOG_HEIGHT)
+        total += light.fog_lamp * FOG_CD * shape * cut
     return total
 
 
@@ -103,7 +116,8 @@ def headlamp_cd(local: wp.vec3, light: SlotLight) -> wp.float32:
     """Intensity towards ``local``, a point in lamp axes (x forward, y left, z up) [cd]."""
     if local[0] < 0.3:
         return 0.0
-    return _beam_cd(local[1] / local[0], local[2] / local[0], light)
+    share = reciprocal(local[0])
+    return _beam_cd(local[1] * share, local[2] * share, light)
 
 
 @wp.func
@@ -111,9 +125,9 @@ def headlamp_lux(local: wp.vec3, facing: wp.float32, light: SlotLight) -> wp.flo
     """Illuminance of a surface at ``local``; ``facing``: cosine to the lamp [lx]."""
     if facing <= 0.0:
         return 0.0
-    square = wp.dot(local, local)
-    fade = portable_exp_f32(-light.extinction * wp.sqrt(square))
-    return headlamp_cd(local, light) * facing * fade / wp.max(square, 0.25)
+    square = dot(local, local)
+    fade = decay(light.extinction * root(square))
+    return quotient(headlamp_cd(local, light) * facing * fade, wp.max(square, 0.25))
 
 
 @wp.func
@@ -136,26 +150,27 @@ def headlamp_glow(
         if far > near:
             middle = 0.5 * (near + far)
             intensity = headlamp_cd(eye + direction * middle, light)
-            total += intensity * (1.0 / near - 1.0 / far) * portable_exp_f32(-2.0 * b * middle)
+            total += intensity * quotient(far - near, near * far) * decay(2.0 * b * middle)
         near = near * 2.4
-    return total * b * _BACKSCATTER / (4.0 * wp.pi)
+    return total * b * (_BACKSCATTER * _SPHERE)
 
 
 @wp.func
 def _lamp_lux(to_lamp: wp.vec3, normal: wp.vec3) -> wp.float32:
     """Illuminance by a luminaire of 1 cd [lx]."""
-    square = wp.dot(to_lamp, to_lamp)
-    cosine = wp.dot(to_lamp, normal)
+    square = dot(to_lamp, to_lamp)
+    cosine = dot(to_lamp, normal)
     if cosine > 0.0 and to_lamp[2] > 0.0:
-        down = to_lamp[2] * to_lamp[2] / square  # luminaires shine downwards
-        return cosine * down / (square * wp.sqrt(square))
+        # Luminaires shine downwards: once more the cosine at the lamp, squared.
+        down = to_lamp[2] * to_lamp[2]
+        return quotient(cosine * down, square * square * root(square))
     return 0.0
 
 
 @wp.func
 def _row_lux(point: wp.vec3, normal: wp.vec3, row: wp.vec2, lamps: StreetLamps) -> wp.float32:
     total = wp.float32(0.0)
-    cell = wp.floor((point[0] - row[0]) / lamps.spacing)
+    cell = wp.floor(quotient(point[0] - row[0], lamps.spacing))
     for i in range(2):
         x = row[0] + (cell + wp.float32(i)) * lamps.spacing
         to_lamp = wp.vec3(x - point[0], row[1] - point[1], lamps.height - point[2])
@@ -262,17 +277,19 @@ def beams_kernel(
 def _low_beam_cd(local: wp.vec3) -> wp.float32:
     if local[0] < 0.2:
         return 0.0
-    h = local[1] / local[0]
-    v = local[2] / local[0]
-    cut = wp.clamp((-0.004 - v) / 0.012, 0.0, 1.0)
-    return LOW_CD * _lobe(h, 0.42) * _lobe(v + 0.03, 0.09) * (cut + 0.02)
+    share = reciprocal(local[0])
+    h = local[1] * share
+    v = local[2] * share
+    cut = wp.clamp((-0.004 - v) * _CUT_OFF, 0.0, 1.0)
+    return LOW_CD * _lobes(h * _LOW_WIDTH, (v + 0.03) * _LOW_HEIGHT) * (cut + 0.02)
 
 
 @wp.func
 def _high_beam_cd(local: wp.vec3) -> wp.float32:
     if local[0] < 0.2:
         return 0.0
-    return HIGH_CD * _lobe(local[1] / local[0], 0.24) * _lobe(local[2] / local[0], 0.10)
+    share = reciprocal(local[0])
+    return HIGH_CD * _lobes(local[1] * share * _HIGH_WIDTH, local[2] * share * _HIGH_HEIGHT)
 
 
 @wp.func
@@ -290,8 +307,8 @@ def _head_cd(local: wp.vec3, beam: LampBeams) -> wp.float32:
 def _along(v: wp.vec3, forward: wp.vec3, up: wp.vec3) -> wp.vec3:
     """``v`` in axes whose x is the direction ``forward`` and z the direction ``up``."""
     if up[2] != 1.0:
-        return wp.vec3(wp.dot(v, forward), wp.dot(v, wp.cross(up, forward)), wp.dot(v, up))
-    return wp.vec3(wp.dot(v, forward), forward[0] * v[1] - forward[1] * v[0], v[2])
+        return wp.vec3(dot(v, forward), dot(v, wp.cross(up, forward)), dot(v, up))
+    return wp.vec3(dot(v, forward), forward[0] * v[1] - forward[1] * v[0], v[2])
 
 
 @wp.func
@@ -306,18 +323,20 @@ def vehicles_lux(
         beam = beams[slot, b]
         if beam.head + beam.high > 0.0:
             ray = p - beam.front
-            square = wp.max(wp.dot(ray, ray), 0.25)
-            facing = -wp.dot(ray, n) / wp.sqrt(square)
+            square = wp.max(dot(ray, ray), 0.25)
+            share = reciprocal(root(square))
+            facing = -dot(ray, n) * share
             if facing > 0.0:
                 toward = _head_cd(_along(ray, beam.forward, beam.up), beam)
-                total += WARM_WHITE * (toward * facing / square)
+                total += WARM_WHITE * (toward * facing * (share * share))
         if beam.red > 0.0:
             ray = p - beam.rear
-            square = wp.max(wp.dot(ray, ray), 0.25)
-            behind = -wp.dot(ray, beam.forward) / wp.sqrt(square)
-            facing = -wp.dot(ray, n) / wp.sqrt(square)
+            square = wp.max(dot(ray, ray), 0.25)
+            share = reciprocal(root(square))
+            behind = -dot(ray, beam.forward) * share
+            facing = -dot(ray, n) * share
             if facing > 0.0 and behind > 0.0:
-                total += _RED * (beam.red * behind * facing / square)
+                total += _RED * (beam.red * behind * facing * (share * share))
     return total
 
 
@@ -325,7 +344,7 @@ def vehicles_lux(
 def _angle(y: wp.float32, x: wp.float32) -> wp.float32:
     """Angle of (x, y), y > 0, to 2e-3 rad: atan(a) = a (pi / 4 + 0.273 (1 - a)) (Rajan 2006)."""
     size = wp.abs(x)
-    a = wp.min(size, y) / wp.max(size, y)
+    a = quotient(wp.min(size, y), wp.max(size, y))
     angle = a * (0.785398 + 0.273 * (1.0 - a))
     if y > size:
         angle = 1.570796 - angle
@@ -343,11 +362,11 @@ def _halo(
     The integral of b / (4 pi) e^(-b (s + r)) / r^2 along the ray, with the exponential taken at the
     ray's point nearest to the lamp: the rest is the angle under which the lamp sees the ray.
     """
-    along = wp.dot(to, direction)
-    off = wp.sqrt(wp.max(wp.dot(to, to) - along * along, 0.01))
+    along = dot(to, direction)
+    off = root(wp.max(dot(to, to) - along * along, 0.01))
     arc = _angle(off * distance, off * off - along * (distance - along))
-    fade = portable_exp_f32(-extinction * (wp.clamp(along, 0.0, distance) + off))
-    return extinction * fade * arc / (off * 4.0 * wp.pi)
+    fade = decay(extinction * (wp.clamp(along, 0.0, distance) + off))
+    return quotient(extinction * fade * arc * _SPHERE, off)
 
 
 @wp.func
@@ -377,7 +396,7 @@ def lamps_glow(
             row = lamps.right
             if side == 1:
                 row = lamps.left
-            cell = wp.floor((eye[0] - row[0]) / lamps.spacing)
+            cell = wp.floor(quotient(eye[0] - row[0], lamps.spacing))
             for i in range(3):
                 step = wp.where(direction[0] > 0.0, wp.float32(i), 1.0 - wp.float32(i))
                 x = row[0] + (cell + step) * lamps.spacing
@@ -394,6 +413,6 @@ def lamps_glow(
             total += WARM_WHITE * (toward * _halo(to, direction, distance, light.extinction))
         if beam.red > 0.0:
             to = beam.rear - eye
-            if wp.dot(to, beam.forward) > 0.0:
+            if dot(to, beam.forward) > 0.0:
                 total += _RED * (beam.red * _halo(to, direction, distance, light.extinction))
     return total

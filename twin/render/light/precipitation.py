@@ -11,14 +11,16 @@ from __future__ import annotations
 
 import warp as wp
 
+from twin.base.portable.quick import quotient
 from twin.render.light.light import SlotLight
 from twin.render.noise import lattice
 
-# Focal length in image heights of a camera of 70 deg at 16:9; others see drops a little off size.
-_FOCAL = wp.constant(1.27)
+# Inverse of the focal length in image heights of a camera of 70 deg at 16:9; others see drops a
+# little off size.
+_PER_FOCAL = wp.constant(1.0 / 1.27)
 _LAYERS = wp.constant(4)
-# Width of a lane of rain, and pitch of the flakes next to the camera [m].
-_LANE_M = wp.constant(0.055)
+# Width of a lane of rain, as lanes per metre, and pitch of the flakes next to the camera [m].
+_PER_LANE = wp.constant(1.0 / 0.055)
 _FLAKE_GRID_M = wp.constant(0.10)
 DROPS_MASK = 0xFFFFF
 """Bits of a camera's key that say where drops and flakes are."""
@@ -39,25 +41,25 @@ def _streak(u: wp.float32, v: wp.float32, slant: wp.float32, light: SlotLight) -
     seed = wp.int32(light.key & _SEED_MASK)
     depth = wp.float32(1.6)
     for layer in range(_LAYERS):
-        size = _FOCAL / depth  # image heights per metre
-        x = (u - slant * v) / (_LANE_M * size)
+        per = depth * _PER_FOCAL  # metres per image height
+        x = (u - slant * v) * per * _PER_LANE
         i = wp.int32(wp.floor(x))
         own = lattice(i, layer, seed)
         speed = light.fall_mps * (0.85 + 0.3 * own)
         # An eye, or a codec, sees streaks longer than the shutter makes them.
         length = 0.16 + speed * light.shutter_s
         cell = wp.max(0.9, 2.5 * length)
-        y = v / (size * cell) - light.fallen_m * (0.85 + 0.3 * own) / cell + 64.0 * own
+        y = quotient(v * per - light.fallen_m * (0.85 + 0.3 * own), cell) + 64.0 * own
         j = wp.int32(wp.floor(y))
         dice = lattice(i, j, seed + 7 + layer)
         if dice < 0.16 + 0.74 * light.rain:
             wide = 0.024 + 0.018 * wp.float32(layer)
             dx = x - wp.float32(i) - (0.2 + 0.6 * _lower(dice, 256.0))
-            near = 1.0 - wp.abs(dx) / wide
+            near = 1.0 - quotient(wp.abs(dx), wide)
             if near > 0.0:
-                half = 0.5 * length / cell
+                half = quotient(0.5 * length, cell)
                 centre = half + (1.0 - 2.0 * half) * _lower(dice, 65536.0)
-                dy = (y - wp.float32(j) - centre) / half
+                dy = quotient(y - wp.float32(j) - centre, half)
                 strength = 0.40 - 0.05 * wp.float32(layer)
                 fade = wp.min(1.0, 1.6 * near) * wp.max(0.0, 1.0 - dy * dy)
                 hidden = wp.max(hidden, strength * fade)
@@ -73,11 +75,11 @@ def _flakes(u: wp.float32, v: wp.float32, slant: wp.float32, light: SlotLight) -
     depth = wp.float32(1.3)
     grid = wp.float32(_FLAKE_GRID_M)
     for layer in range(_LAYERS):
-        pitch = grid * _FOCAL / depth  # further layers are denser
-        x = (u - slant * v) / pitch
+        fine = quotient(depth * _PER_FOCAL, grid)  # further layers are denser
+        x = (u - slant * v) * fine
         column = wp.int32(wp.floor(x))
         own = lattice(column, layer, seed)
-        y = v / pitch - light.fallen_m * (0.8 + 0.4 * own) / grid + 64.0 * own
+        y = v * fine - quotient(light.fallen_m * (0.8 + 0.4 * own), grid) + 64.0 * own
         j = wp.int32(wp.floor(y))
         dice = lattice(column, j, seed + 7 + layer)
         if dice < 0.06 + 0.62 * light.snow:
@@ -87,7 +89,7 @@ def _flakes(u: wp.float32, v: wp.float32, slant: wp.float32, light: SlotLight) -
             dy = y - wp.float32(j) - (0.25 + 0.5 * _lower(dice, 256.0))
             radius = 0.055 + 0.05 * _lower(dice, 65536.0)
             radius = radius * (1.0 + 0.25 * wp.float32(layer))
-            near = 1.0 - (dx * dx + dy * dy) / (radius * radius)
+            near = 1.0 - quotient(dx * dx + dy * dy, radius * radius)
             strength = 0.95 - 0.12 * wp.float32(layer)
             hidden = wp.max(hidden, strength * wp.clamp(near * 1.5, 0.0, 1.0))
         depth = depth * 1.8

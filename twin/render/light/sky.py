@@ -6,6 +6,7 @@ import math
 
 import warp as wp
 
+from twin.base.portable.quick import dot, quotient, reciprocal, root
 from twin.base.portable.whole import whole_within_f32
 from twin.render.light.light import SlotLight
 from twin.render.noise import value_noise
@@ -15,7 +16,7 @@ SKY_ROWS, SKY_COLUMNS = sky_table.ROWS, sky_table.COLUMNS
 """Shape of one slot's table; see :mod:`twin.world.sky.sky_table`."""
 
 # Sun and moon have nearly the same apparent radius, 0.266 deg.
-_DISC_SINE = wp.constant(math.sin(math.radians(0.2666)))
+_DISC_PER_SINE = wp.constant(1.0 / math.sin(math.radians(0.2666)))
 _DISC_COSINE = wp.constant(math.cos(math.radians(0.2666)))
 # Luminance of the disc over its illuminance is 1 / 6.8e-5 sr; a half float holds this much.
 _DISC_GAIN = wp.constant(4000.0)
@@ -34,9 +35,9 @@ def smooth_sky(
     """
     rows = table.shape[1]
     columns = table.shape[2]
-    v = wp.sqrt(wp.clamp(direction[2], 0.0, 1.0)) * wp.float32(rows - 1)
+    v = root(wp.clamp(direction[2], 0.0, 1.0)) * wp.float32(rows - 1)
     around = wp.max(wp.abs(direction[0]) + wp.abs(direction[1]), 1.0e-6)
-    u = direction[1] / around
+    u = quotient(direction[1], around)
     if direction[0] < 0.0:
         u = 2.0 - u
     u = (u + 1.0) * 0.25 * wp.float32(columns)
@@ -68,8 +69,9 @@ def _cloud_density(field: wp.float32, cover: wp.float32) -> wp.float32:
 def sun_through_clouds(p: wp.vec3, light: SlotLight) -> wp.float32:
     """Share of the sun's beam that drifting clouds let through to ``p`` [-]."""
     up = wp.max(light.sun_direction[2], 0.07)
-    x = light.sun_direction[0] / up + p[0] * (1.0 / 1500.0) - light.cloud_offset[0]
-    y = light.sun_direction[1] / up + p[1] * (1.0 / 1500.0) - light.cloud_offset[1]
+    steep = reciprocal(up)
+    x = light.sun_direction[0] * steep + p[0] * (1.0 / 1500.0) - light.cloud_offset[0]
+    y = light.sun_direction[1] * steep + p[1] * (1.0 / 1500.0) - light.cloud_offset[1]
     return 1.0 - 0.75 * _cloud_density(_cloud_field(x, y), light.cloud_cover)
 
 
@@ -81,23 +83,24 @@ def sky(
     color = smooth_sky(direction, slot, light, table)
     up = wp.max(direction[2], 0.0) + 0.07
     cover = light.cloud_cover
+    steep = reciprocal(up)
     field = _cloud_field(
-        direction[0] / up - light.cloud_offset[0], direction[1] / up - light.cloud_offset[1]
+        direction[0] * steep - light.cloud_offset[0], direction[1] * steep - light.cloud_offset[1]
     )
     density = _cloud_density(field, cover) * wp.clamp(direction[2] * 4.0, 0.0, 1.0)
     clear = 1.0 - density
-    toward = wp.dot(direction, light.sun_direction)
+    toward = dot(direction, light.sun_direction)
     if light.shadows != 0 and toward > _DISC_COSINE:
         # Limb darkening 1 - 0.6 (1 - mu), mu: cosine on the sun's surface.
-        off = wp.length(direction - light.sun_direction * toward) / _DISC_SINE
-        mu = wp.sqrt(wp.max(0.0, 1.0 - off * off))
+        w = (direction - light.sun_direction * toward) * _DISC_PER_SINE
+        mu = root(1.0 - dot(w, w))
         color += light.sun_rgb * (_DISC_GAIN * (0.4 + 0.6 * mu) * clear)
-    facing = wp.dot(direction, light.moon_direction)
+    facing = dot(direction, light.moon_direction)
     if facing > _DISC_COSINE:
         # The sun is so far that it shines on the moon from where we see it.
-        w = (direction - light.moon_direction * facing) / _DISC_SINE
-        front = wp.sqrt(wp.max(0.0, 1.0 - wp.dot(w, w)))
-        lit = wp.dot(w - light.moon_direction * front, light.sun_direction)
+        w = (direction - light.moon_direction * facing) * _DISC_PER_SINE
+        front = root(1.0 - dot(w, w))
+        lit = dot(w - light.moon_direction * front, light.sun_direction)
         color += light.moon_rgb * (wp.clamp(lit * 6.0, 0.0, 1.0) * clear)
     # Thin edges are bright, thick bellies dark; a closed cover keeps the table's brightness.
     belly = wp.clamp((field - 0.70 + 0.55 * cover) * 1.6, 0.0, 1.0)

@@ -16,6 +16,7 @@ import warp as wp
 
 from twin.actors.motion import Placement
 from twin.base.portable.host import sine_cosine
+from twin.base.portable.quick import dot
 from twin.render.build import Features
 from twin.render.looks import LookTables, has_looks, pack_looks
 from twin.render.texture import Textures, pack_textures
@@ -237,7 +238,7 @@ def ray_functions(closest: Any, blocked: Any, *, holes: bool = False) -> tuple[A
                 if scene.faces[hit.face].tag != DECAL_TAG:
                     hit.instance = scene.objects[slot, hit.object].instance
                 hit.normal = out_of_object(hit.normal, scene.objects[slot, hit.object])
-            if wp.dot(hit.normal, direction) > 0.0:
+            if dot(hit.normal, direction) > 0.0:
                 hit.normal = -hit.normal
         return hit
 

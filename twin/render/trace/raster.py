@@ -300,7 +300,8 @@ _BEGIN = f"""
         const u8* reach = (const u8*)(raster.reach.data + (size_t)line * 16);
         u8* direction = (u8*)(raster.directions.data + (size_t)line * 32);
         for (int k = 0; k < 3; ++k)
-            direction[k] = right[k] * ray[0] + down[k] * ray[1] + ahead[k] * ray[2];
+            direction[k] = __builtin_elementwise_fma((f8)ahead[k], (f8)ray[2],
+                __builtin_elementwise_fma((f8)down[k], (f8)ray[1], right[k] * ray[0]));
         direction[3] = reach[0];
         const size_t at = (size_t)first_pixel + (size_t)line * 8;
         *(u8*)(seen.t.data + at) = reach[1];

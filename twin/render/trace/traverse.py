@@ -15,27 +15,17 @@ from __future__ import annotations
 
 import warp as wp
 
+from twin.base.portable.quick import QUICK
 from twin.render.trace.cutouts import HOLE, Cutouts
 from twin.render.trace.eight import BLOCKED8, CLOSEST8
 from twin.render.trace.four import BLOCKED4, CLOSEST4, DISTANCE4, KEPT4, VOLUMES4
 
-# A GPU's exact division is a subroutine that costs a third of the registers. Boxes may be met with
-# a quick one. What a hit follows from is divided by hand: with a reciprocal of the full precision,
-# a quotient that is mended by its remainder is the nearest float (Markstein, "Computation of
-# elementary functions on the IBM RISC System/6000 processor", 1990) unless something overflows or
-# is subnormal on the way, which areas and distances of a world are not.
-DIVISION = """
+# Boxes may be met with a quick division. What a hit follows from has the bits of an exact one.
+DIVISION = f"""
+    {QUICK}
     #if defined(__CUDA_ARCH__)
     #define TWIN_QUICK(a, b) __fdividef(a, b)
-    auto divided = [](float a, float b) -> float {
-        float r;
-        asm("rcp.approx.ftz.f32 %0, %1;" : "=f"(r) : "f"(b));
-        r = fmaf(fmaf(-b, r, 1.0f), r, r);
-        float q = a * r;
-        q = fmaf(fmaf(-b, q, a), r, q);
-        return fmaf(fmaf(-b, q, a), r, q);
-    };
-    #define TWIN_DIV(a, b) divided(a, b)
+    #define TWIN_DIV(a, b) a_over_b(a, b)
     #else
     #define TWIN_QUICK(a, b) ((a) / (b))
     #define TWIN_DIV(a, b) ((a) / (b))
@@ -104,11 +94,6 @@ def closest_with(volumes: str, distance: str, kept: str, *, holes: bool) -> str:
 CLOSEST = _either(CLOSEST4, CLOSEST8)
 BLOCKED = _either(BLOCKED4, BLOCKED8)
 CLOSEST_THERE, BLOCKED_THERE = _with_holes(CLOSEST), _with_holes(BLOCKED)
-
-
-@wp.func_native(f"{DIVISION} return TWIN_DIV(a, b);")
-def divided(a: wp.float32, b: wp.float32) -> wp.float32:
-    """The float that is nearest to ``a / b``, as hits are divided."""
 
 
 @wp.func_native(CLOSEST)
@@ -238,8 +223,9 @@ _NEAR = """
     for (int k = 0; k < 8; ++k) {
         const float x = base[k] - ox, y = base[8 + k] - oy, z = base[16 + k] - oz;
         const float r = base[24 + k];
-        const float along = x * dx + y * dy + z * dz;
-        const float square = x * x + y * y + z * z - along * along;
+        // Fused, unlike on a CPU: spheres are wider than what is in them by more than that.
+        const float along = fmaf(z, dz, fmaf(y, dy, x * dx));
+        const float square = fmaf(-along, along, fmaf(z, z, fmaf(y, y, x * x)));
         if (square <= r * r && along + r > 0.0f && along - r < far) mask |= 1u << k;
     }
     return (int)mask;

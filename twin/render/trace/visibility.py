@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from twin.base.portable.quick import ahead_of, dot, of_axes, reciprocal
 from twin.render.build import NONE, Features, KernelOptions
 from twin.render.light.light import SlotLight
 from twin.render.look_pixels import PARTS
@@ -168,7 +169,8 @@ def reach_of(optics: Optics, ray: wp.vec3) -> wp.vec2:
     if optics.spherical != 0:
         return wp.vec2(optics.near, optics.far)
     if ray[2] > 1.0e-3:
-        return wp.vec2(optics.near / ray[2], wp.min(optics.far / ray[2], 4.0 * optics.far))
+        stretch = reciprocal(ray[2])
+        return wp.vec2(optics.near * stretch, wp.min(optics.far * stretch, 4.0 * optics.far))
     return wp.vec2(0.0, optics.far)
 
 
@@ -240,9 +242,7 @@ def visibility_kernel(build: KernelOptions, second: bool, features: Features = N
         if ray[2] == 0.0 and ray[0] == 0.0 and ray[1] == 0.0:
             seen.face[thread] = OUTSIDE
             return
-        direction = (
-            poses[slot].right * ray[0] + poses[slot].down * ray[1] + poses[slot].ahead * ray[2]
-        )
+        direction = of_axes(ray, poses[slot].right, poses[slot].down, poses[slot].ahead)
         reach = reach_of(optics, ray)
         near = reach[0]
         far = reach[1]
@@ -262,7 +262,7 @@ def visibility_kernel(build: KernelOptions, second: bool, features: Features = N
         if lights[slot].shadows != 0:
             sun = lights[slot].sun_direction
             facing = hit.normal
-            start = eye + direction * hit.t + hit.normal * 0.02
+            start = ahead_of(ahead_of(eye, direction, hit.t), hit.normal, 0.02)
             if wp.static(looks):  # noqa: SIM102 (resolved before the kernel is compiled)
                 if detailed:
                     # As coarse as it is stored, so that a picture that is drawn has the same.
@@ -271,7 +271,7 @@ def visibility_kernel(build: KernelOptions, second: bool, features: Features = N
                     )
                     facing = smooth.n
                     start = start + smooth.lift
-            if wp.dot(facing, sun) > 0.0:
+            if dot(facing, sun) > 0.0:
                 flags = flags | ASKED
                 if not occluded(scene, slot, start, sun, SUN_RANGE_M):
                     flags = flags | LIT
@@ -280,7 +280,7 @@ def visibility_kernel(build: KernelOptions, second: bool, features: Features = N
         seen.flags[thread] = flags
         if wp.static(second):
             material = scene.faces[hit.face].material
-            cosine = -wp.dot(hit.normal, direction)
+            cosine = -dot(hit.normal, direction)
             needs = needs_second_rays(material, lights[slot].wetness, cosine, hit.t)
             if wp.static(looks):
                 needs = needs and not detailed
@@ -323,7 +323,7 @@ def _question(second: bool, features: Features) -> Any:
         if face < 0:
             return question
         ray = rays[row, column]
-        direction = pose.right * ray[0] + pose.down * ray[1] + pose.ahead * ray[2]
+        direction = of_axes(ray, pose.right, pose.down, pose.ahead)
         flags = seen.flags[thread]
         if wp.static(looks):
             detailed = (flags & DETAILED) != 0
@@ -331,11 +331,11 @@ def _question(second: bool, features: Features) -> Any:
         m = (flags & OBJECT_MASK) - 1
         if m >= 0:
             normal = out_of_object(normal, scene.objects[slot, m])
-        if wp.dot(normal, direction) > 0.0:
+        if dot(normal, direction) > 0.0:
             normal = -normal
         if wp.static(second):
             material = scene.faces[face].material
-            cosine = -wp.dot(normal, direction)
+            cosine = -dot(normal, direction)
             needs = needs_second_rays(material, light.wetness, cosine, seen.t[thread])
             if wp.static(looks):
                 needs = needs and not detailed
@@ -344,7 +344,7 @@ def _question(second: bool, features: Features) -> Any:
         if light.shadows == 0:
             return question
         facing = normal
-        question.start = pose.eye + direction * seen.t[thread] + normal * 0.02
+        question.start = ahead_of(ahead_of(pose.eye, direction, seen.t[thread]), normal, 0.02)
         if wp.static(looks):  # noqa: SIM102 (resolved before the kernel is compiled)
             if (flags & CURVED) != 0:
                 bary = seen.bary[thread]
@@ -353,7 +353,7 @@ def _question(second: bool, features: Features) -> Any:
                 smooth = smooth_point(scene, slot, face, m, u, v, normal)
                 facing = smooth.n
                 question.start = question.start + smooth.lift
-        question.asked = wp.dot(facing, light.sun_direction) > 0.0
+        question.asked = dot(facing, light.sun_direction) > 0.0
         return question
 
     return sun_question
