@@ -196,10 +196,7 @@ def serve(
     (`twin worker --state FOLDER --until-done`), as job scripts do.
     """
     if bool(campaign) is not until_done:
-        raise UsageError(
-            "--campaign and --until-done belong together; without both, submit campaigns with "
-            "`conductor submit`"
-        )
+        raise UsageError("give --campaign and --until-done, or none and use `conductor submit`")
     keep_to_itself()
     kept_in = _store_options(store, durable)
     fabric_key = own_key(key, insecure=insecure)
