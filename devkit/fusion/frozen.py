@@ -69,6 +69,9 @@ def street(draw: Draw, number: int) -> dict[str, Any]:
     color = [draw.number(0.03, 0.5) for _ in range(3)]
     walk_m = right_m - draw.number(1.6, footway_m - 0.8)
     stand_m = right_m - draw.number(0.5, 0.9)
+    begin_m, end_m, oncoming_mps = 360.0, -66.0, draw.number(8.0, 14.0, 1)
+    # The next one begins when the last has gone.
+    repeat_s = round((begin_m - end_m) / oncoming_mps + draw.number(2.0, 20.0, 1), 1)
     objects = [
         {"kind": "pedestrian", "name": "walks along", "seed": draw.whole(1, 9999),
          "waypoints": [[draw.number(90.0, 130.0, 1), round(walk_m, 2), kerb_m],
@@ -79,9 +82,9 @@ def street(draw: Draw, number: int) -> dict[str, Any]:
          "yaw_deg": draw.number(0.0, 180.0, 0)},
         {"kind": "car", "name": "oncoming car", "seed": draw.whole(1, 9999),
          "body": draw.one_of(["suv", "hatchback"]),
-         "waypoints": [[360.0, lane_m], [-66.0, lane_m]],
-         "speed_mps": draw.number(8.0, 14.0, 1), "start_s": -draw.number(1.0, 12.0, 1),
-         "present": "moving", "repeat_s": draw.number(45.0, 70.0, 1)},
+         "waypoints": [[begin_m, lane_m], [end_m, lane_m]],
+         "speed_mps": oncoming_mps, "start_s": -draw.number(1.0, 12.0, 1),
+         "present": "moving", "repeat_s": repeat_s},
         {"kind": "cyclist", "name": "oncoming cyclist", "seed": draw.whole(1, 9999),
          "color": [draw.number(0.03, 0.5) for _ in range(3)],
          "waypoints": [[330.0, round(lane_m + 1.15, 2)], [-60.0, round(lane_m + 1.15, 2)]],

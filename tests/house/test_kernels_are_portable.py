@@ -42,8 +42,13 @@ NATIVE = re.compile(
 )
 """The same in native code."""
 
-NATIVE_ELSEWHERE = {"twin/render/trace/traverse.py": {"__fdividef"}}
-"""Quick divisions that only bounds of hierarchies follow from."""
+NATIVE_ELSEWHERE = {
+    # Quick divisions that only bounds of hierarchies follow from.
+    "twin/render/trace/traverse.py": {"__fdividef"},
+    # A first guess of a root, which is mended to the nearest float.
+    "twin/base/portable/quick.py": {"rsqrt"},
+}
+"""Foreign functions of native code that reach no result as they are."""
 
 
 def functions(tree: ast.AST) -> Iterator[ast.FunctionDef]:

@@ -13,8 +13,9 @@ from hpc.request import JobRequest
 from twin.base.errors import UsageError
 
 TWIN = """
+[ ! "$STAY" ] || trap 'exit 75' TERM
 printf '%s\\n' "$@" > "$T/worker.args"
-[ ! "$STAY" ] || { trap 'exit 75' TERM; sleep 60 & wait; }
+[ ! "$STAY" ] || { sleep 60 & wait; }
 exit "${CODE:-0}"
 """
 SRUN = """

@@ -9,6 +9,7 @@ import yaml
 
 from conductor.run.source import load
 from devkit.fusion import frozen
+from twin.world.scene import load_scene
 
 COMMIT = "a" * 40
 OTHER = "b" * 40
@@ -65,3 +66,11 @@ def test_listed_draws_follow_from_their_commits() -> None:
         assert frozen.COMMIT.fullmatch(entry["commit"])
         assert entry["seed"] == frozen.seed_of(entry["commit"])
         assert entry["result"]
+
+
+def test_every_street_that_can_be_drawn_is_one(tmp_path: Path) -> None:
+    for number in range(40):
+        draw = frozen.Draw(f"{number:040x}")
+        file = tmp_path / "frozen-1.yaml"
+        file.write_text(yaml.safe_dump(frozen.street(draw, 1)), "utf-8")
+        load_scene(str(file))

@@ -55,13 +55,14 @@ def test_help_shows_them_where_the_parameter_stands(app):
 
 
 def _helps(app: typer.Typer, option: str) -> dict[str, str]:
-    """Help of an option by command."""
+    """Help of an option by command; `--state` where it is no other name of `--run`."""
     group = typer.main.get_command(app)
     return {
         name: parameter.help
         for name, command in group.commands.items()
         for parameter in command.params
         if option in getattr(parameter, "opts", ())
+        and not (option == "--state" and "--run" in parameter.opts)
     }
 
 
