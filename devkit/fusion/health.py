@@ -39,6 +39,8 @@ class SensorHealth:
         self.camera_blind = np.zeros(slots, bool)
         self.range_blind = np.zeros(slots, bool)
         """Whether all sensors of distance (LiDAR, radar) are blind; not where there are none."""
+        self.radar_sees = np.zeros(slots, bool)
+        """Whether there is a radar and it is not silent."""
         self._returned = np.ones(slots)
         self._camera_s, self._lidar_s, self._radar_s = (np.zeros(slots) for _ in range(3))
         self._boxless_s = np.zeros(slots)
@@ -52,7 +54,7 @@ class SensorHealth:
         for values in (
             *(self.free_to_m, self.reach_m, self.camera_blind, self.range_blind, self._camera_s),
             *(self._lidar_s, self._radar_s, self._boxless_s, self._foggy, self._dark),
-            *(self._covered, self._lidar_blind),
+            *(self._covered, self._lidar_blind, self.radar_sees),
         ):
             values[slot] = 0
         self._returned[slot] = 1.0
@@ -109,8 +111,9 @@ class SensorHealth:
         )
         self.free_to_m = np.where(self._lidar_s > SILENT_S, 0.0, self.free_to_m)
         radar_blind = has_radar & (self._radar_s > SILENT_S)
+        self.radar_sees = has_radar & ~radar_blind
         has_range = has_lidar | has_radar
-        sees = (has_lidar & ~self._lidar_blind) | (has_radar & ~radar_blind)
+        sees = (has_lidar & ~self._lidar_blind) | self.radar_sees
         self.range_blind = has_range & ~sees
 
     def words(

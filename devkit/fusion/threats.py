@@ -59,6 +59,9 @@ FREE_MARGIN_M = 2.0
 """LiDAR that sees the road so much further than a box says that nothing stands there [m]."""
 REACH_RATIO = 1.2
 """LiDAR that sees obstacles so many times further away would see a vehicle."""
+BOX_ECHOES, BOX_MPS = 5, 10.0
+"""A vehicle that a camera shows and LiDAR does not, radar has to have seen so often where the car
+is faster than this: at half a second per 14 m no echo of a vehicle is missed [-, m/s]."""
 CROSSES_MPS = 2.0
 """A vehicle that is not so fast across the path stays in its lane [m/s]."""
 RUNS_MPS, RUNS_NARROW_MPS, RUNS_SIGHTINGS = 3.5, 5.0, 5
@@ -182,7 +185,7 @@ def find_threats(
     probable = tracks.probability > staging.single_probability
     # What radar alone sees standing are manhole covers, bridges and mirrors as often as cars.
     trusted = camera | (tracks.lidar.age_s < RECENT_S) | (places & (driven | crosses.walks))
-    denied = _contradicted(tracks, health)
+    denied = _contradicted(tracks, health) | _unechoed(tracks, ego, health)
     alone = probable & trusted & ~denied
     blind = health.camera_blind[:, None] | health.range_blind[:, None]
     # One cell of spray or one echo, and a box somewhere behind it, are no agreement.
@@ -399,6 +402,14 @@ def _contradicted(tracks: TrackStore, health: SensorHealth) -> np.ndarray:
     would_see &= health.reach_m[:, None] > REACH_RATIO * tracks.x_m
     contradicted: np.ndarray = only_camera & (sees_road | would_see)
     return contradicted
+
+
+def _unechoed(tracks: TrackStore, ego: EgoMotion, health: SensorHealth) -> np.ndarray:
+    """Vehicles that a camera shows, and neither LiDAR nor radar, at speed: a lorry labelled as a
+    car seems half as far away, and one echo of a guard rail in its direction makes it stand."""
+    echoes: np.ndarray = (tracks.radar.hits < BOX_ECHOES) | (tracks.radar.age_s > HELD_S)
+    unseen = echoes & (tracks.lidar.age_s >= HELD_S) & _is_any(tracks.label, _VEHICLES)
+    return unseen & (health.radar_sees & (ego.speed_mps > BOX_MPS))[:, None]
 
 
 def drives_in_view(tracks: TrackStore) -> np.ndarray:

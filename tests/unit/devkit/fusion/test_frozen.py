@@ -73,4 +73,5 @@ def test_every_street_that_can_be_drawn_is_one(tmp_path: Path) -> None:
         draw = frozen.Draw(f"{number:040x}")
         file = tmp_path / "frozen-1.yaml"
         file.write_text(yaml.safe_dump(frozen.street(draw, 1)), "utf-8")
-        load_scene(str(file))
+        scene = load_scene(str(file))
+        assert len(scene.objects) == 4, f"commit {number:040x}"

@@ -3,6 +3,7 @@
 import math
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from devkit.fusion.ego_motion import EgoMotion
@@ -149,6 +150,7 @@ def beside(
     speed_mps=8.0,
     inside=False,
     boxes_inside=None,
+    has_radar=True,
     **values,
 ):
     """Whether somebody beside the path of a car at ``speed_mps`` is braked for."""
@@ -168,7 +170,7 @@ def beside(
     if boxes_inside is not None:
         tracks.camera.inside[0, 0] = float(boxes_inside)
     ego, health = EgoMotion(1), SensorHealth(1)
-    ego.speed_mps[:] = speed_mps
+    ego.speed_mps[:], health.radar_sees[:] = speed_mps, has_radar
     found = find_threats(tracks, ego, health, STAGING)
     near = found.ttc_s[0, 0] < STAGING.partial_ttc_s
     return bool(near and (found.agreed[0, 0] | found.single[0, 0]))
@@ -326,6 +328,32 @@ def test_two_boxes_are_no_measurement_where_radar_has_made_some():
     assert not beside("car", camera_hits=2, **comes)
     assert beside("car", camera_hits=3, **comes)
     assert beside("car", camera_hits=2, **(comes | {"radar_hits": 2, "lidar_hits": 3})) is False
+
+
+def test_a_box_at_speed_counts_only_with_echoes_or_points():
+    """A lorry labelled as a car half as far away, and echoes of the guard rail there."""
+    box = {"x_m": 33.0, "inside": True, "speed_mps": 31.0, "lidar_hits": 0}
+    for label in ("car", "truck", "bus"):
+        for echoes in (0, 1, 4):
+            assert not beside(label, radar_hits=echoes, **box)
+        assert beside(label, radar_hits=5, **box), "radar sees it as often as it sees vehicles"
+        assert beside(label, radar_hits=1, **(box | {"lidar_hits": 3})), "LiDAR sees it"
+    near = box | {"x_m": 18.0}
+    assert beside("car", radar_hits=1, **(near | {"speed_mps": 10.0})), "slow enough"
+    assert not beside("car", radar_hits=1, **(near | {"speed_mps": 10.1}))
+    assert beside("car", radar_hits=0, has_radar=False, **box), "there is no radar, or it is silent"
+    assert beside("pedestrian", radar_hits=1, **box), "echoes of people come and go"
+
+
+def test_a_radar_that_is_silent_sees_nothing():
+    health, day = SensorHealth(2), np.array([[1e4, 0.0], [1e4, 0.0]])
+    has, none = np.array([True, False]), np.zeros(2, bool)
+    health.echoed(0)
+    health.update(day, np.full(2, 0.05), none, has, none)
+    assert health.radar_sees.tolist() == [True, False], "the second car has none"
+    for _ in range(20):
+        health.update(day, np.full(2, 0.05), none, has, none)
+    assert health.radar_sees.tolist() == [False, False]
 
 
 def test_a_narrow_thing_that_lidar_alone_sees_cross_is_no_vehicle():
