@@ -109,7 +109,7 @@ class RunFolder:
 
         Raises:
             UsageError: it is no campaign folder.
-            InfrastructureError: the outcomes are damaged.
+            InfrastructureError: the outcomes are damaged, or cannot be read.
         """
         version = self.version
         with self._lock:
@@ -173,13 +173,16 @@ class RunFolder:
 
     def _begun(self) -> CampaignEnding:
         cases = self.folder / "cases"
-        if not cases.is_dir():
+        try:
+            names = sorted(path.name for path in cases.iterdir() if path.is_dir())
+        except (FileNotFoundError, NotADirectoryError):
             if self._stamp(CAMPAIGN_FILE):
                 return CampaignEnding(campaign=self.id)
             raise UsageError(
                 f"{self.folder}: not a campaign folder; give one that `conductor run` has made"
-            )
-        names = sorted(path.name for path in cases.iterdir() if path.is_dir())
+            ) from None
+        except OSError as error:
+            raise InfrastructureError(f"{cases}: {error.strerror or error}") from None
         return CampaignEnding(campaign=self.id, cases={name: CaseEnding() for name in names})
 
     def _read_times(self) -> RunTimes:

@@ -94,6 +94,8 @@ class ShownRun:
     cache: PictureCache
     heard: HeardCases = field(default_factory=HeardCases)
     """What a conductor and simulators have said of its cases."""
+    campaign: str = ""
+    """Its name for the conductor; empty: none serves it."""
     live: LiveFigures | None = None
     """How it goes; None: no conductor says it."""
     running: frozenset[str] = frozenset()
@@ -127,7 +129,8 @@ class ShownRun:
                 if not endings:
                     endings = {name: CaseEnding() for name in self.run.points()}
                 for case, ending in self.heard.endings().items():
-                    if case not in endings or not endings[case].outcome:
+                    # What was heard of a lease alone knows no attempts and no charges.
+                    if case not in endings or (ending.outcome and not endings[case].outcome):
                         endings[case] = ending
                 self._endings = version, endings
             return self._endings[1]
@@ -209,13 +212,14 @@ class ShownRun:
             UsageError: there is no picture.
         """
         ending = self.ending(case)
-        if not ending.outcome and case in self.live_pictures:
-            return self.live_pictures[case].jpeg
+        latest = self.live_pictures.get(case)
+        if not ending.outcome and latest is not None:
+            return latest.jpeg
         committed = Path(ending.attempt_dir).name
         attempt = RecordedAttempt(self.run, case, committed)
         if attempt.found is None:
-            if case in self.live_pictures:
-                return self.live_pictures[case].jpeg
+            if latest is not None:
+                return latest.jpeg
             raise UsageError(f"{case}: not recorded; run the campaign with --view record")
         path = attempt.found.path
         status = path.stat()
