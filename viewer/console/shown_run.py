@@ -192,18 +192,15 @@ class ShownRun:
         with self._lock:
             version = (self.run.version, self.heard.version, len(self.live_pictures))
             if self._recorded is None or self._recorded[0] != version:
-                endings = self.run.ending().cases
-                self._recorded = (
-                    version,
-                    [
-                        case in self.live_pictures
-                        or has_recording(
-                            self.run, case, Path(endings.get(case, CaseEnding()).attempt_dir).name
-                        )
-                        for case in self.table().cases
-                    ],
-                )
+                self._recorded = version, [self.has_picture(case) for case in self.table().cases]
             return self._recorded[1]
+
+    def has_picture(self, case: str) -> bool:
+        """Whether there is a picture of a case; it may be a question to the disk."""
+        if case in self.live_pictures:
+            return True
+        ending = self.run.ending().cases.get(case, CaseEnding())
+        return has_recording(self.run, case, Path(ending.attempt_dir).name)
 
     def moment_picture(self, case: str) -> bytes:
         """A WebP of the decisive moment, or the latest JPEG of one that runs.

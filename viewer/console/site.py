@@ -192,7 +192,6 @@ def _sheet(shown: ShownRun, size: str, number: int) -> SiteAnswer:
     cases = shown.table().cases[number * PER_SHEET : (number + 1) * PER_SHEET]
     if not cases:
         raise UsageError(f"there is no sheet {number}")
-    has = shown.recorded()[number * PER_SHEET :]
 
     def tile(case: str) -> Any:
         try:
@@ -201,7 +200,7 @@ def _sheet(shown: ShownRun, size: str, number: int) -> SiteAnswer:
             return None
 
     def make() -> bytes:
-        tiles = [tile(case) if there else None for case, there in zip(cases, has, strict=False)]
+        tiles = [tile(case) if shown.has_picture(case) else None for case in cases]
         return sheet(tiles, width, height)
 
     ended = all(shown.ending(case).outcome for case in cases)
