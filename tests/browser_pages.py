@@ -166,6 +166,11 @@ class LiveSite:
             self.events.append((kind, data))
             self.changed.notify_all()
 
+    def _versions(self) -> dict[str, str]:
+        """Version of the table of each run."""
+        tables = (self.folder / "data" / "runs").glob("*/table.json")
+        return {path.parent.name: json.loads(path.read_text())["version"] for path in tables}
+
     def follow(self, since: str, write: Any) -> None:
         """Write events after an id until the line is cut."""
         epoch, _, number = since.rpartition("-")
@@ -174,6 +179,7 @@ class LiveSite:
             known = epoch == self.epoch
             at = int(number) if known else len(self.events)
             hello = {"server": self.epoch, "resync": bool(since) and not known, "log": []}
+            hello["version"] = self._versions()
         write(_event("hello", f"{self.epoch}-{at}", {**hello, "conductor_age_s": 0.1}))
         while True:
             with self.changed:
@@ -222,7 +228,12 @@ class LiveHandler(QuietHandler):
             trusted = self.headers.get("X-Steer-Token") == "secret-token"
             self._answer(200, {**runs, "roles": self.site.role if trusted else "look"})
         elif path == "/running.json":
-            self._answer(200, [{"campaign": "c", "case": self.site.running, "token": 7}])
+            # Two campaigns may run a case of one name.
+            attempts = [("another", 3), ("made-up", 7)]
+            self._answer(
+                200,
+                [{"campaign": c, "case": self.site.running, "token": t} for c, t in attempts],
+            )
         else:
             super().do_GET()
 

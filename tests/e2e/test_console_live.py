@@ -203,7 +203,7 @@ def test_only_who_has_the_token_acts_and_nothing_happens_before_a_yes(pages, mad
     assert body == {
         "run": RUN,
         "case": cases[-1].name,
-        "campaign": "c",
+        "campaign": RUN,
         "token": 7,
         "settings": {"weather": "heavy_rain"},
         "confirm": True,

@@ -350,7 +350,8 @@ class Handler(BaseHTTPRequestHandler):
         try:
             self._file(self._live_answer(live, console, path) or console.answer(path))
         except (TwinError, OSError) as error:
-            self._missing(error)
+            waits = live is not None and live.waits
+            self._missing(error, HTTPStatus.SERVICE_UNAVAILABLE if waits else HTTPStatus.NOT_FOUND)
 
     def _live_answer(
         self, live: LiveConsole | None, console: ConsoleSite, path: str
@@ -433,8 +434,8 @@ class Handler(BaseHTTPRequestHandler):
         else:
             self._answer(HTTPStatus.OK, data, media_type)
 
-    def _missing(self, error: Exception) -> None:
-        self._answer(HTTPStatus.NOT_FOUND, str(error).encode(), "text/plain; charset=utf-8")
+    def _missing(self, error: Exception, status: HTTPStatus = HTTPStatus.NOT_FOUND) -> None:
+        self._answer(status, str(error).encode(), "text/plain; charset=utf-8")
 
     def _answer(self, status: HTTPStatus, data: bytes, media_type: str) -> None:
         self.send_response(status)

@@ -80,10 +80,10 @@ def warning_of(act: ActName, request: ActRequest, campaign: str, left: int | Non
             )
     if changes(request):
         return (
-            f"The attempt of {request.case} ends as intervened: it gets no verdict, is not "
+            f"The attempt of {what} ends as intervened: it gets no verdict, is not "
             "charged, and the case runs once more, unchanged."
         )
-    return f"Pace of {request.case} changes; no byte of its result does, and its verdict stays."
+    return f"Pace of {what} changes; no byte of its result does, and its verdict stays."
 
 
 def changes(request: ActRequest) -> bool:

@@ -19,7 +19,7 @@ from viewer.console.overview import table_version
 from viewer.console.resources import resources_of
 from viewer.console.site import ConsoleSite
 from viewer.console.stream import EventStream
-from viewer.console.watch import LiveWatch
+from viewer.console.watch import SILENCE_S, LiveWatch
 
 EXPLAINED_MAX = 16
 """Cases that are explained at once; each is a question to the conductor."""
@@ -79,6 +79,11 @@ class LiveConsole:
         except TwinError:
             return "look"
 
+    @property
+    def waits(self) -> bool:
+        """Whether the conductor has said nothing yet: what is missing now may come."""
+        return self.watch.status_s is None and self.watch.error is None
+
     def hello(self, resync: bool) -> dict[str, Any]:
         """First event of a page: what it must ask for anew, if anything."""
         return {
@@ -116,7 +121,12 @@ class LiveConsole:
         if act is None:
             raise UsageError(f"act: given '{name}', allowed: {', '.join(ACTS)}")
         request = parse_act(body)
-        campaign = request.campaign if act == "intervene" else self._campaign(act, request)
+        campaign = self._campaign(act, request)
+        if act == "intervene" and request.campaign != campaign:
+            raise UsageError(
+                f"intervene: '{request.run}' is {campaign}, the attempt is of "
+                f"'{request.campaign}'; reload the page"
+            )
         row = self.watch.status.get("campaigns", {}).get(campaign)
         warning = warning_of(act, request, campaign, row["left"] if row else None)
         if not request.confirm:
@@ -152,8 +162,14 @@ class LiveConsole:
                 break
             if ending.charges and not ending.outcome:
                 charged.setdefault(case, escape(ending.charges[-1]))
+        age_s = self.watch.age_s
+        answers = age_s is not None and age_s <= SILENCE_S  # else each question waits in vain
         return [
-            {"case": case, "charge": why, "explain": self._explain(campaign, case)}
+            {
+                "case": case,
+                "charge": why,
+                "explain": self._explain(campaign, case) if answers else [],
+            }
             for case, why in list(charged.items())[:EXPLAINED_MAX]
         ]
 

@@ -41,7 +41,7 @@ def run_row(shown: ShownRun) -> dict[str, Any]:
         eta_s = 60 * live.left / per_minute if per_minute else None
     return {
         "id": shown.run.id,
-        "name": ending.campaign,
+        "name": shown.campaign or ending.campaign,
         "state": _state(shown),
         "paused": live is not None and live.paused,
         "cases": cases,

@@ -57,7 +57,8 @@ class HeardCases:
                 self._changes += 1
 
     def seen(self, thumbnail: Thumbnail) -> None:
-        """A picture of a case has come."""
+        """A picture of a case has come. Its outcome is one attempt's, which may be run again, so
+        it ends no case."""
         case = thumbnail.case
         with self._lock:
             if case not in self._axes and len(self._axes) < CASES_MAX:
@@ -68,12 +69,6 @@ class HeardCases:
                 }
                 self._endings.setdefault(case, CaseEnding())
                 self._changes += 1
-            ending = self._endings.get(case)
-            if ending is not None and not ending.outcome and thumbnail.outcome:
-                self._endings[case] = CaseEnding(
-                    outcome=thumbnail.outcome, verdict=thumbnail.verdict
-                )
-                self._changes += 1
 
     def leased(self, case: str) -> None:
         """A worker has it: it is a case, if nothing else said so."""
@@ -81,6 +76,12 @@ class HeardCases:
             if case not in self._endings and len(self._endings) < CASES_MAX:
                 self._endings[case] = CaseEnding()
                 self._changes += 1
+
+    def forget(self) -> None:
+        """All that was heard is of another campaign of the same name."""
+        with self._lock:
+            self._endings, self._axes = {}, {}
+            self._changes += 1
 
     def endings(self) -> dict[str, CaseEnding]:
         """How each case stands."""

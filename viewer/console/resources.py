@@ -56,6 +56,10 @@ def resources_of(run: RunFolder) -> dict[str, Any]:
 
 def gpus_of(run: RunFolder) -> int | None:
     """GPUs that its workers computed on; None: nothing says it."""
+    return run.once("gpus", TABLE_FILE, lambda: _gpus(run))
+
+
+def _gpus(run: RunFolder) -> int | None:
     rows = _rows(run)
     if not rows:
         return None

@@ -5,9 +5,10 @@ from __future__ import annotations
 import errno
 import os
 import threading
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar, cast
 
 import msgspec
 from msgspec import Struct
@@ -29,6 +30,7 @@ TIMELINE_BYTES_MAX = 64 << 20
 """Longest log of leases that is read; what is longer counts as not there [bytes]."""
 
 Version = tuple[int, ...]
+T = TypeVar("T")
 
 
 class CaseEnding(Judged, Struct, frozen=True, kw_only=True):
@@ -93,6 +95,7 @@ class RunFolder:
         self._ending: tuple[Version, CampaignEnding] | None = None
         self._points: tuple[Version, list[Point]] | None = None
         self._times: tuple[Version, RunTimes] | None = None
+        self._once: dict[str, tuple[Version, Any]] = {}
 
     @property
     def version(self) -> Version:
@@ -109,7 +112,7 @@ class RunFolder:
 
         Raises:
             UsageError: it is no campaign folder.
-            InfrastructureError: the outcomes are damaged.
+            InfrastructureError: the outcomes are damaged, or cannot be read.
         """
         version = self.version
         with self._lock:
@@ -137,6 +140,20 @@ class RunFolder:
             if self._times is None or self._times[0] != version:
                 self._times = version, self._read_times()
             return self._times[1]
+
+    def once(self, name: str, file: str, make: Callable[[], T]) -> T:
+        """What is made of a file, kept as ``name`` until the file changes; while there is no such
+        file it is made each time."""
+        version = self._stamp(file)
+        with self._lock:
+            kept = self._once.get(name)
+        if kept is not None and kept[0] == version:
+            return cast(T, kept[1])
+        made = make()
+        if version:
+            with self._lock:
+                self._once[name] = version, made
+        return made
 
     def read(self, name: str, most: int) -> bytes:
         """A file below the folder, which no link leads to; see
@@ -173,13 +190,16 @@ class RunFolder:
 
     def _begun(self) -> CampaignEnding:
         cases = self.folder / "cases"
-        if not cases.is_dir():
+        try:
+            names = sorted(path.name for path in cases.iterdir() if path.is_dir())
+        except (FileNotFoundError, NotADirectoryError):
             if self._stamp(CAMPAIGN_FILE):
                 return CampaignEnding(campaign=self.id)
             raise UsageError(
                 f"{self.folder}: not a campaign folder; give one that `conductor run` has made"
-            )
-        names = sorted(path.name for path in cases.iterdir() if path.is_dir())
+            ) from None
+        except OSError as error:
+            raise InfrastructureError(f"{cases}: {error.strerror or error}") from None
         return CampaignEnding(campaign=self.id, cases={name: CaseEnding() for name in names})
 
     def _read_times(self) -> RunTimes:

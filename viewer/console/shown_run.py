@@ -94,6 +94,8 @@ class ShownRun:
     cache: PictureCache
     heard: HeardCases = field(default_factory=HeardCases)
     """What a conductor and simulators have said of its cases."""
+    campaign: str = ""
+    """Its name for the conductor; empty: none serves it."""
     live: LiveFigures | None = None
     """How it goes; None: no conductor says it."""
     running: frozenset[str] = frozenset()
@@ -127,7 +129,8 @@ class ShownRun:
                 if not endings:
                     endings = {name: CaseEnding() for name in self.run.points()}
                 for case, ending in self.heard.endings().items():
-                    if case not in endings or not endings[case].outcome:
+                    # What was heard of a lease alone knows no attempts and no charges.
+                    if case not in endings or (ending.outcome and not endings[case].outcome):
                         endings[case] = ending
                 self._endings = version, endings
             return self._endings[1]
@@ -189,18 +192,15 @@ class ShownRun:
         with self._lock:
             version = (self.run.version, self.heard.version, len(self.live_pictures))
             if self._recorded is None or self._recorded[0] != version:
-                endings = self.run.ending().cases
-                self._recorded = (
-                    version,
-                    [
-                        case in self.live_pictures
-                        or has_recording(
-                            self.run, case, Path(endings.get(case, CaseEnding()).attempt_dir).name
-                        )
-                        for case in self.table().cases
-                    ],
-                )
+                self._recorded = version, [self.has_picture(case) for case in self.table().cases]
             return self._recorded[1]
+
+    def has_picture(self, case: str) -> bool:
+        """Whether there is a picture of a case; it may be a question to the disk."""
+        if case in self.live_pictures:
+            return True
+        ending = self.run.ending().cases.get(case, CaseEnding())
+        return has_recording(self.run, case, Path(ending.attempt_dir).name)
 
     def moment_picture(self, case: str) -> bytes:
         """A WebP of the decisive moment, or the latest JPEG of one that runs.
@@ -209,13 +209,14 @@ class ShownRun:
             UsageError: there is no picture.
         """
         ending = self.ending(case)
-        if not ending.outcome and case in self.live_pictures:
-            return self.live_pictures[case].jpeg
+        latest = self.live_pictures.get(case)
+        if not ending.outcome and latest is not None:
+            return latest.jpeg
         committed = Path(ending.attempt_dir).name
         attempt = RecordedAttempt(self.run, case, committed)
         if attempt.found is None:
-            if case in self.live_pictures:
-                return self.live_pictures[case].jpeg
+            if latest is not None:
+                return latest.jpeg
             raise UsageError(f"{case}: not recorded; run the campaign with --view record")
         path = attempt.found.path
         status = path.stat()

@@ -120,25 +120,32 @@ class ConsoleSite:
         """Every address with a content, of what has ended; those of one case stand together."""
         yield "runs.json"
         for run in self.runs.values():
-            base = f"runs/{component(run.run.id)}"
-            yield from (f"{base}/run.json", f"{base}/table.json", f"{base}/workers.json")
-            yield f"{base}/pictures/atlas.json"
-            for name in (SEARCH_FILE, RULEBOOK_FILE):
-                if (run.run.folder / name).is_file():
-                    yield f"{base}/{name}"
-            recorded = run.recorded()
-            for width, height in SIZES:
-                for number in range(-(-len(recorded) // PER_SHEET)):
-                    if any(recorded[number * PER_SHEET : (number + 1) * PER_SHEET]):
-                        yield f"{base}/pictures/{width}x{height}/{number}.webp"
-            for case, has in zip(run.table().cases, recorded, strict=True):
-                at = f"{base}/cases/{component(case)}"
-                yield from (f"{at}/case.json", f"{at}/series.json")
-                if not has:
-                    continue
-                yield f"{at}/moment.webp"
+            yield from self.addresses_of(run)
+
+    def addresses_of(self, run: ShownRun) -> Iterator[str]:
+        """Those of one campaign; raises TwinError, OSError: its table cannot be read."""
+        base = f"runs/{component(run.run.id)}"
+        yield from (f"{base}/run.json", f"{base}/table.json", f"{base}/workers.json")
+        yield f"{base}/pictures/atlas.json"
+        for name in (SEARCH_FILE, RULEBOOK_FILE):
+            if (run.run.folder / name).is_file():
+                yield f"{base}/{name}"
+        recorded = run.recorded()
+        for width, height in SIZES:
+            for number in range(-(-len(recorded) // PER_SHEET)):
+                if any(recorded[number * PER_SHEET : (number + 1) * PER_SHEET]):
+                    yield f"{base}/pictures/{width}x{height}/{number}.webp"
+        for case, has in zip(run.table().cases, recorded, strict=True):
+            at = f"{base}/cases/{component(case)}"
+            yield from (f"{at}/case.json", f"{at}/series.json")
+            if not has:
+                continue
+            yield f"{at}/moment.webp"
+            try:
                 film = film_of(run.attempt(case))
-                yield from (f"{at}/film/{k}.webp" for k in range(film["strips"] if film else 0))
+            except (TwinError, OSError):
+                continue  # its page says why
+            yield from (f"{at}/film/{k}.webp" for k in range(film["strips"] if film else 0))
 
     def _run(self, name: str) -> ShownRun:
         if name not in self.runs:
@@ -185,7 +192,6 @@ def _sheet(shown: ShownRun, size: str, number: int) -> SiteAnswer:
     cases = shown.table().cases[number * PER_SHEET : (number + 1) * PER_SHEET]
     if not cases:
         raise UsageError(f"there is no sheet {number}")
-    has = shown.recorded()[number * PER_SHEET :]
 
     def tile(case: str) -> Any:
         try:
@@ -194,7 +200,7 @@ def _sheet(shown: ShownRun, size: str, number: int) -> SiteAnswer:
             return None
 
     def make() -> bytes:
-        tiles = [tile(case) if there else None for case, there in zip(cases, has, strict=False)]
+        tiles = [tile(case) if shown.has_picture(case) else None for case in cases]
         return sheet(tiles, width, height)
 
     ended = all(shown.ending(case).outcome for case in cases)

@@ -3,6 +3,7 @@ page that is opened from the disk."""
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 from collections.abc import Mapping
@@ -15,7 +16,7 @@ import msgspec
 from schemas.files.regular_file import open_below
 from twin.base.errors import TwinError, UsageError, storage_error
 from viewer.browser.assets import PLOTLY, Asset, plotly_script
-from viewer.console.shown_run import JSON, component
+from viewer.console.shown_run import JSON, as_json, component
 from viewer.console.site import ConsoleSite
 from viewer.playback.folder import find_recording
 
@@ -61,12 +62,18 @@ def write_static(
             if name == "index.html":
                 data = data.replace(b"<html", b"<html data-static", 1)
             writing.write(name, data)
-        for address in site.addresses():
-            writing.answer(site, address)
-        for shown in site.runs.values():
-            _report(writing, site, shown.run.id)
+        writing.answer(site, "runs.json")
+        for name, shown in site.runs.items():
+            try:
+                addresses = list(site.addresses_of(shown))
+            except (TwinError, OSError) as error:
+                writing.left_out.append(f"{name}: {error}")
+                continue
             if recordings:
-                _recordings(writing, site, shown.run.id)
+                _recordings(writing, site, name)
+            for address in addresses:
+                writing.answer(site, address)
+            _report(writing, site, name)
     except OSError as error:
         raise storage_error(error, str(error.filename or out)) from None
     return WrittenSite(writing.files, writing.size_bytes, writing.left_out)
@@ -78,6 +85,8 @@ class _Writing:
     def __init__(self, out: Path) -> None:
         self.files, self.size_bytes = 0, 0
         self.left_out: list[str] = []
+        self.recordings: set[str] = set()
+        """Addresses of recordings that were copied."""
         self._out = out
 
     def path(self, address: str) -> Path:
@@ -105,12 +114,27 @@ class _Writing:
         name = f"{DATA_FOLDER}/{address}"
         try:
             answer = site.answer(address)
+        except (TwinError, OSError) as error:
+            self.left_out.append(f"{address}: {error}")
+            return
+        data = answer.data
+        if address.endswith("/case.json"):
+            data = self._without_dead_links(data)
+        try:
             if answer.media_type == JSON:
-                self.write(name + SCRIPT_SUFFIX, as_script(address, answer.data))
+                self.write(name + SCRIPT_SUFFIX, as_script(address, data))
             else:
-                self.write(name, answer.data)
+                self.write(name, data)
         except TwinError as error:
             self.left_out.append(f"{address}: {error}")
+
+    def _without_dead_links(self, data: bytes) -> bytes:
+        page = json.loads(data)
+        links = page["links"]
+        links["in_full"] = None  # that view needs a server
+        if links["recording"] not in self.recordings:
+            links["recording"] = None
+        return as_json(page).data
 
 
 def as_script(address: str, data: bytes) -> bytes:
@@ -156,11 +180,14 @@ def _recordings(writing: _Writing, site: ConsoleSite, run: str) -> None:
     for case, recorded in zip(shown.table().cases, shown.recorded(), strict=True):
         if not recorded:
             continue
-        path = find_recording(shown.run.folder, case).path
         name = f"recording/{component(run)}/{component(case)}.rrd"
-        with (
-            open_below(shown.run.folder, str(path.relative_to(shown.run.folder))) as file,
-            writing.path(name).open("wb") as copy,
-        ):
+        try:
+            path = find_recording(shown.run.folder, case).path
+            file = open_below(shown.run.folder, str(path.relative_to(shown.run.folder)))
+        except (TwinError, OSError) as error:
+            writing.left_out.append(f"{name}: {error}")
+            continue
+        with file, writing.path(name).open("wb") as copy:
             shutil.copyfileobj(file, copy, 1 << 20)
             writing.size_bytes += os.fstat(copy.fileno()).st_size
+        writing.recordings.add(name)

@@ -201,7 +201,7 @@ class LiveWatch:
     def _status(self, found: ConductorStatus, now_s: float) -> None:
         self.status, self.status_s = found, now_s
         for name in self._renewal.status(found):
-            self._tokens = {key: t for key, t in self._tokens.items() if key[0] != name}
+            self._begun_anew(name)
         running: dict[str, dict[str, None]] = {}
         for lease in found.get("running", []):
             running.setdefault(lease["campaign"], {})[lease["case"]] = None
@@ -230,7 +230,7 @@ class LiveWatch:
         if name in self._runs:
             return self._runs[name]
         out = Path(row.get("out", ""))
-        if self._here and out.is_dir():
+        if self._here and _is_folder(out):
             for shown in self._site.runs.values():
                 if shown.run.folder.resolve() == out.resolve():
                     break
@@ -239,7 +239,25 @@ class LiveWatch:
         else:
             shown = self._site.add(RemoteRun(name))
         self._runs[name] = shown
+        shown.campaign = name
         return shown
+
+    def _begun_anew(self, name: str) -> None:
+        """What was heard of a campaign is of another one of its name; a folder stays shown."""
+        self._tokens = {key: t for key, t in self._tokens.items() if key[0] != name}
+        self._paces.pop(name, None)
+        shown = self._runs.get(name)
+        if shown is None:
+            return
+        shown.heard.forget()
+        shown.live_pictures, shown.running, shown.live = {}, frozenset(), None
+        for kept in (self.charged, self._fresh, self._tables, self._due_s):
+            kept.pop(shown.run.id, None)
+        if isinstance(shown.run, RemoteRun):
+            shown.run.complete = False  # the only one of its name
+        else:
+            shown.campaign = ""
+            del self._runs[name]
 
     def _fact(self, fact: Mapping[str, Any]) -> None:
         try:
@@ -263,7 +281,8 @@ class LiveWatch:
         charged = self.charged.setdefault(shown.run.id, {})
         match fact.get("fact"):
             case "committed":
-                assert isinstance(result, dict)
+                if not isinstance(result, dict):
+                    raise TypeError("a result that is none")
                 shown.heard.committed(result, fact["worker"], fact["attempt"])
                 charged.pop(result["case"], None)
             case "case_ended":
@@ -308,11 +327,14 @@ class LiveWatch:
             version = shown.version
             try:
                 table = shown.table()
-            except TwinError as error:
+            except (TwinError, OSError) as error:
                 self._log("warn", str(error))
                 self._due_s[name] = now_s + TABLE_S * TABLE_SHARE
                 continue
-            if known is not None:
+            if known is None:  # a page that read it before would miss what changed since
+                event = {"run": name, "version": table_version(shown), "reset": True}
+                self.stream.put("table", event)
+            else:
                 self._tell_change(shown, known[1], table)
             self._tables[name] = version, table
             took_s = time.monotonic() - began_s
@@ -330,7 +352,10 @@ class LiveWatch:
     def _tell_pictures(self, now_s: float) -> None:
         for name, cases in self._fresh.items():
             shown = self._site.runs[name]
-            places = shown.places()
+            try:
+                places = shown.places()
+            except (TwinError, OSError):
+                continue  # its table says why
             rows = [
                 [
                     places[case],
@@ -349,3 +374,10 @@ class LiveWatch:
         line = {"at_s": time.time(), "level": level, "text": escape(text)}
         self.lines = [*self.lines[-LINES_MAX + 1 :], line]
         self.stream.put("log", line)
+
+
+def _is_folder(path: Path) -> bool:
+    try:
+        return path.is_dir()
+    except OSError:
+        return False  # as one that may not be looked at

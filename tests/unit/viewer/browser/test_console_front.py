@@ -3,6 +3,7 @@
 import http.client
 import json
 import threading
+import time
 from contextlib import contextmanager
 
 import pytest
@@ -16,6 +17,7 @@ from viewer.console.live_console import LiveConsole
 from viewer.console.run_folder import find_runs
 from viewer.console.site import ConsoleSite
 from viewer.console.stream import FOLLOWERS_MAX
+from viewer.console.watch import SILENCE_S
 from viewer.live.link import Status
 
 TOKEN = "known"
@@ -200,13 +202,19 @@ def test_nothing_is_done_before_it_is_confirmed(run):
         ("drain", {"worker": "w1"}, "No verdict changes", ("drain", "", "", "w1")),
         (
             "intervene",
-            {"campaign": "demo", "case": "c", "token": 7, "settings": {"weather": "clear"}},
-            "gets no verdict",
-            {"campaign": "demo", "case": "c", "token": 7, "settings": {"weather": "clear"}},
+            {"run": "demo", "campaign": "demo", "case": "c", "token": 7, "settings": {"hour": 7.0}},
+            "of case c of demo ends as intervened: it gets no verdict",
+            {"campaign": "demo", "case": "c", "token": 7, "settings": {"hour": 7.0}},
         ),
         (
             "intervene",
-            {"campaign": "demo", "case": "c", "token": 7, "action": {"action": "pause"}},
+            {
+                "run": "demo",
+                "campaign": "demo",
+                "case": "c",
+                "token": 7,
+                "action": {"action": "pause"},
+            },
             "its verdict stays",
             {
                 "campaign": "demo",
@@ -237,7 +245,17 @@ def test_each_act_says_what_it_costs_and_is_passed_on(run, act, body, words, ask
         ("pause", {"run": "demo", "confirm": "yes"}, "confirm"),
         ("pause", {"run": "demo", "sudo": True}, "sudo"),
         ("pause", [], "object"),
-        ("intervene", {"campaign": "demo", "case": "c", "confirm": True}, "give settings"),
+        (
+            "intervene",
+            {"run": "demo", "campaign": "demo", "case": "c", "confirm": True},
+            "give settings",
+        ),
+        ("intervene", {"campaign": "demo", "case": "c"}, "'' is no campaign"),
+        (
+            "intervene",
+            {"run": "demo", "campaign": "other", "case": "c", "confirm": True},
+            "'demo' is demo, the attempt is of 'other'",
+        ),
     ],
 )
 def test_what_is_no_act_is_one_line(run, act, body, words):
@@ -290,6 +308,7 @@ def test_another_site_follows_no_events_and_embeds_no_picture(run):
 def test_workers_leases_and_the_reasons_of_quarantine(run):
     with served(run) as console:
         console.live.watch.charged["demo"] = {CASES[1]: "its rig died"}
+        console.live.watch.status_s = time.monotonic()
         found = json.loads(console.ask("/data/runs/demo/workers.json")[1])
         assert [worker["id"] for worker in found["workers"]] == ["w1"]
         assert [lease["case"] for lease in found["leases"]] == [CASES[0]]
@@ -320,3 +339,22 @@ def test_a_finished_console_has_no_events_and_no_acts(run):
         assert workers["workers"] == workers["leases"] == []
         assert console.act("cancel", {"run": "demo"})[0] == 404
         server.shutdown()
+
+
+def test_what_is_missing_may_come_while_the_conductor_has_said_nothing(run):
+    with served(run) as console:
+        console.live.watch.status_s = None
+        assert console.ask("/data/runs/other/table.json")[0].status == 503
+        console.live.watch.error = UnreachableError("nobody is there")
+        assert console.ask("/data/runs/other/table.json")[0].status == 404
+
+
+def test_a_silent_conductor_is_asked_for_no_explanation(run):
+    with served(run) as console:
+        console.live.watch.charged["demo"] = {CASES[0]: "rig_died"}
+        console.live.watch.status_s = time.monotonic()
+        (row,) = console.live.workers("demo")["quarantine"]
+        assert row["explain"]
+        console.live.watch.status_s = time.monotonic() - SILENCE_S - 1
+        (row,) = console.live.workers("demo")["quarantine"]
+        assert (row["charge"], row["explain"]) == ("rig_died", [])

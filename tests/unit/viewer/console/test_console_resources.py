@@ -83,3 +83,30 @@ def test_times_are_of_the_wall_clock(tmp_path):
     day_s = datetime.datetime(2026, 11, 26, tzinfo=datetime.UTC).timestamp()
     part(tmp_path, "w1", [sample(int(day_s))])
     assert resources_of(RunFolder(tmp_path))["w1"]["t"] == [pytest.approx(day_s)]
+
+
+def test_the_table_is_read_again_when_it_changes(tmp_path, monkeypatch):
+    run, reads = RunFolder(tmp_path), []
+    read = RunFolder.read
+
+    def counted(self, name, most):
+        reads.append(name)
+        return read(self, name, most)
+
+    monkeypatch.setattr(RunFolder, "read", counted)
+
+    def write(gpus):
+        columns = {"time_ns": pa.array(range(len(gpus)), pa.timestamp("ns", "UTC"))}
+        columns |= {"worker": ["w1"] * len(gpus), "gpu": gpus}
+        pq.write_table(pa.table(columns), tmp_path / "resources.parquet")
+
+    part(tmp_path, "w1", [sample(1, gpu="GPU-a")])
+    assert gpus_of(run) == 1
+    part(tmp_path, "w2", [sample(1, "w2", gpu="GPU-b")])
+    assert gpus_of(run) == 2, "logs grow, so they are read each time"
+    write(["GPU-a"])
+    reads.clear()
+    assert (gpus_of(run), gpus_of(run)) == (1, 1)
+    assert reads == ["resources.parquet"]
+    write(["GPU-a", "GPU-b", "GPU-c"])
+    assert gpus_of(run) == 3

@@ -10,6 +10,7 @@ from viewer.browser.assets import Asset
 from viewer.console.run_folder import find_runs
 from viewer.console.site import ConsoleSite
 from viewer.console.static_site import as_script, write_static
+from viewer.playback.folder import find_recording
 
 PAGES = {"index.html": Asset(b"<!doctype html><html lang='en'><body>", "text/html", "1")}
 
@@ -21,6 +22,13 @@ def run(tmp_path):
 
 def site_of(run):
     return ConsoleSite(find_runs(run), keep=False)
+
+
+def without_links(data):
+    """A case without what only a server gives."""
+    page = json.loads(data)
+    page["links"] |= {"in_full": None, "recording": None}
+    return json.dumps(page)
 
 
 def told(script):
@@ -35,6 +43,9 @@ def test_static_equals_served(run, tmp_path):
     assert written.left_out == []
     for address in site.addresses():
         data = site.answer(address).data
+        if address.endswith("/case.json"):
+            assert json.loads(data)["links"]["incomplete"] is not True
+            data = without_links(data)
         if address.endswith(".json"):
             script = (out / "data" / f"{address}.js").read_text()
             assert told(script) == (address, json.loads(data))
@@ -56,6 +67,9 @@ def test_recordings_and_the_report_if_asked(run, tmp_path):
     assert (out / "report/demo/report.html").read_text() == "report"
     copies = sorted(path.name for path in (out / "recording/demo").iterdir())
     assert copies == [f"{case}.rrd" for case in CASES[:2]]
+    links = [links_of(out, case) for case in CASES[1:3]]
+    assert [link["recording"] for link in links] == [f"recording/demo/{CASES[1]}.rrd", None]
+    assert all(link["in_full"] is None for link in links)
     source = run / "cases" / CASES[0] / "attempt-1" / "recording.rrd"
     assert (out / "recording/demo" / copies[0]).read_bytes() == source.read_bytes()
 
@@ -90,3 +104,44 @@ def test_a_case_that_cannot_be_read_is_told_and_left_out(run, tmp_path):
     assert [line.partition(":")[0] for line in written.left_out] == [
         f"runs/demo/cases/{CASES[0]}/moment.webp"
     ]
+
+
+def links_of(out, case):
+    return told((out / f"data/runs/demo/cases/{case}/case.json.js").read_text())[1]["links"]
+
+
+def test_what_cannot_be_read_is_left_out_with_a_line(run, tmp_path, monkeypatch):
+    site, answer = site_of(run), ConsoleSite.answer
+
+    def lets_down(self, address):
+        if address.endswith(f"{CASES[0]}/series.json"):
+            raise OSError(5, "Input/output error")
+        return answer(self, address)
+
+    monkeypatch.setattr(ConsoleSite, "answer", lets_down)
+    monkeypatch.setattr("viewer.console.static_site.find_recording", gone(CASES[1]))
+    written = write_static(site, PAGES, tmp_path / "out", recordings=True)
+    assert len(written.left_out) == 2
+    assert f"{CASES[1]}.rrd: not there" in written.left_out[0]
+    assert f"{CASES[0]}/series.json: [Errno 5] Input/output error" in written.left_out[1]
+    assert links_of(tmp_path / "out", CASES[0])["recording"]
+    assert links_of(tmp_path / "out", CASES[1])["recording"] is None
+
+
+def gone(name):
+    """Finds recordings, but not of one case."""
+
+    def find(folder, case):
+        if case == name:
+            raise UsageError("not there")
+        return find_recording(folder, case)
+
+    return find
+
+
+def test_a_run_that_is_damaged_does_not_take_the_others_along(run, tmp_path):
+    site = ConsoleSite([*find_runs(run), *find_runs(a_run(tmp_path / "bad", recorded=()))])
+    (tmp_path / "bad" / "outcomes.json").write_text("{")
+    written = write_static(site, PAGES, tmp_path / "out", recordings=False)
+    assert any(line.startswith("bad: ") for line in written.left_out)
+    assert (tmp_path / f"out/data/runs/demo/cases/{CASES[3]}/case.json.js").is_file()

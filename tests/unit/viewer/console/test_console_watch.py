@@ -65,7 +65,8 @@ class Heard:
 def test_a_campaign_without_a_folder_is_known_from_what_is_heard():
     heard = Heard()
     heard.status(running=["c1"])
-    assert heard.events("table") == [], "a page that comes asks for the table itself"
+    (event,) = heard.events("table")
+    assert event["reset"], "a page may have asked before anybody told it what changes"
     heard.picture("c2", weather="clear", model="m")
     (event,) = heard.events("table")
     assert event["reset"], "it has an axis that was not there"
@@ -206,3 +207,72 @@ def test_waiting_that_does_not_help_ends_it():
     heard = Heard()
     with pytest.raises(UnreachableError):
         heard.watch.take(LinkEnded(UnreachableError("no")), 0.0)
+
+
+def test_the_end_of_one_attempt_ends_no_case():
+    heard = Heard()
+    heard.status(running=["c1"])
+    heard.picture("c1", outcome="intervened", verdict="")
+    heard.events("picture")
+    columns = heard.read("runs/demo/table.json")["columns"]
+    assert (columns["state"], columns["verdict"]) == (["running"], [None])
+    heard.fact(fact="case_ended", campaign="demo", case="c1", outcome="cancelled", reason="r")
+    assert heard.read("runs/demo/table.json")["columns"]["verdict"] == ["cancelled"]
+
+
+def test_a_lease_takes_no_charges_from_a_case(tmp_path):
+    run = a_run(tmp_path / "demo", recorded=())
+    rows = {case: {"outcome": "", "attempts": 2, "charges": ["rig_died"]} for case in CASES}
+    outcomes(run, rows, complete=False)
+    heard = Heard(run)
+    heard.status(out=run, running=CASES[:1])
+    ending = heard.site.runs["demo"].ending(CASES[0])
+    assert (ending.attempts, ending.charges) == (2, ["rig_died"])
+
+
+def test_one_run_that_cannot_be_read_does_not_silence_the_others(tmp_path, monkeypatch):
+    run = a_run(tmp_path / "demo", recorded=())
+    outcomes(run, {case: {"outcome": ""} for case in CASES}, complete=False)
+    heard = Heard(run)
+    heard.status(out=run, running=CASES[:1])
+    heard.events("table")
+    heard.picture(CASES[0])
+    (run / "outcomes.json").write_text("{")
+    assert heard.events("table") == heard.events("picture") == []
+    monkeypatch.setattr(heard.site.runs["demo"], "table", _let_down)
+    assert heard.events("table") == []
+    heard.fact(fact="committed", result={"campaign": "demo", "case": CASES[0]} | ended())
+    heard.fact(fact="committed", campaign="demo", result="none")
+    assert heard.watch.strangers == 2
+    monkeypatch.undo()
+    outcomes(run, {case: {"outcome": ""} for case in CASES}, complete=False)
+    heard.picture(CASES[0])
+    assert len(heard.events("picture")) == 1
+
+
+def _let_down():
+    raise PermissionError(13, "Permission denied")
+
+
+@pytest.mark.parametrize("here", [True, False])
+def test_nothing_of_a_campaign_stays_when_it_is_begun_anew(tmp_path, here):
+    old, new = (a_run(tmp_path / name / "demo", recorded=()) for name in ("old", "new"))
+    for run in (old, new):
+        outcomes(run, {case: {"outcome": ""} for case in CASES}, complete=False)
+    heard = Heard(old if here else None)
+    heard.status(out=old, running=CASES[:1])
+    heard.picture(CASES[0])
+    heard.committed(CASES[0], verdict="collision")
+    heard.events("picture")
+    shown = heard.watch.shown("demo")
+    heard.status(out=new, running=CASES[1:2])
+    assert (shown.live_pictures, shown.live is None) == ({}, here)
+    assert heard.read("runs/demo/table.json")["columns"]["verdict"] == [None] * (4 if here else 1)
+    anew = heard.watch.shown("demo")
+    assert (anew.run.folder == new, anew.run.id) == (here, "demo-2" if here else "demo")
+    assert anew.running == {CASES[1]}
+    assert heard.events("table")[-1] == {
+        "run": anew.run.id,
+        "version": heard.read(f"runs/{anew.run.id}/table.json")["version"],
+        "reset": True,
+    }

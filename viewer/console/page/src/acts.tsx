@@ -109,20 +109,20 @@ interface Running {
   token: number;
 }
 
-/** Acts on a running case; `weather` and `hour` are what somebody has chosen. */
-export function actsOnCase(run: string, name: string, weather: string, hour: string): Act[] {
+/** Acts on a running case of the run that its conductor calls `campaign`; `weather` and `hour` are what somebody has chosen. */
+export function actsOnCase(run: string, campaign: string, name: string, weather: string, hour: string): Act[] {
   const attempt = async (): Promise<Running> => {
     const answer = await fetch("running.json");
     if (!answer.ok) throw new Error(await answer.text());
-    const found = ((await answer.json()) as Running[]).find((one) => one.case === name);
-    if (found === undefined) throw new Error(`${name} does not run any more, or its rig takes no interventions`);
+    const found = ((await answer.json()) as Running[]).find((one) => one.case === name && one.campaign === campaign);
+    if (found === undefined) throw new Error(`${name} of ${campaign} does not run any more, or its rig takes no interventions`);
     return found;
   };
   const act = (label: string, does: Record<string, unknown>): Act => ({
     act: "intervene",
     label,
     body: async () => {
-      const { campaign, token: attemptToken } = await attempt();
+      const { token: attemptToken } = await attempt();
       return { run, case: name, campaign, token: attemptToken, ...does };
     },
   });

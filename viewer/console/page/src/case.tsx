@@ -3,7 +3,7 @@ import type { JSX } from "preact";
 import { useMemo, useState } from "preact/hooks";
 import { Acts, actsOnCase, mayAct } from "./acts";
 import { type Clock, useClock, useTime } from "./clock";
-import { type Beside, type CaseInfo, file, type Runs, type Series, statusOf } from "./data";
+import { type Beside, type CaseInfo, file, type Runs, type Series, STATIC, statusOf } from "./data";
 import { useData, useEvents } from "./hooks";
 import { FilmView } from "./film";
 import { Chip, Command, Figure, Waiting } from "./parts";
@@ -100,7 +100,7 @@ function Live({ run, info, version, lag, runs }: {
               Hour <input type="number" min="0" max="24" step="0.5" value={hour} placeholder="as it is" onInput={(event) => setHour((event.target as HTMLInputElement).value)} />
             </label>
           </div>
-          <Acts label="Intervene in this case" acts={actsOnCase(run, info.case, weather, hour)} />
+          <Acts label="Intervene in this case" acts={actsOnCase(run, runs.runs.find((one) => one.id === run)?.name ?? run, info.case, weather, hour)} />
         </>
       )}
     </div>
@@ -223,7 +223,11 @@ function InFull({ info, clock }: { info: CaseInfo; clock: Clock }): JSX.Element 
             {address ? "Open in full at this moment again" : "Open in full at this moment"}
           </button>
         ) : (
-          <span class="dim">No recording, so there is no view in 3D (run the case with --view record).</span>
+          <span class="dim">
+            {STATIC && incomplete !== null
+              ? "The view in 3D is not part of saved files; viewer web shows it."
+              : "No recording, so there is no view in 3D (run the case with --view record)."}
+          </span>
         )}
         {recording && (
           <a class="button" href={safe(recording)} download>

@@ -238,9 +238,16 @@ const underway = new Map<string, Promise<unknown>>();
 export function read<T>(path: string): Promise<T> {
   const before = underway.get(path);
   if (before !== undefined) return before as Promise<T>;
-  const answer = (STATIC ? fromScript(path) : fromServer(path)).finally(() => underway.delete(path));
+  const answer = (STATIC ? fromScript(path) : fromServer(path)).finally(() => {
+    if (underway.get(path) === answer) underway.delete(path);
+  });
   underway.set(path, answer);
   return answer as Promise<T>;
+}
+
+/** What is under way may be older than what was just heard: who asks from now on asks anew. */
+export function forget(): void {
+  if (!STATIC) underway.clear();
 }
 
 /** Address of a file below `data/`; `version` changes when its content does. */

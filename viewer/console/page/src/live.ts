@@ -1,5 +1,5 @@
 // The stream of a live console: it heals by itself, and says how it stands.
-import { STATIC, type Value } from "./data";
+import { forget, STATIC, type Value } from "./data";
 
 /** Without any event for so long the stream is opened anew [ms]; the server says something every 5 s. */
 const SILENCE_MS = 12_000;
@@ -8,8 +8,8 @@ const CONDUCTOR_MS = 8_000;
 const PAUSE_MS = [500, 1000, 2000, 4000];
 
 export interface Events {
-  /** The first of a page; `resync`: something was missed, so all has to be read again. */
-  hello: { server: string; resync: boolean; conductor_age_s: number | null; log: LogLine[] };
+  /** The first of a stream; `resync`: something was missed, so all has to be read again; `version`: of each table. */
+  hello: { server: string; resync: boolean; version: Record<string, string>; conductor_age_s: number | null; log: LogLine[] };
   /** What changed in a table; `reset`: it has other columns or another order. */
   table: { run: string; version: string; reset?: boolean; rows?: Record<string, Record<string, Value>>; cases?: string[] };
   /** Of each new picture its case by number, version, sim time [s] and age [s]. */
@@ -45,14 +45,21 @@ class Live extends EventTarget {
   private heard = 0;
   private tries = 0;
   private opening = 0;
+  private started = false;
+  /** Nobody sees the page: it has no stream, because browsers grant a server six in all. */
+  private asleep = false;
 
   start(): void {
-    if (STATIC || this.stream !== null) return;
-    this.open();
+    if (STATIC || this.started) return;
+    this.started = true;
+    if (document.visibilityState === "hidden") this.asleep = true;
+    else this.open();
     setInterval(() => this.look(), 1000);
     addEventListener("online", () => this.reopen());
     document.addEventListener("visibilitychange", () => {
-      if (document.visibilityState === "visible") this.look();
+      if (document.visibilityState === "hidden") this.sleep();
+      else if (this.asleep) this.wake();
+      else this.look();
     });
   }
 
@@ -60,6 +67,19 @@ class Live extends EventTarget {
     const listener = (event: Event): void => hear((event as CustomEvent<Events[K]>).detail);
     this.addEventListener(name, listener);
     return () => this.removeEventListener(name, listener);
+  }
+
+  private sleep(): void {
+    this.asleep = true;
+    clearTimeout(this.opening);
+    this.stream?.close();
+    this.stream = null;
+  }
+
+  private wake(): void {
+    this.asleep = false;
+    this.word = Date.now();
+    this.open();
   }
 
   private open(): void {
@@ -98,6 +118,7 @@ class Live extends EventTarget {
       this.word = age === null ? 0 : Date.now() - age * 1000;
       if (resync || (this.server && server !== this.server)) {
         this.epoch++;
+        forget();
         this.dispatchEvent(new Event("epoch"));
       }
       this.server = server;
@@ -110,6 +131,7 @@ class Live extends EventTarget {
 
   /** A browser that slept, or a line that is cut without a word, gives no error. */
   private look(): void {
+    if (this.asleep) return;
     if (this.stream !== null && Date.now() - this.heard > SILENCE_MS) this.reopen();
     else if (this.line === "open" && Date.now() - this.word > CONDUCTOR_MS && !this.gone) this.tell("no word from it");
   }

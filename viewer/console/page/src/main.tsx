@@ -54,7 +54,7 @@ function LineState({ isLive }: { isLive: boolean }): JSX.Element {
   const gone = live.gone;
   const words =
     STATIC ? "as it was saved"
-    : !isLive ? "finished"
+    : !isLive ? "from files"
     : live.line === "lost" ? "no connection; trying again"
     : gone ? `conductor: ${gone}`
     : live.line === "open" ? "live"
