@@ -135,7 +135,7 @@ def _submit_on(campaign: str, on: list[str], sites: Path | None, options: Option
         facts,
         chosen,
         out=(options.out or Path("runs") / job_name(campaign)).absolute(),
-        listen=file.listen,
+        file=file,
         common=CommonOptions(
             time=options.time, workers=options.workers, gpus=options.gpus, slots=options.slots
         ),

@@ -84,7 +84,15 @@ until [ -e .code ]; do
   [ $i -lt {tries} ] || {{ echo {cut_off} >&2; exit {unknown}; }}
   sleep 0.1
 done
-cat .said; cat .trouble >&2; exit "$(cat .code)"
+cat .said; cat .trouble >&2; code=$(cat .code)
+[ "$code" != {unreached} ] || code=1
+exit "$code"
+"""
+_NEVER = """\
+umask 077; mkdir -p "$0" && cd "$0" || exit 71
+mkdir .submitting 2>/dev/null || exit 1
+: > .said; echo "it was ended before it was submitted" > .trouble
+echo 1 > .code.tmp && mv .code.tmp .code
 """
 UNREACHED = 255
 """Exit code of ``ssh`` that did not get there."""
@@ -115,6 +123,28 @@ def write_there(path: str, data: bytes, mode: int) -> None:
     done = call("sh", "-c", script, path, f"{mode:o}", text=data.decode())
     if done.code:
         raise InfrastructureError(f"{path}: cannot be written there: {done.last_words}")
+
+
+def is_answered(folder: str) -> bool:
+    """Whether the submission of this folder at the current place has an answer, which is kept.
+
+    Raises:
+        InfrastructureError: the place does not answer.
+    """
+    return call("test", "-e", f"{folder}/.code").code == 0
+
+
+def refuse_submission(folder: str) -> bool:
+    """See to it that nothing is ever submitted in this folder at the current place; False:
+    something was already.
+
+    Raises:
+        InfrastructureError: the place does not answer.
+    """
+    done = call("sh", "-c", _NEVER, folder)
+    if done.code not in (0, 1):
+        raise InfrastructureError(f"{folder}: cannot be used there: {done.last_words}")
+    return done.code == 0
 
 
 def call(
@@ -174,6 +204,7 @@ def _words(arguments: tuple[str, ...], folder: Path | None) -> tuple[tuple[str, 
             tries=ONCE_TRIES,
             cut_off=shlex.quote("its host was lost while it was submitted"),
             unknown=CODE_UNKNOWN,
+            unreached=UNREACHED,
         )
     return (*here.reach, f"sh -c {shlex.quote(line)}") if here.reach else ("sh", "-c", line), True
 

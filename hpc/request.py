@@ -120,6 +120,8 @@ class JobRequest:
     """Name of the cluster, where workers of several join; empty: none."""
     allocation: str = ""
     """Name of this job among those of the run; its workers carry it as a tag."""
+    run: str = ""
+    """Id of the run of an allocation: names made of it are none of an earlier run's."""
 
     def __post_init__(self) -> None:
         self._check_paths()

@@ -12,7 +12,7 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -38,9 +38,10 @@ from conductor.run.case_lengths import all_ended, earlier_lengths, slots_in_use,
 from conductor.run.local_workers import LocalWorkers
 from conductor.run.places import WorkerPlace, WorkersOption, gpu_slots, on_cpu, on_gpus
 from conductor.run.report_preload import ReportPreload
+from conductor.run.stopping import Interrupted, Signals, heeded
 from conductor.serve.command import metrics_of
 from conductor.serve.shell import Conductor
-from conductor.stored.link import StoreOptions, keep_runs
+from conductor.stored.link import StoreOptions
 from conductor.trust.sign_run import (
     UnfitRunError,
     require_agreement,
@@ -57,7 +58,6 @@ from schemas.sections.view_mode import ViewMode
 from schemas.wire.control import Stop, Submit
 from schemas.wire.status import CampaignStatus
 from schemas.words import counted
-from twin.base.cli import heed_signals
 from twin.base.errors import (
     EXIT_INTERRUPTED,
     EXIT_UNFINISHED,
@@ -114,41 +114,6 @@ class RunOptions:
     """Report, sign and print results at the end; False: who asked reads the outcomes."""
 
 
-class Interrupted(BaseException):
-    """A signal asks the run to stop; ``number`` says which.
-
-    No :class:`Exception`: it may be raised in the middle of a library that catches those.
-    """
-
-    def __init__(self, number: int) -> None:
-        super().__init__(signal.Signals(number).name)
-        self.number = number
-
-
-class Signals:
-    """The first SIGINT or SIGTERM of a run raises :class:`Interrupted`; later ones do nothing."""
-
-    def __init__(self) -> None:
-        self.held = False
-        """A signal waits until :meth:`release`. Set as an attribute, because a call can itself be
-        interrupted before it has done anything."""
-        self._stop: Interrupted | None = None
-
-    def receive(self, number: int, _frame: object) -> None:
-        """The handler."""
-        for handled in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(handled, signal.SIG_IGN)
-        self._stop = Interrupted(number)
-        if not self.held:
-            raise self._stop
-
-    def release(self) -> None:
-        """Raise what came while signals were held, or was swallowed by what it hit."""
-        self.held = False
-        if self._stop is not None:
-            raise self._stop
-
-
 def local_workers(plan: Plan, options: RunOptions) -> LocalWorkers:
     """The workers of a run. Those of a new one are started here: they and their simulators load
     while the rest of the campaign is checked, and leave nothing behind if it is refused."""
@@ -192,9 +157,10 @@ def run_campaign(
     campaign, cases = plan.campaign, len(plan.cases)
     if options.view is not None:
         campaign = msgspec.structs.replace(campaign, view=options.view.value)
-    with _signals() as signals:
+    conductor = _conductor_of(options, workers)
+    with heeded() as signals:
         try:
-            _execute(campaign, options, workers, cases, console, signals)
+            _execute(conductor, campaign, options, workers, cases, console, signals)
             computed()
             result = _conclude(campaign, options) if options.report else None
         except Interrupted as stop:
@@ -207,7 +173,8 @@ def run_campaign(
         finally:
             with contextlib.suppress(TwinError):
                 sign_again(options.out)
-            keep_runs(options.store, [options.out])
+            if conductor.link is not None:
+                conductor.link.keep_runs([options.out])
     if result is None:
         return read_outcomes(options.out).exit_code
     outcomes, kpi_fingerprint = result
@@ -221,7 +188,24 @@ def serve_until_done(plan: Plan, options: RunOptions) -> int:
     return run_campaign(plan, options, LocalWorkers((), options.out.absolute(), ()))
 
 
+def _conductor_of(options: RunOptions, workers: LocalWorkers) -> Conductor:
+    """The conductor of a run, not started yet."""
+    lengths_s = earlier_lengths(options.history)
+    config = Config(by_batch=options.by_batch, spread=not workers.places, lengths_s=lengths_s)
+    if options.ttl_s is not None:
+        config = replace(config, ttl_ns=int(options.ttl_s * 1e9))
+    return Conductor(
+        options.out,
+        listen=options.listen,
+        namespace=options.namespace,
+        key=options.key,
+        config=config,
+        store=options.store,
+    )
+
+
 def _execute(
+    conductor: Conductor,
     campaign: Campaign,
     options: RunOptions,
     workers: LocalWorkers,
@@ -230,18 +214,6 @@ def _execute(
     signals: Signals,
 ) -> None:
     """Serve and work until every case has ended."""
-    lengths_s = earlier_lengths(options.history)
-    config = Config(by_batch=options.by_batch, spread=not workers.places, lengths_s=lengths_s)
-    if options.ttl_s is not None:
-        config = replace(config, ttl_ns=int(options.ttl_s * 1e9))
-    conductor = Conductor(
-        options.out,
-        listen=options.listen,
-        namespace=options.namespace,
-        key=options.key,
-        config=config,
-        store=options.store,
-    )
     serving = _Serving(conductor)
     # A signal that raised between the thread's start and `try`, or before the thread is asked to
     # stop, would leave it serving for ever. Only one ever raises, so the inner `finally` may be
@@ -585,16 +557,3 @@ class _Serving(threading.Thread):
         super().join(timeout)
         if self._failure is not None:
             raise self._failure
-
-
-@contextlib.contextmanager
-def _signals() -> Iterator[Signals]:
-    """SIGINT and SIGTERM go to the run while the block lasts."""
-    signals = Signals()
-    previous = {n: signal.signal(n, signals.receive) for n in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        heed_signals()
-        yield signals
-    finally:
-        for number, handler in previous.items():
-            signal.signal(number, handler)

@@ -18,7 +18,7 @@ from pathlib import Path
 from conductor.core.state import Config
 from conductor.records.outcomes import exit_code, read_outcomes
 from conductor.serve.shell import Conductor
-from conductor.stored.link import StoreOptions, keep_runs
+from conductor.stored.link import StoreOptions
 from conductor.trust.sign_run import require_agreement, sign_run
 from schemas.sections.view_mode import ViewMode
 from schemas.wire.status import counts_of
@@ -90,8 +90,8 @@ def serve_folder(
     finally:
         over.set()
         signing.join()
-        if store is not None and conductor.started.is_set():
-            keep_runs(store, conductor.campaign_folders())
+        if conductor.link is not None and conductor.started.is_set():
+            conductor.link.keep_runs(conductor.campaign_folders())
     if signal.SIGINT in received:
         return EXIT_INTERRUPTED
     rows = [counts_of(row) for row in conductor.snapshot().get("campaigns", {}).values()]

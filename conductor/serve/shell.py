@@ -46,6 +46,7 @@ from conductor.serve.engine import ConductorEngine, TurnResult
 from conductor.serve.folders import Folders
 from conductor.serve.inbox import Inbox, Item
 from conductor.stored.link import StoreLink, StoreOptions
+from conductor.stored.successor import lacking
 from conductor.trust.judge_feed import JudgeFeed
 from conductor.trust.manifest import RUN_FILE
 from conductor.trust.sign_run import reopen
@@ -486,10 +487,10 @@ class Conductor:
         assert self._engine is not None
         was_signed = reopen(self.folder)
         for campaign in self._engine.state.campaigns.values():
-            if self.link is not None and self.link.taken_over_s is not None:
-                continue  # their files come from the store first
-            if campaign.left or not (was_signed or (Path(campaign.out) / RUN_FILE).exists()):
-                self._judge.put_all(campaign)
+            # Files that come from the store are judged when they have come.
+            due = lacking([campaign]) if self.link is not None else []
+            if campaign.left or due or not (was_signed or (Path(campaign.out) / RUN_FILE).exists()):
+                self._judge.put_all(campaign, {fact.result.token for _, fact in due})
 
     def _predecessor(self) -> ConductorFile | None:
         try:

@@ -22,7 +22,7 @@ from schemas.files.regular_file import RUN_FILE_BYTES_MAX, read_regular
 from twin.base.errors import UsageError, storage_error
 from twin.base.files import write_atomic
 from twin.stores.objects import get_attempt, get_object, sha256_of
-from twin.stores.opening import PROBE, open_store
+from twin.stores.opening import PROBE, is_url, open_store
 from twin.stores.protocol import MissingObjectError, ResultStore
 
 SOURCE_FILE = "store.url"
@@ -46,8 +46,7 @@ def fetch_run(url: str, out: Path | None = None) -> Path:
         UsageError: there is no such run, or the folder is another one's.
         TwinError: the store does not answer, or what it holds is damaged.
     """
-    base, _, wanted = url.rstrip("/").partition("/runs/")
-    store = open_store(base)
+    store, wanted = _store_of(url.rstrip("/"))
     campaign = _campaign(store, wanted)
     folder = out or Path("runs") / campaign
     _own(folder, f"{store.url}/runs/{campaign}")
@@ -67,6 +66,24 @@ def fetch_run(url: str, out: Path | None = None) -> Path:
     with ThreadPoolExecutor(READERS) as pool:
         list(pool.map(lambda item: _fetch(store, campaign, folder, *item), committed))
     return folder
+
+
+def _store_of(url: str) -> tuple[ResultStore, str]:
+    """The store that a URL names, and the campaign; empty: it names none.
+
+    A store's own path may have ``/runs/`` in it, too.
+    """
+    base, _, wanted = url.rpartition("/runs/")
+    place = base.partition("://")[2] if is_url(url) else base
+    if not place or not _NAME.fullmatch(wanted):
+        return open_store(url), ""
+    if Path(url.removeprefix("file://")).is_dir() or (
+        is_url(url) and not url.startswith("file://")
+    ):
+        whole = open_store(url)
+        if whole.names("runs/"):
+            return whole, ""
+    return open_store(base), wanted
 
 
 def _campaign(store: ResultStore, wanted: str) -> str:

@@ -79,7 +79,8 @@ class StoreLink:
         self._own: StoreOwner | None = None
         self._replicator: Replicator | None = None
         self._files: RunFiles | None = None
-        self._stopped: list[bool] = []
+        self._stopped = threading.Event()
+        self._last = threading.Event()
         self._bringing: threading.Thread | None = None
 
     # --- startup, in this order -----------------------------------------------------------------
@@ -142,25 +143,25 @@ class StoreLink:
         self, state: State, told: Callable[[Committed], None], campaigns: Callable[[], list[Path]]
     ) -> None:
         """Begin to fetch files of committed attempts that are not in their folders, and to keep
-        the files of campaigns in the store.
+        the files of campaigns in the store. Files that do not come are asked for again, until
+        :meth:`finish_bringing`.
 
-        ``told`` hears of each attempt whose files have come, on a thread; ``campaigns``: their
-        folders.
+        ``told`` hears of each attempt whose files have come or never will, on a thread;
+        ``campaigns``: their folders.
         """
-        self._files = RunFiles(self._store, campaigns)
+        self._files = RunFiles(self._store, campaigns, self.owns)
         self._files.start()
         due = lacking(state.campaigns.values())
         if not due:
             return
         _log.warning("%s: fetching files of %s", self._store.url, counted(len(due), "case"))
 
-        def fetch() -> None:
-            for fact, mistake in bring_back_all(self._store, due, self._stopped):
-                if mistake and not self._stopped:
-                    _log.error("case %s: %s", fact.result.case, mistake)
-                told(fact)
-
-        self._bringing = threading.Thread(target=fetch, name="bring back", daemon=True)
+        self._bringing = threading.Thread(
+            target=bring_back_all,
+            args=(self._store, due, self._stopped, self._last, told),
+            name="bring back",
+            daemon=True,
+        )
         self._bringing.start()
 
     # --- while it serves ------------------------------------------------------------------------
@@ -187,7 +188,8 @@ class StoreLink:
     def finish_bringing(self, *, stop: bool) -> None:
         """Wait for the files that are on their way; ``stop``: for those alone."""
         if stop:
-            self._stopped.append(True)
+            self._stopped.set()
+        self._last.set()
         if self._bringing is not None:
             self._bringing.join()
 
@@ -197,6 +199,24 @@ class StoreLink:
             self._files.close()
         if self._replicator is not None:
             self._replicator.close(released=released)
+
+    def keep_runs(self, folders: list[Path]) -> None:
+        """Put the small files of runs as they are after the end, with their signatures, if the
+        store is still ours."""
+        try:
+            RunFiles(self._store, lambda: folders, self.owns).put_changed()
+        except TwinError as error:
+            _log.error("the store has not the last files of a run: %s", error)
+
+    def owns(self) -> bool:
+        """Whether the newest claim is ours: we have begun, and nobody has taken over.
+
+        Raises:
+            TwinError: the store does not answer.
+        """
+        if self._own is None or self._replicator is None or self._replicator.is_over:
+            return False
+        return not self._claims.exists(self._own.claim + 1)
 
     # --- takeover -------------------------------------------------------------------------------
 
@@ -238,14 +258,3 @@ class StoreLink:
         except OSError as error:
             raise storage_error(error, str(path)) from None
         return text
-
-
-def keep_runs(options: StoreOptions | None, folders: list[Path]) -> None:
-    """Put the small files of runs as they are after the end, with their signatures, if there is a
-    store."""
-    if options is None:
-        return
-    try:
-        RunFiles(open_store(options.url), lambda: folders).put_changed()
-    except TwinError as error:
-        _log.error("the store has not the last files of a run: %s", error)

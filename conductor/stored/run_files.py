@@ -49,10 +49,17 @@ class RunFiles:
     Args:
         store: the store.
         folders: the campaign folders.
+        owns: whether the store is ours now; asked before each pass, and raises a TwinError if
+            the store does not answer.
     """
 
-    def __init__(self, store: ResultStore, folders: Callable[[], list[Path]]) -> None:
-        self._store, self._folders = store, folders
+    def __init__(
+        self,
+        store: ResultStore,
+        folders: Callable[[], list[Path]],
+        owns: Callable[[], bool],
+    ) -> None:
+        self._store, self._folders, self._owns = store, folders, owns
         self._put: dict[Path, tuple[int, int]] = {}
         """Path -> time of change [ns] and size when it was put."""
         self._names: dict[Path, str] = {}
@@ -70,11 +77,13 @@ class RunFiles:
             self._thread.join()
 
     def put_changed(self) -> None:
-        """Put what has changed since it was put.
+        """Put what has changed since it was put, unless another conductor owns the store.
 
         Raises:
             TwinError: the store does not answer.
         """
+        if not self._owns():
+            return
         for folder in self._folders():
             for name in NAMES:
                 path = folder / name

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable
+import threading
+from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -18,7 +19,13 @@ from schemas.wire.control import Result, Sealed
 from twin.base.errors import InfrastructureError, TwinError
 from twin.base.files import write_atomic
 from twin.stores.objects import FILES, get_attempt, get_object, get_pack, mark_of, pack_of
-from twin.stores.protocol import DamagedObjectError, MissingObjectError, ResultStore
+from twin.stores.protocol import (
+    DamagedObjectError,
+    MissingObjectError,
+    ResultStore,
+    StoreError,
+    StoreRefusedError,
+)
 
 READERS = 16
 """Objects that are read at a time."""
@@ -26,6 +33,12 @@ FOUND_MAX = 1_000_000
 """Most results that are taken from a store, as many as a conductor has cases."""
 HEAD_TRIES = 5
 """How often a replica is read whose owner replaces it meanwhile."""
+
+AGAIN_S = 2.0
+"""Pause before files that did not come are asked for again; each further one is
+twice as long [s]."""
+AGAIN_MAX_S = 60.0
+"""Longest such pause [s]."""
 
 _log = logging.getLogger(__name__)
 
@@ -123,22 +136,55 @@ def bring_back(store: ResultStore, out: Path, result: Result) -> None:
 
 
 def bring_back_all(
-    store: ResultStore, due: Iterable[tuple[Path, Committed]], stopped: list[bool]
-) -> Iterable[tuple[Committed, str]]:
-    """Bring back many; yields each with what went wrong, in a line, or nothing.
+    store: ResultStore,
+    due: list[tuple[Path, Committed]],
+    stopped: threading.Event,
+    last: threading.Event,
+    told: Callable[[Committed], None],
+    pause_s: float = AGAIN_S,
+) -> None:
+    """Bring back many; those for which the store does not answer, again and again.
 
-    ``stopped``: not empty any more: no further one.
+    Args:
+        store: the store.
+        due: campaign folder and commit of each attempt.
+        stopped: set: no further one.
+        last: set: what does not come now never will.
+        told: hears of each whose files have come, or never will: its judge says that.
+        pause_s: before the ones that are left are tried again; each further one is twice as long
+            [s].
     """
 
-    def one(item: tuple[Path, Committed]) -> tuple[Committed, str]:
+    def one(item: tuple[Path, Committed]) -> TwinError | None:
         out, fact = item
-        if stopped:
-            return fact, "stopped"
+        if stopped.is_set():
+            return None
         try:
             bring_back(store, out, fact.result)
         except TwinError as error:
-            return fact, str(error)
-        return fact, ""
+            return error
+        told(fact)
+        return None
 
     with ThreadPoolExecutor(READERS) as pool:
-        yield from pool.map(one, due)
+        while due and not stopped.is_set():
+            ending = last.is_set()
+            again = []
+            for item, error in zip(due, pool.map(one, due), strict=True):
+                if error is None:
+                    continue
+                _log.error("case %s: %s", item[1].result.case, error)
+                if ending or not _may_come(error):
+                    told(item[1])
+                else:
+                    again.append(item)
+            due = again
+            if due:
+                last.wait(pause_s)
+                pause_s = min(2 * pause_s, AGAIN_MAX_S)
+
+
+def _may_come(error: TwinError) -> bool:
+    """Whether another try may succeed: the store did not answer."""
+    final = (MissingObjectError, DamagedObjectError, StoreRefusedError)
+    return isinstance(error, StoreError) and not isinstance(error, final)

@@ -12,7 +12,7 @@ import queue
 import subprocess
 import sys
 import threading
-from collections.abc import Iterable
+from collections.abc import Iterable, Set
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -134,11 +134,13 @@ class JudgeFeed:
             self._thread = threading.Thread(target=self._run, name="judge", daemon=True)
             self._thread.start()
 
-    def put_all(self, campaign: CampaignState) -> None:
-        """Hand over what an earlier conductor has committed."""
+    def put_all(self, campaign: CampaignState, lacking: Set[int] = frozenset()) -> None:
+        """Hand over what an earlier conductor has committed, but for the tokens of attempts whose
+        files are ``lacking`` yet."""
         for case in campaign.ordered:
-            if case.ended and isinstance(case_end := case.end, Committed):
-                self.put(campaign, case_end)
+            end = case.end if case.ended else None
+            if isinstance(end, Committed) and end.result.token not in lacking:
+                self.put(campaign, end)
 
     def close(self, campaigns: Iterable[CampaignState]) -> None:
         """End the judge; of campaigns that are complete, when all is judged and written down."""

@@ -74,10 +74,10 @@ _SMALL = {"cpu": "100m", "memory": "64Mi"}
 
 def run_name(request: JobRequest) -> str:
     """Name of a run in its namespace: of the campaign, and of the run folder, which it may run in
-    only once."""
+    only once; of an allocation, also of its run's id."""
     said = request.allocation or job_name(request.campaign)
     stem = re.sub(r"[^a-z0-9]+", "-", said.lower()).strip("-")
-    mark = hashlib.sha256(request.out.encode()).hexdigest()[:8]
+    mark = hashlib.sha256(f"{request.out}{request.run}".encode()).hexdigest()[:8]
     return f"dt-{stem[: NAME_CHARS_MAX - 12].strip('-')}-{mark}"
 
 

@@ -11,6 +11,7 @@ import contextlib
 import fcntl
 import os
 import re
+import secrets
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -18,7 +19,7 @@ from pathlib import Path
 import msgspec
 
 from hpc.backends import backend
-from hpc.commands import UnknownOutcomeError, at, write_there
+from hpc.commands import UnknownOutcomeError, at, is_answered, refuse_submission, write_there
 from hpc.request import JobRequest
 from hpc.scheduler import JobStatus, RemoteScheduler, Scheduler
 from hpc.sites.file import NamedSite
@@ -50,8 +51,8 @@ WHY_CHARS_MAX = 300
 TERMINATED = 143
 """Exit code of a job that was told to end."""
 
-RequestOf = Callable[[NamedSite, str], JobRequest]
-"""Site and allocation -> what is asked for."""
+RequestOf = Callable[[NamedSite, str, str], JobRequest]
+"""Site, allocation and id of the run -> what is asked for."""
 
 
 class Allocations:
@@ -69,7 +70,7 @@ class Allocations:
         Args:
             folder: run folder.
             campaign: what is run.
-            sites: by name.
+            sites: by name, also those of which nothing more is asked.
             request_of: makes a request.
             key_of: makes the key with which workers of a site join.
 
@@ -78,8 +79,8 @@ class Allocations:
         """
         self.folder = folder
         self.sites = sites
-        self.request_of, self._key_of = request_of, key_of
-        self.book = book_of(folder) or AllocationBook(campaign=campaign)
+        self._request_of, self._key_of = request_of, key_of
+        self.book = book_of(folder) or AllocationBook(campaign=campaign, run=secrets.token_hex(8))
         self._check()
         if self.book.campaign != campaign:
             raise UsageError(
@@ -120,6 +121,14 @@ class Allocations:
         ended = [each for each in self.book.allocations if each.state == "ended"]
         return bool(ended) and max(ended, key=lambda each: each.ended_s).code == EXIT_PASS
 
+    def request(self, site: NamedSite, allocation: str) -> JobRequest:
+        """What is asked of a site for one allocation.
+
+        Raises:
+            UsageError: a value cannot be used.
+        """
+        return self._request_of(site, allocation, self.book.run)
+
     def ask(self, site: NamedSite, why: str, now_s: float) -> Allocation:
         """Ask a site for one more.
 
@@ -131,7 +140,7 @@ class Allocations:
                 f"{self.folder}: {KEPT_MAX} allocations were asked for; choose another --out"
             )
         number = self.book.made + 1
-        request = self.request_of(site, f"{site.name}-{number}")
+        request = self.request(site, f"{site.name}-{number}")
         allocation = Allocation(
             id=request.allocation,
             site=site.name,
@@ -153,8 +162,8 @@ class Allocations:
         Raises:
             TwinError: it is refused (the allocation has ended then), or nobody answers.
         """
-        site = self.sites[allocation.site]
-        request = self.request_of(site, allocation.id)
+        site = self._site_of(allocation)
+        request = self.request(site, allocation.id)
         system = backend(site.scheduler)
         kind = batch_systems().find(site.scheduler)
         once = replace(site.place, once=request.out, submits=kind.submits)
@@ -169,10 +178,18 @@ class Allocations:
                 allocation.job = system.submit(Path(script), Path(request.out))
         except UnknownOutcomeError:
             # It may be there, and is looked for no more when its time is over in any case.
-            if now_s - allocation.made_s > 2 * 3600 * allocation.walltime_h:
+            if self._is_over(allocation, now_s):
                 self._end(allocation, now_s, "nobody knows whether it was taken", failed=True)
             raise
         except InfrastructureError as error:
+            if self._is_kept(site, request, kind.submits):
+                if "timed out" in str(error).lower() and not self._is_over(allocation, now_s):
+                    raise UnknownOutcomeError(
+                        f"whether it was taken is not known: {error}"
+                    ) from None
+                # Asked again it would say the same for ever; the next one gets another number.
+                self._end(allocation, now_s, str(error), failed=True)
+                raise
             self._rest(allocation.site, now_s)
             allocation.why = escape(str(error), WHY_CHARS_MAX)
             raise
@@ -185,13 +202,19 @@ class Allocations:
             self.save()
 
     def refresh(self, joined: set[str], now_s: float) -> list[str]:
-        """:meth:`look`, and write down what was seen; for whoever is :func:`alone`."""
+        """:meth:`look`, write down what was seen, and tidy up after what has ended; for whoever is
+        :func:`alone`."""
+        before = self.open
         lines = self.look(joined, now_s)
         self.save()
+        for each in before:
+            if each.state == "ended" and each.job:
+                self._tidy(each)
         return lines
 
     def look(self, joined: set[str], now_s: float) -> list[str]:
-        """Look at those that have not ended; lines about what has changed.
+        """Look at those that have not ended; lines about what has changed. Changes nothing at a
+        site.
 
         ``joined``: ids of those of which the conductor sees a worker.
         """
@@ -220,17 +243,59 @@ class Allocations:
         """Tell one to end; committed cases stay, running ones go back.
 
         Raises:
-            TwinError: its site is in trouble.
+            TwinError: its site is in trouble, or nobody knows its job yet.
         """
-        site = self.sites[allocation.site]
+        site = self._site_of(allocation)
         if not allocation.job:
-            return  # it is submitted, or refused, before it can be ended
+            self._end_unsubmitted(site, allocation, why, now_s)
+            return
         with at(site.place):
             backend(site.scheduler).cancel(allocation.job)
         allocation.dismissed, allocation.why = True, why
         if allocation.state == "queued":
             self._end(allocation, now_s, why, failed=False)
         self.save()
+
+    def _end_unsubmitted(
+        self, site: NamedSite, allocation: Allocation, why: str, now_s: float
+    ) -> None:
+        """End one that has no job, and see to it that it gets none."""
+        submits = batch_systems().find(site.scheduler).submits
+        folder = self.request(site, allocation.id).out
+        if submits:
+            with at(site.place):
+                if refuse_submission(folder):
+                    self._end(allocation, now_s, f"{why}, before it was submitted", failed=False)
+                    self.save()
+                    return
+        raise InfrastructureError(
+            f"its job is not known here, so it was not ended; `hpc scale` with --on "
+            f"{site.scheduler}:{site.name} asks for it, or see {folder} there"
+        )
+
+    def _site_of(self, allocation: Allocation) -> NamedSite:
+        site = self.sites.get(allocation.site)
+        if site is None:
+            raise UsageError(
+                f"the sites file has no site {allocation.site} any more; put it back to look at "
+                "its jobs and to end them"
+            )
+        return site
+
+    def _is_kept(self, site: NamedSite, request: JobRequest, submits: str) -> bool:
+        """Whether the site keeps the answer of a submission that has failed."""
+        if not submits:
+            return False
+        try:
+            with at(site.place):
+                return is_answered(request.out)
+        except TwinError:
+            return False
+
+    @staticmethod
+    def _is_over(allocation: Allocation, now_s: float) -> bool:
+        """Whether its time is over, had it been taken."""
+        return now_s - allocation.made_s > 2 * 3600 * allocation.walltime_h
 
     def save(self) -> None:
         """Write the book.
@@ -257,11 +322,10 @@ class Allocations:
             how += f", exit code {code}" if code is not None else ""
             why = f"{'failed' if each.joined else 'ended without a worker that joined'} ({how})"
         self._end(each, now_s, why, failed=failed)
-        self._tidy(each)
 
     def _tidy(self, each: Allocation) -> None:
         """Remove what a batch system keeps of a job that has ended, its key above all."""
-        site = self.sites[each.site]
+        site = self._site_of(each)  # it was looked at there
         system: Scheduler = backend(site.scheduler)
         if isinstance(system, RemoteScheduler):
             with contextlib.suppress(TwinError), at(site.place):

@@ -61,9 +61,11 @@ def scale(
     least, most = parse_target(target)
     if not on:
         raise UsageError("where? give --on KIND:SITE, e.g. --on slurm:north")
+    file = load_sites(sites)
     code = scale(
         run.absolute(),
-        chosen_sites(on, load_sites(sites)),
+        chosen_sites(on, file),
+        file=file,
         key=key.absolute() if key is not None else None,
         target=WorkerTarget(least, most, worker_hours, worthwhile_s),
         common=CommonOptions(time=time, workers=workers, gpus=gpus, slots=slots),

@@ -16,7 +16,7 @@ from hpc.commands import at, call
 from hpc.request import JobRequest
 from hpc.sites import conductor
 from hpc.sites.allocations import Allocations, alone, book_of
-from hpc.sites.file import NamedSite, load_sites
+from hpc.sites.file import NamedSite, SitesFile, load_sites
 from hpc.sites.requests import FOLDER_NAME, CommonOptions, check_campaign, request_of
 from hpc.sites.scaler import Scaler, is_complete
 from hpc.sites.scaling import SiteRoom, WorkerTarget
@@ -62,8 +62,8 @@ def submit_on(
     facts: CampaignFacts,
     sites: list[NamedSite],
     *,
+    file: SitesFile,
     out: Path,
-    listen: str,
     common: CommonOptions,
     say: Callable[[str], None],
 ) -> int:
@@ -78,13 +78,13 @@ def submit_on(
         return EXIT_PASS
     for site in sites:  # before anything is started or left behind
         if not site.entry.dials_out:
-            _try(site, facts.name, out, site.entry.connect or listen, common)
+            _try(site, facts.name, out, site.entry.connect or file.listen, common)
     with alone(out):
         served = conductor.serving(out)
         if served is None:
-            served = conductor.start(out, facts.name, listen)
+            served = conductor.start(out, facts.name, file.listen)
             say(f"conductor of {out} at {served.endpoint}; it says what it does in conductor.log")
-        book = opened(out, facts.name, sites, served, common)
+        book = opened(out, facts.name, all_of(out, sites, file), served, common)
         refused = 0
         for site in sites:
             if site.entry.dials_out:
@@ -131,6 +131,7 @@ def scale(
     out: Path,
     sites: list[NamedSite],
     *,
+    file: SitesFile,
     key: Path | None,
     target: WorkerTarget,
     common: CommonOptions,
@@ -157,11 +158,24 @@ def scale(
     with alone(out):
         known = book_of(out)
         campaign = known.campaign if known is not None else out.name
-        book = opened(out, campaign, sites, served, common, key)
+        book = opened(out, campaign, all_of(out, sites, file), served, common, key)
         rooms = {site.name: _room(book, site) for site in sites}
         slots = common.slots or 1
         scaler = Scaler(book, lambda: conductor.status(look()), target, rooms, say, slots, dry_run)
         return scaler.run(period_s, once=once)
+
+
+def all_of(out: Path, chosen: list[NamedSite], file: SitesFile) -> list[NamedSite]:
+    """The sites that were chosen, then those that have allocations of the run already: nothing
+    more is asked of them, but they are looked at, and theirs are ended."""
+    known = book_of(out)
+    names = {site.name for site in chosen}
+    others = [
+        NamedSite(name, file.sites[name].scheduler, file.sites[name])
+        for name in (known.sites if known is not None else ())
+        if name in file.sites and name not in names
+    ]
+    return [*chosen, *others]
 
 
 def _served(out: Path) -> Conductor:
@@ -174,7 +188,7 @@ def _served(out: Path) -> Conductor:
 
 
 def _room(book: Allocations, site: NamedSite) -> SiteRoom:
-    request = book.request_of(site, f"{site.name}-1")
+    request = book.request(site, f"{site.name}-1")
     return SiteRoom(
         site.name,
         request.worker_count,
@@ -206,10 +220,10 @@ def opened(
             return read_private(key)
         return conductor.invitation(out, connect_of(site), served.namespace)
 
-    def request(site: NamedSite, allocation: str) -> JobRequest:
+    def request(site: NamedSite, allocation: str, run: str) -> JobRequest:
         connect = connect_of(site)
         return request_of(
-            site, allocation, campaign=campaign, out=out, connect=connect, common=common
+            site, allocation, campaign=campaign, out=out, connect=connect, common=common, run=run
         )
 
     return Allocations(out, campaign, {site.name: site for site in sites}, request, key_of)

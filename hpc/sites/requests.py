@@ -41,6 +41,7 @@ def request_of(
     out: Path,
     connect: str,
     common: CommonOptions,
+    run: str = "",
 ) -> JobRequest:
     """What is asked of a site for one allocation.
 
@@ -51,6 +52,7 @@ def request_of(
         out: run folder on this host.
         connect: endpoint by which workers of the site reach the conductor.
         common: what the command line says.
+        run: id of the run, which a folder of the same name has no second time.
 
     Raises:
         UsageError: a value cannot be used.
@@ -60,7 +62,7 @@ def request_of(
     if not (walltime := entry.time or common.time):
         raise UsageError(f"{where}: how long may an allocation take? give --time HH:MM")
     said = entry.workers is not None or entry.gpus is not None
-    folder = f"{remote_folder(entry.folder, out) if entry.folder else out / FOLDER_NAME}"
+    folder = f"{remote_folder(entry.folder, out, run) if entry.folder else out / FOLDER_NAME}"
     own = f"{folder}/{allocation}"
     bin_folder = BIN_FOLDER if entry.container else entry.bin or str(own_bin_folder())
     try:
@@ -86,6 +88,7 @@ def request_of(
             connect=connect,
             site=site.name,
             allocation=allocation,
+            run=run,
         )
     except UsageError as error:
         raise UsageError(f"{where}: {error}") from None
@@ -111,9 +114,10 @@ def refuse_of_one_site(options: Options) -> None:
         )
 
 
-def remote_folder(folder: str, out: Path) -> str:
-    """Folder of a run at a site: other runs, also of other hosts, have others."""
-    mark = hashlib.sha256(f"{socket.gethostname()}:{out}".encode()).hexdigest()[:8]
+def remote_folder(folder: str, out: Path, run: str) -> str:
+    """Folder of a run at a site: other runs, also of other hosts, and later ones in the same folder
+    have others. What a site keeps of a submission is an answer for this run alone."""
+    mark = hashlib.sha256(f"{socket.gethostname()}:{out}:{run}".encode()).hexdigest()[:8]
     return f"{folder.rstrip('/')}/{job_name(out.name)}-{mark}"
 
 

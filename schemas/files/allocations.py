@@ -67,6 +67,9 @@ class AllocationBook(Struct, kw_only=True):
 
     campaign: str
     """Shipped name, or absolute path of the campaign file."""
+    run: Annotated[str, Meta(max_length=64)] = ""
+    """Drawn once, when the book is made: submissions of another run in the same folder are not
+    ours. Empty: an older book."""
     made: int = 0
     """Allocations that were ever asked for."""
     allocations: Annotated[list[Allocation], Meta(max_length=KEPT_MAX)] = field(

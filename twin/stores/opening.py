@@ -26,7 +26,7 @@ def checked_url(url: str) -> str:
         UsageError: it holds credentials or options, or its scheme is unknown.
     """
     scheme, separator, place = url.partition("://")
-    if separator and ("@" in place.partition("/")[0] and ":" in place.partition("@")[0]):
+    if separator and ":" in place.rpartition("@")[0]:  # a secret may hold a slash
         raise UsageError(
             f"--store {scheme}://...: credentials in a URL are seen by everybody who sees process "
             "lists and logs; give them in the environment, or in fsspec's configuration"

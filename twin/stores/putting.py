@@ -7,8 +7,11 @@ if the journal's end is lost with its conductor, the successor finds the results
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Iterable
+from concurrent.futures import Future
 from pathlib import Path
+from typing import TypeVar
 
 from schemas.wire.codec import WireError, decode, encode
 from schemas.wire.control import Lease, Next, Result, Sealed
@@ -16,6 +19,8 @@ from twin.base.errors import UsageError, storage_error
 from twin.stores.objects import get_attempt, mark_of, put_attempt, put_pack
 from twin.stores.opening import open_store
 from twin.stores.protocol import DamagedObjectError, MissingObjectError, ResultStore
+
+T = TypeVar("T")
 
 Seal = Callable[[bytes, bytes], bytes]
 """Secret of a session and data -> the seal on it."""
@@ -104,6 +109,27 @@ class Storing:
         except OSError as error:
             raise storage_error(error, str(folder)) from None
         self._stored.add(result.token)
+
+
+def meanwhile(work: Callable[[], T], beat: Callable[[], None], period_s: float) -> T:
+    """Result of ``work``, which runs on a thread; ``beat`` runs here every ``period_s`` until then.
+
+    A store of which nothing comes back holds one operation up for longer than a lease lasts.
+    """
+    outcome: Future[T] = Future()
+    over = threading.Event()
+
+    def run() -> None:
+        try:
+            outcome.set_result(work())
+        except BaseException as error:
+            outcome.set_exception(error)
+        over.set()
+
+    threading.Thread(target=run, name="store", daemon=True).start()
+    while not over.wait(period_s):
+        beat()
+    return outcome.result()
 
 
 def _has_files(store: ResultStore, sealed: Sealed) -> bool:

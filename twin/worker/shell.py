@@ -56,7 +56,7 @@ from twin.rig.pipe import (
     RefusedPeer,
 )
 from twin.stores.protocol import StoreError
-from twin.stores.putting import Storing
+from twin.stores.putting import Storing, meanwhile
 from twin.worker.announcement import sweep
 from twin.worker.core import SECOND_NS, Core
 from twin.worker.delivery import Delivery
@@ -277,8 +277,9 @@ class Worker:
         """The request, when all that it commits is in the store; None: it has to wait."""
         line, kept = "", request
         try:
-            self._storing.put(request, lambda: self._beat_if_due(beat))
-            kept = structs.replace(request, sealed=self._storing.with_files(request.sealed))
+            kept = meanwhile(
+                lambda: self._stored(request), lambda: self._beat_if_due(beat), BEAT_S / 4
+            )
         except StoreError as error:
             line = f"{error}; cases go on, results wait"
             self._beat_if_due(beat)
@@ -286,6 +287,10 @@ class Worker:
             self._store_words = line
             _log(line or "the store answers again")
         return None if line else kept
+
+    def _stored(self, request: Next) -> Next:
+        self._storing.put(request, lambda: None)
+        return structs.replace(request, sealed=self._storing.with_files(request.sealed))
 
     def _beat_if_due(self, beat: Beat) -> None:
         if time.monotonic() - self._asked_s > BEAT_S:

@@ -92,6 +92,9 @@ def test_what_is_not_there_is_said(tmp_path: Path, store: FolderStore, done: Res
         (("runs/a/campaign.yaml",), "/runs/c", "no run of a campaign c; there: a"),
         (("runs/a/campaign.yaml",), "", "campaign a has no outcomes.json yet"),
         (("runs/..x/campaign.yaml",), "", "holds no run"),
+        # The store itself is below a folder of this name.
+        (("runs/mine/runs/a/campaign.yaml",), "/runs/mine", "runs/mine: campaign a has no"),
+        (("runs/mine/runs/a/campaign.yaml",), "/runs/mine/runs/a", "runs/mine: campaign a has no"),
     ],
 )
 def test_a_run_that_is_not_there_is_one_line(

@@ -1,15 +1,18 @@
 """The book of a run, whatever the batch system answers; and the scaler above it."""
 
 import json
+import shutil
+import subprocess
 
 import pytest
 
 import hpc.sites.allocations
-from hpc.commands import UnknownOutcomeError
+from hpc.commands import Place, UnknownOutcomeError, _words, at
+from hpc.kubernetes.objects import run_name
 from hpc.scheduler import JobStatus
 from hpc.sites.allocations import Allocations, alone, book_of
-from hpc.sites.command import parse_target
-from hpc.sites.file import NamedSite, SiteEntry
+from hpc.sites.command import all_of, parse_target
+from hpc.sites.file import NamedSite, SiteEntry, SitesFile
 from hpc.sites.requests import CommonOptions, remote_folder, request_of
 from hpc.sites.scaler import GONE_S, LOG_NAME, Scaler, is_complete
 from hpc.sites.scaling import FIRST_REST_S, SiteRoom, WorkerTarget
@@ -63,17 +66,18 @@ def site(**more):
     return NamedSite("north", "slurm", entry)
 
 
-def allocations(folder, campaign="aeb-demo", **more):
-    def request(of, allocation):
+def allocations(folder, campaign="aeb-demo", entry=None):
+    def request(of, allocation, run):
         return request_of(
             *(of, allocation),
             campaign=campaign,
             out=folder,
             connect="tls/login:7447",
             common=CommonOptions(),
+            run=run,
         )
 
-    return Allocations(folder, campaign, {"north": site(**more)}, request, lambda _: b"KEY\n")
+    return Allocations(folder, campaign, {"north": entry or site()}, request, lambda _: b"KEY\n")
 
 
 def test_asked_for(ledger, tmp_path):
@@ -195,6 +199,113 @@ def test_looking_writes_nothing(ledger, tmp_path):
     assert (tmp_path / "allocations.json").read_bytes() == before
     book.refresh(set(), NOW_S)
     assert (tmp_path / "allocations.json").read_bytes() != before
+
+
+def test_the_next_run_in_the_same_folder_is_another_one(ledger, tmp_path):
+    names, there = set(), site(folder=str(tmp_path / "there"))
+    for _ in range(2):
+        book = allocations(tmp_path / "run", entry=there)
+        with alone(tmp_path / "run"):
+            book.ask(there, "because", NOW_S)
+        request = book.request(book.sites["north"], "north-1")
+        again = allocations(tmp_path / "run", entry=there)
+        assert again.request(again.sites["north"], "north-1") == request
+        names |= {request.out, run_name(request)}
+        shutil.rmtree(tmp_path / "run")
+    assert len(names) == 4
+
+
+def test_looking_does_nothing_at_a_site(ledger, tmp_path, monkeypatch):
+    monkeypatch.setattr(hpc.sites.allocations, "RemoteScheduler", Ledger)
+    book = allocations(tmp_path)
+    book.ask(site(), "because", NOW_S)
+    ledger.jobs["1"] = JobStatus("ended", "COMPLETED", exit_code=0)
+    allocations(tmp_path).look(set(), NOW_S)
+    assert ledger.cancelled == []
+    book.refresh(set(), NOW_S)
+    assert ledger.cancelled == ["1"]
+
+
+def once(folder, line):
+    """The shell that runs ``line`` once and for all in ``folder``."""
+    with at(Place(once=str(folder), submits="sh")):
+        return _words(("sh", "-c", line), None)[0][-1]
+
+
+def answered(folder):
+    """The site has kept an answer."""
+    (folder / "sites" / "north-1").mkdir(parents=True, exist_ok=True)
+    (folder / "sites" / "north-1" / ".submitting").mkdir()
+    (folder / "sites" / "north-1" / ".code").write_text("1\n")
+
+
+def test_a_failure_that_the_site_keeps_ends_it(ledger, tmp_path):
+    answered(tmp_path)
+    book = allocations(tmp_path)
+    ledger.answer = InfrastructureError("sbatch: Unable to contact slurm controller")
+    with pytest.raises(InfrastructureError, match="Unable to contact"):
+        book.ask(site(), "because", NOW_S)
+    assert book_of(tmp_path).allocations[0].state == "ended"
+    assert book_of(tmp_path).sites["north"].failures == 1
+    ledger.answer = "1"
+    assert book.ask(site(), "because", NOW_S).id == "north-2"
+
+
+def test_after_a_timeout_nobody_knows_until_its_time_is_over(ledger, tmp_path):
+    answered(tmp_path)
+    book = allocations(tmp_path)
+    ledger.answer = InfrastructureError("sbatch: Socket timed out on send/recv operation")
+    with pytest.raises(UnknownOutcomeError, match="not known"):
+        book.ask(site(), "because", NOW_S)
+    (wanted,) = book.open
+    with pytest.raises(InfrastructureError):
+        book.submit(wanted, NOW_S + 7200.1)
+    assert book.open == []
+
+
+def test_what_has_no_job_yet_gets_none_after_its_end(ledger, tmp_path):
+    book = allocations(tmp_path)
+    ledger.answer = InfrastructureError("login.north: not reached")
+    with pytest.raises(InfrastructureError):
+        book.ask(site(), "because", NOW_S)
+    (wanted,) = book.open
+    book.end(wanted, "cancelled", NOW_S)
+    assert (wanted.state, wanted.why) == ("ended", "cancelled, before it was submitted")
+    done = subprocess.run(
+        ["sh", "-c", once(tmp_path / "sites" / "north-1", "touch submitted")],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (1, "it was ended before it was submitted\n")
+    assert not (tmp_path / "sites" / "north-1" / "submitted").exists()
+
+
+def test_what_may_have_a_job_is_not_called_ended(ledger, tmp_path):
+    book = allocations(tmp_path)
+    ledger.answer = InfrastructureError("no answer")
+    with pytest.raises(InfrastructureError):
+        book.ask(site(), "because", NOW_S)
+    answered(tmp_path)
+    (wanted,) = book.open
+    with pytest.raises(InfrastructureError, match="not known here"):
+        book.end(wanted, "cancelled", NOW_S)
+    assert book.open == [wanted]
+
+
+def test_sites_of_the_book_that_the_command_line_does_not_name(ledger, tmp_path):
+    book = allocations(tmp_path)
+    book.ask(site(), "because", NOW_S)
+    south = NamedSite("south", "slurm", SiteEntry(scheduler="slurm", workers=1, time="01:00"))
+    file = SitesFile(sites={"north": site().entry, "south": south.entry})
+    assert [each.name for each in all_of(tmp_path, [south], file)] == ["south", "north"]
+    bare = Allocations(tmp_path, "aeb-demo", {"south": south}, book._request_of, lambda _: b"")
+    with pytest.raises(UsageError, match="the sites file has no site north"):
+        bare.end(bare.open[0], "cancelled", NOW_S)
+    made, said = scaler(tmp_path, [state(left=0)])
+    made.allocations = bare
+    assert made.turn(NOW_S) == 0
+    assert [line for line in said if line.startswith("note: north-1: the sites file has no site")]
 
 
 def test_only_one_asks(tmp_path):
@@ -325,8 +436,9 @@ def test_targets(text):
 
 
 def test_folders_of_runs_differ(tmp_path):
-    folders = {remote_folder("/home/me/dt/", path) for path in (tmp_path / "a", tmp_path / "b/a")}
-    assert len(folders) == 2
+    paths = (tmp_path / "a", tmp_path / "b/a")
+    folders = {remote_folder("/home/me/dt/", path, run) for path in paths for run in ("1", "2")}
+    assert len(folders) == 4
     assert all(folder.startswith("/home/me/dt/a-") for folder in folders)
 
 

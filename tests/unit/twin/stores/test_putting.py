@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from pathlib import Path
 
 import msgspec
@@ -14,7 +15,7 @@ from twin.fabric.session import is_sealed, seal, signer_of
 from twin.stores.folder import FolderStore
 from twin.stores.objects import EMPTY, get_attempt, get_object, get_pack, pack_of
 from twin.stores.protocol import StoreError
-from twin.stores.putting import Storing
+from twin.stores.putting import Storing, meanwhile
 
 
 @pytest.fixture
@@ -110,3 +111,26 @@ def test_without_a_store_nothing_is_read(lease: Lease, done: Result) -> None:
     missing = msgspec.structs.replace(done, attempt_dir="cases/none/attempt-9")
     storing.put(next_of("w1", 2, 1, results=[missing]), lambda: told.append("put"))
     assert told == []
+
+
+def test_beats_go_on_while_a_store_does_not_answer() -> None:
+    beats, enough = [], threading.Event()
+
+    def beat() -> None:
+        beats.append(threading.current_thread())
+        if len(beats) == 3:
+            enough.set()
+
+    def work() -> str:
+        enough.wait()
+        return "put"
+
+    assert meanwhile(work, beat, 0.0) == "put"
+    assert len(beats) >= 3
+    assert {*beats} == {threading.current_thread()}, "requests are asked by one thread"
+
+    def refused() -> None:
+        raise StoreError("no answer")
+
+    with pytest.raises(StoreError, match="no answer"):
+        meanwhile(refused, lambda: None, 1.0)

@@ -173,6 +173,7 @@ def test_no_credentials_is_one_line(s3_port: int, monkeypatch: pytest.MonkeyPatc
         ("ftp://host/x", "no store of this scheme; there: "),
         ("s3://", "names no bucket"),
         ("s3://AKIA:secret@bucket/x", "credentials in a URL are seen by everybody"),
+        ("s3://AKIA:sec/secret@bucket/x", "credentials in a URL are seen by everybody"),
         ("s3://bucket/x?key=secret", "options in a URL are not read"),
     ],
 )

@@ -1,0 +1,201 @@
+"""A store each of whose calls fails in turn, and a conductor that is not the owner any more."""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+from typing import Any
+
+import pytest
+from conductor_bench import Bench, hello, next_of, result, submit
+
+from conductor.core.facts import Committed
+from conductor.journal.chain import Chain
+from conductor.journal.owner import this_process
+from conductor.journal.written import Written
+from conductor.serve.folders import CAMPAIGN_FILE
+from conductor.stored import successor
+from conductor.stored.link import StoreLink, StoreOptions
+from conductor.stored.owner import StoreClaims
+from conductor.stored.replicator import Replicator
+from conductor.stored.run_files import RunFiles
+from conductor.stored.seals import StoreSeal
+from conductor.stored.successor import bring_back_all, read_journal_of
+from twin.base.errors import TwinError
+from twin.stores.folder import FolderStore
+from twin.stores.protocol import MissingObjectError, StoreError
+
+
+class Failing(FolderStore):
+    """Fails at the call with the number ``fails_at``, from 1."""
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__(folder)
+        self.calls = 0
+        self.fails_at = 0
+
+    def _count(self) -> None:
+        self.calls += 1
+        if self.calls == self.fails_at:
+            raise StoreError("no answer")
+
+    def put(self, name: str, data: bytes) -> None:
+        self._count()
+        super().put(name, data)
+
+    def get(self, name: str, *more: Any) -> bytes:
+        self._count()
+        return super().get(name, *more)
+
+    def delete(self, name: str) -> None:
+        self._count()
+        super().delete(name)
+
+
+def batch_of(chain: Chain, *facts: bytes, cut: bool = False, whole: bool = False) -> Written:
+    chain, heads = chain.facts(facts, 0.0)
+    rows = [(0.0, fact, head) for fact, head in zip(facts, heads, strict=True)]
+    images = [("image", b"of " + facts[-1])] if cut else []
+    return Written(rows, images, {}, cut=cut, whole=whole, chain=chain)
+
+
+def rounds_of(store: Failing) -> tuple[int, Written | None]:
+    """Three batches, each tried until it has reached the store; how many tries failed, and what a
+    successor reads."""
+    seal = StoreSeal(store, None)
+    own = StoreClaims(store, seal).claim(1, 1, this_process(), "ab" * 16)
+    made = Replicator(store, seal, own)
+    first = batch_of(Chain(), b"one", whole=True)
+    second = batch_of(first.chain, b"two")
+    third = batch_of(second.chain, b"three", cut=True)
+    fourth = batch_of(third.chain, b"four")
+    failed = 0
+    store.calls = 0
+    for batch in (first, second, third, fourth):
+        while True:
+            try:
+                made._round([batch], False)
+                break
+            except TwinError:
+                failed += 1
+    store.fails_at = 0
+    return failed, read_journal_of(store, seal, 1)
+
+
+def test_a_round_that_fails_anywhere_is_repeated_without_a_trace(tmp_path: Path) -> None:
+    store = Failing(tmp_path / "whole")
+    failed, expected = rounds_of(store)
+    assert failed == 0
+    assert expected is not None
+    assert [fact for _, fact, _ in expected.facts] == [b"three", b"four"]
+    calls, failures = store.calls, 0
+    for fails_at in range(1, calls + 1):
+        other = Failing(tmp_path / str(fails_at))
+        other.fails_at = fails_at
+        failed, found = rounds_of(other)
+        failures += failed
+        assert found == expected, f"call {fails_at} of {calls}"
+    assert failures > 8, "puts and looks for a successor fail a round, deletes do not"
+
+
+# --- the owner alone keeps the files of a run ---------------------------------------------------
+
+
+def folder_of_run(path: Path, text: str) -> Path:
+    path.mkdir(exist_ok=True)
+    (path / CAMPAIGN_FILE).write_text(f"campaign: one\n# {text}\n")
+    return path
+
+
+def test_a_conductor_that_was_taken_over_leaves_the_files_alone(tmp_path: Path) -> None:
+    store = FolderStore(tmp_path / "store")
+    link = StoreLink(StoreOptions(str(tmp_path / "store")), tmp_path / "a", None)
+    mine = folder_of_run(tmp_path / "mine", "mine")
+    name = f"runs/one/{CAMPAIGN_FILE}"
+    link.before_journal()
+    link.keep_runs([mine])
+    with pytest.raises(MissingObjectError):
+        store.get(name)
+    bench = Bench()
+    link.claim(bench.state)
+    link.begin().close(released=False)
+    link.keep_runs([mine])
+    assert store.get(name).endswith(b"# mine\n")
+    StoreClaims(store, StoreSeal(store, None)).claim(2, 9, this_process(), "cd" * 16)
+    store.put(name, b"of the successor")
+    folder_of_run(mine, "changed")
+    link.keep_runs([mine])
+    assert store.get(name) == b"of the successor"
+
+
+def test_it_is_asked_before_each_pass_who_owns_the_store(tmp_path: Path) -> None:
+    store = FolderStore(tmp_path / "store")
+    mine = folder_of_run(tmp_path / "mine", "mine")
+    answers = [True, False, True]
+    files = RunFiles(store, lambda: [mine], lambda: answers.pop(0))
+    name = f"runs/one/{CAMPAIGN_FILE}"
+    for text, kept in (("first", b"# first\n"), ("second", b"# first\n"), ("third", b"# third\n")):
+        folder_of_run(mine, text)
+        files.put_changed()
+        assert store.get(name).endswith(kept)
+
+
+# --- files that come later ----------------------------------------------------------------------
+
+
+def committed(tmp_path: Path) -> Committed:
+    bench = Bench()
+    bench.ask(submit(out=str(tmp_path)))
+    bench.ask(hello("w1"))
+    (lease,) = bench.ask(next_of("w1", 1, 1)).leases
+    return Committed(result(lease), "w1", "cpu", 1)
+
+
+@pytest.mark.parametrize(
+    ("errors", "tries"),
+    [
+        ([StoreError("away"), StoreError("away"), None], 3),
+        ([MissingObjectError("gone")], 1),
+        ([None], 1),
+    ],
+)
+def test_files_are_asked_for_until_they_come(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    errors: list[TwinError | None],
+    tries: int,
+) -> None:
+    fact, told, seen = committed(tmp_path), [], []
+
+    def one(*_: object) -> None:
+        assert not told
+        error = errors[len(seen)]
+        seen.append(error)
+        if error is not None:
+            raise error
+
+    monkeypatch.setattr(successor, "bring_back", one)
+    store = FolderStore(tmp_path / "store")
+    due = [(tmp_path, fact)]
+    bring_back_all(store, due, threading.Event(), threading.Event(), told.append, pause_s=0.0)
+    assert (len(seen), told) == (tries, [fact])
+
+
+def test_the_end_waits_for_no_store_that_is_away(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fact, told = committed(tmp_path), []
+    stopped, last = threading.Event(), threading.Event()
+
+    def one(*_: object) -> None:
+        stopped.set()
+        raise StoreError("away")
+
+    monkeypatch.setattr(successor, "bring_back", one)
+    store = FolderStore(tmp_path / "store")
+    bring_back_all(store, [(tmp_path, fact)], stopped, last, told.append, pause_s=0.0)
+    assert told == [], "the same folder goes on later, and asks again"
+    stopped.clear()
+    last.set()
+    bring_back_all(store, [(tmp_path, fact)], stopped, last, told.append, pause_s=0.0)
+    assert told == [fact], "its judge says that files are missing"
