@@ -79,7 +79,7 @@ class Allocations:
         """
         self.folder = folder
         self.sites = sites
-        self._request_of, self._key_of = request_of, key_of
+        self.request_of, self._key_of = request_of, key_of
         self.book = book_of(folder) or AllocationBook(campaign=campaign, run=secrets.token_hex(8))
         self._check()
         if self.book.campaign != campaign:
@@ -127,7 +127,7 @@ class Allocations:
         Raises:
             UsageError: a value cannot be used.
         """
-        return self._request_of(site, allocation, self.book.run)
+        return self.request_of(site, allocation, self.book.run)
 
     def ask(self, site: NamedSite, why: str, now_s: float) -> Allocation:
         """Ask a site for one more.

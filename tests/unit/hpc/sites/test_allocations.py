@@ -2,12 +2,11 @@
 
 import json
 import shutil
-import subprocess
 
 import pytest
 
 import hpc.sites.allocations
-from hpc.commands import Place, UnknownOutcomeError, _words, at
+from hpc.commands import Place, UnknownOutcomeError, at, call
 from hpc.kubernetes.objects import run_name
 from hpc.scheduler import JobStatus
 from hpc.sites.allocations import Allocations, alone, book_of
@@ -226,12 +225,6 @@ def test_looking_does_nothing_at_a_site(ledger, tmp_path, monkeypatch):
     assert ledger.cancelled == ["1"]
 
 
-def once(folder, line):
-    """The shell that runs ``line`` once and for all in ``folder``."""
-    with at(Place(once=str(folder), submits="sh")):
-        return _words(("sh", "-c", line), None)[0][-1]
-
-
 def answered(folder):
     """The site has kept an answer."""
     (folder / "sites" / "north-1").mkdir(parents=True, exist_ok=True)
@@ -271,14 +264,11 @@ def test_what_has_no_job_yet_gets_none_after_its_end(ledger, tmp_path):
     (wanted,) = book.open
     book.end(wanted, "cancelled", NOW_S)
     assert (wanted.state, wanted.why) == ("ended", "cancelled, before it was submitted")
-    done = subprocess.run(
-        ["sh", "-c", once(tmp_path / "sites" / "north-1", "touch submitted")],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert (done.returncode, done.stderr) == (1, "it was ended before it was submitted\n")
-    assert not (tmp_path / "sites" / "north-1" / "submitted").exists()
+    folder = tmp_path / "sites" / "north-1"
+    with at(Place(once=str(folder), submits="sh")):
+        done = call("sh", "-c", "touch submitted")
+    assert (done.code, done.err) == (1, "it was ended before it was submitted\n")
+    assert not (folder / "submitted").exists()
 
 
 def test_what_may_have_a_job_is_not_called_ended(ledger, tmp_path):
@@ -299,7 +289,7 @@ def test_sites_of_the_book_that_the_command_line_does_not_name(ledger, tmp_path)
     south = NamedSite("south", "slurm", SiteEntry(scheduler="slurm", workers=1, time="01:00"))
     file = SitesFile(sites={"north": site().entry, "south": south.entry})
     assert [each.name for each in all_of(tmp_path, [south], file)] == ["south", "north"]
-    bare = Allocations(tmp_path, "aeb-demo", {"south": south}, book._request_of, lambda _: b"")
+    bare = Allocations(tmp_path, "aeb-demo", {"south": south}, book.request_of, lambda _: b"")
     with pytest.raises(UsageError, match="the sites file has no site north"):
         bare.end(bare.open[0], "cancelled", NOW_S)
     made, said = scaler(tmp_path, [state(left=0)])
