@@ -5,7 +5,6 @@ import re
 import pytest
 from test_hpc_pbs_script import PbsJob
 from test_hpc_script_logic import Job
-from waiting import PATIENCE_S, wait_for
 
 from hpc.pbs.job_script import render
 from hpc.pbs.lint import lint
@@ -13,9 +12,7 @@ from hpc.request import JobRequest
 from twin.base.errors import UsageError
 
 TWIN = """
-[ ! "$STAY" ] || trap 'exit 75' TERM
 printf '%s\\n' "$@" > "$T/worker.args"
-[ ! "$STAY" ] || { sleep 60 & wait; }
 exit "${CODE:-0}"
 """
 SRUN = """
@@ -53,14 +50,6 @@ def test_the_workers_exit_code_is_the_jobs(job, code):
     ]
     assert "requeue" not in job.said("scontrol")
     assert job.said("qsub") == ""
-
-
-def test_a_signal_is_forwarded(job):
-    with job.start(STAY="1") as child:
-        wait_for(lambda: job.said("worker"), "the worker")
-        child.terminate()
-        child.communicate(timeout=PATIENCE_S)
-    assert child.returncode == 75
 
 
 def test_the_worst_code_of_several_tasks_counts(tmp_path):
