@@ -13,7 +13,7 @@ from conductor.bench.compare import AIMS, TARGETS, SchedulerComparison, compare
 from conductor.bench.own import check_disk
 from conductor.bench.scale import TARGETS as SCALE_TARGETS
 from conductor.bench.scale import Scale, measure_scale
-from twin.base.errors import EXIT_FAILED, EXIT_PASS, storage_error
+from twin.base.errors import EXIT_FAILED, EXIT_PASS
 
 
 def bench(tasks: int, rounds: int, cases: int, folder: Path, *, as_json: bool, check: bool) -> int:
@@ -27,10 +27,6 @@ def bench(tasks: int, rounds: int, cases: int, folder: Path, *, as_json: bool, c
         as_json: one JSON object instead of tables.
         check: exit code 1 when a target is missed.
     """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise storage_error(error, str(folder)) from None
     check_disk(folder)
 
     def say(line: str) -> None:

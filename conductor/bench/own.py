@@ -23,7 +23,7 @@ from conductor.bench.children import child, serving
 from conductor.commands.client import ConductorClient
 from conductor.trust.judge_feed import read_judged
 from schemas.campaign import Campaign
-from twin.base.errors import InfrastructureError, UsageError
+from twin.base.errors import InfrastructureError, UsageError, storage_error
 
 CLIENTS = 2
 """Worker processes, as many as the peers get."""
@@ -145,11 +145,16 @@ def work(
 
 
 def check_disk(folder: Path) -> None:
-    """Refuse a folder in memory: nothing is durable there.
+    """Make a folder for journals; one in memory is refused: nothing is durable there.
 
     Raises:
         UsageError: ``folder`` lies on a tmpfs or ramfs.
+        TwinError: it cannot be made.
     """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise storage_error(error, str(folder)) from None
     where = folder.resolve()
     best, kind = "", ""
     for line in Path("/proc/mounts").read_text(encoding="utf-8").splitlines():

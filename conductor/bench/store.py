@@ -28,7 +28,7 @@ from conductor.bench.children import serving
 from conductor.bench.own import check_disk, work
 from conductor.bench.scale import POINTS, large_campaign
 from conductor.commands.client import ConductorClient
-from twin.base.errors import EXIT_FAILED, EXIT_PASS, InfrastructureError, storage_error
+from twin.base.errors import EXIT_FAILED, EXIT_PASS, InfrastructureError
 
 TAKEOVER_S_MAX = 30.0
 """--check: most time of a takeover, the watch of the old owner included [s]."""
@@ -92,10 +92,6 @@ def bench_store(cases: int, url: str, folder: Path, *, as_json: bool, check: boo
         as_json: one JSON object instead of a table.
         check: exit code 1 when a target is missed.
     """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise storage_error(error, str(folder)) from None
     check_disk(folder)
     made = measure_store(cases, f"{url.rstrip('/')}/bench-{secrets.token_hex(4)}", folder)
     misses = made.misses()

@@ -17,20 +17,15 @@ import uuid
 from collections.abc import Iterator
 from pathlib import Path
 
-import slurm_cluster
+import slurm_namespaces
 from slurm_cluster import SlurmCluster
 
 
 def missing() -> str:
     """Why there can be no sites here, or nothing."""
-    absent = [name for name in ("ip", "nsenter", "unshare") if shutil.which(name) is None]
-    if absent:
-        return f"needs {' '.join(absent)} (Debian packages iproute2, util-linux)"
-    if os.geteuid() != 0:
-        return "needs root for network namespaces"
     if shutil.which("qsub") is None:
         return "needs the Debian package slurm-wlm-torque"
-    return slurm_cluster.missing()
+    return slurm_namespaces.missing()
 
 
 class SiteNetwork:

@@ -164,18 +164,8 @@ def measure_console(options: BenchOptions) -> dict[str, Any]:
 
 def measure_table(options: BenchOptions) -> dict[str, Any]:
     """How long the console takes to tell of a finished campaign, and its memory."""
-    with tempfile.TemporaryFile() as log:
-        command = [sys.executable, "-m", "viewer.bench.table", str(options.ended)]
-        child = spawn(command, log=log, pipe_output=True)
-        try:
-            assert child.stdout is not None
-            text = child.stdout.readline()
-            if not text:
-                raise InfrastructureError(f"a finished campaign: {last_lines(log)}")
-            found: dict[str, Any] = json.loads(text)
-            return found
-        finally:
-            end(child)
+    with _started("a finished campaign", "viewer.bench.table", str(options.ended)) as started:
+        return started[1]
 
 
 def measure_simulation(options: BenchOptions) -> dict[str, Any]:
@@ -281,19 +271,31 @@ def _run(
 
 
 @contextmanager
-def _source(cases: int) -> Iterator[str]:
-    """Synthetic cases; yields their endpoint."""
+def _started(
+    name: str, module: str, *words: str
+) -> Iterator[tuple[subprocess.Popen[bytes], dict[str, Any]]]:
+    """A module of ours as a process until the block ends; yields it and its first line, decoded.
+
+    Raises:
+        InfrastructureError: it ended without one; ``name`` and its last words.
+    """
     with tempfile.TemporaryFile() as log:
-        command = [sys.executable, "-m", "viewer.bench.source", str(cases)]
-        child = spawn(command, log=log, pipe_output=True)
+        child = spawn([sys.executable, "-m", module, *words], log=log, pipe_output=True)
         try:
             assert child.stdout is not None
             line = child.stdout.readline()
             if not line:
-                raise InfrastructureError(f"synthetic cases: {last_lines(log)}")
-            yield json.loads(line)["endpoint"]
+                raise InfrastructureError(f"{name}: {last_lines(log)}")
+            yield child, json.loads(line)
         finally:
             end(child)
+
+
+@contextmanager
+def _source(cases: int) -> Iterator[str]:
+    """Synthetic cases; yields their endpoint."""
+    with _started("synthetic cases", "viewer.bench.source", str(cases)) as (_, said):
+        yield said["endpoint"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -338,17 +340,9 @@ class SeenPictures:
 @contextmanager
 def _console(*arguments: str) -> Iterator[RunningConsole]:
     """`viewer web` over running cases."""
-    with tempfile.TemporaryFile() as log:
-        command = [sys.executable, "-m", "viewer", "web", *arguments, "--output", "json"]
-        child = spawn(command, log=log, pipe_output=True)
-        try:
-            assert child.stdout is not None
-            line = child.stdout.readline()
-            if not line:
-                raise InfrastructureError(f"viewer web: {last_lines(log)}")
-            yield RunningConsole(child, json.loads(line)["url"])
-        finally:
-            end(child)
+    words = ("viewer", "web", *arguments, "--output", "json")
+    with _started("viewer web", *words) as (child, said):
+        yield RunningConsole(child, said["url"])
 
 
 @contextmanager

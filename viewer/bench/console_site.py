@@ -18,18 +18,11 @@ import numpy as np
 import plotly
 from PIL import Image, ImageDraw
 
+from schemas.names import WEATHERS
+
 AXES: dict[str, list[Any]] = {
     "model": ["tiny", "small", "large", "fusion"],
-    "weather": [
-        "clear",
-        "cloudy",
-        "light_fog",
-        "heavy_fog",
-        "light_rain",
-        "heavy_rain",
-        "light_snow",
-        "heavy_snow",
-    ],
+    "weather": list(WEATHERS),
     "ego_speed_mps": [6, 8, 10, 12, 14],
 }
 """Axes of the matrix; `repeat` counts how often it is gone through."""

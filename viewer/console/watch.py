@@ -6,7 +6,6 @@ simulator beyond the thumbnails that every viewer gets, and no table is made whi
 
 from __future__ import annotations
 
-import queue
 import threading
 import time
 from collections.abc import Callable, Mapping
@@ -186,11 +185,7 @@ class LiveWatch:
         self.stream.put("gone", {"error": str(error)})
 
     def _hear(self, now_s: float) -> None:
-        while True:
-            try:
-                heard = self._link.heard.get_nowait()
-            except queue.Empty:
-                return
+        for heard in self._link.waiting():
             self.take(heard, now_s)
 
     def _silent(self) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import queue
 import sys
 import time
 from contextlib import ExitStack
@@ -259,11 +258,7 @@ class Live:
         self.hub.close()
 
     def _hear(self, now_s: float) -> None:
-        while True:
-            try:
-                heard = self._link.heard.get_nowait()
-            except queue.Empty:
-                return
+        for heard in self._link.waiting():
             match heard:
                 case Status(found):
                     self.connected = True

@@ -9,7 +9,7 @@ from __future__ import annotations
 import queue
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -296,6 +296,14 @@ class Link:
         if line != self._told:
             self._told = line
             self._say(Said(line))
+
+    def waiting(self) -> Iterator[Heard]:
+        """What was heard and not taken yet, until nothing waits."""
+        while True:
+            try:
+                yield self.heard.get_nowait()
+            except queue.Empty:
+                return
 
     def _say(self, heard: Heard) -> None:
         while not self._stop.is_set():

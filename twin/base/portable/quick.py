@@ -71,42 +71,6 @@ def unit(v: wp.vec3) -> wp.vec3:
     """``v`` over its length; zero if that is below 1e-15."""
 
 
-_FADED = 80.0
-"""``e**-80`` is 1.8e-35: darker than anything that is shown."""
-
-
-@wp.func_native(
-    f"""
-    const float x = exponent < {_FADED}f ? exponent : {_FADED}f;
-    #if defined(__CUDA_ARCH__)
-    #define TWIN_FMA_(a, b, c) fmaf(a, b, c)
-    #else
-    #define TWIN_FMA_(a, b, c) __builtin_fmaf(a, b, c)
-    #endif
-    // The sum's lowest bits are the whole number next to x / ln 2, negative.
-    const float sum = TWIN_FMA_(x, {-c.ONE_OVER_LN2!r}f, 12582912.0f);
-    const float k = sum - 12582912.0f;
-    const float r = TWIN_FMA_(k, {-c.LN2_SHORT_1!r}f, TWIN_FMA_(k, {-c.LN2_SHORT_0!r}f, -x));
-    float s = {c.EXP_SHORT_5!r}f;
-    s = TWIN_FMA_(s, r, {c.EXP_SHORT_4!r}f);
-    s = TWIN_FMA_(s, r, {c.EXP_SHORT_3!r}f);
-    s = TWIN_FMA_(s, r, {c.EXP_SHORT_2!r}f);
-    s = TWIN_FMA_(s, r, {c.EXP_SHORT_1!r}f);
-    s = TWIN_FMA_(s, r, {c.EXP_SHORT_0!r}f);
-    const float grown = TWIN_FMA_(r * r, s, r) + 1.0f;
-    #if defined(__CUDA_ARCH__)
-    return grown * __int_as_float((__float_as_int(sum) + 127) << 23);
-    #else
-    return grown * __builtin_bit_cast(float, (__builtin_bit_cast(int, sum) + 127) << 23);
-    #endif
-    #undef TWIN_FMA_
-    """
-)
-def decay(exponent: wp.float32) -> wp.float32:
-    """``e**-exponent`` of a number that is not negative, with at most 1.2 units in the last place
-    of error; beyond 80 as at 80."""
-
-
 # Fused by name: kernels are compiled without fusing on their own.
 FUSED = """
     #if defined(__CUDA_ARCH__)
@@ -116,6 +80,36 @@ FUSED = """
     #endif
 """
 """Definition for native code: ``a b + c``, rounded once."""
+
+
+_FADED = 80.0
+"""``e**-80`` is 1.8e-35: darker than anything that is shown."""
+
+
+@wp.func_native(
+    f"""{FUSED}
+    const float x = exponent < {_FADED}f ? exponent : {_FADED}f;
+    // The sum's lowest bits are the whole number next to x / ln 2, negative.
+    const float sum = fused(x, {-c.ONE_OVER_LN2!r}f, 12582912.0f);
+    const float k = sum - 12582912.0f;
+    const float r = fused(k, {-c.LN2_SHORT_1!r}f, fused(k, {-c.LN2_SHORT_0!r}f, -x));
+    float s = {c.EXP_SHORT_5!r}f;
+    s = fused(s, r, {c.EXP_SHORT_4!r}f);
+    s = fused(s, r, {c.EXP_SHORT_3!r}f);
+    s = fused(s, r, {c.EXP_SHORT_2!r}f);
+    s = fused(s, r, {c.EXP_SHORT_1!r}f);
+    s = fused(s, r, {c.EXP_SHORT_0!r}f);
+    const float grown = fused(r * r, s, r) + 1.0f;
+    #if defined(__CUDA_ARCH__)
+    return grown * __int_as_float((__float_as_int(sum) + 127) << 23);
+    #else
+    return grown * __builtin_bit_cast(float, (__builtin_bit_cast(int, sum) + 127) << 23);
+    #endif
+    """
+)
+def decay(exponent: wp.float32) -> wp.float32:
+    """``e**-exponent`` of a number that is not negative, with at most 1.2 units in the last place
+    of error; beyond 80 as at 80."""
 
 
 @wp.func_native(f"{FUSED} return fused(a[2], b[2], fused(a[1], b[1], a[0] * b[0]));")
