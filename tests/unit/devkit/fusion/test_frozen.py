@@ -36,6 +36,12 @@ def test_the_campaign_has_256_cases_of_the_fusion_stack(tmp_path: Path) -> None:
     assert {case.variation.scenario.ego_start_m for case in plan.cases} == {148}
 
 
+def test_the_wind_blows_along_every_street(tmp_path: Path) -> None:
+    for case in load(str(frozen.write(COMMIT, tmp_path, quick=True))).cases:
+        heading_deg = load_scene(case.rig.scene).origin.heading_deg
+        assert (case.variation.environment.wind_from_deg - heading_deg) % 360.0 == 180.0
+
+
 def test_a_quick_one_has_every_street_weather_and_model(tmp_path: Path) -> None:
     cases = load(str(frozen.write(COMMIT, tmp_path, quick=True))).cases
     assert len({case.rig.scene for case in cases}) == len(cases) == 8
