@@ -11,7 +11,7 @@ from devkit.fusion.ego_motion import EgoMotion
 from devkit.fusion.health import SensorHealth
 from devkit.fusion.parameters import StagingParameters
 from devkit.fusion.sightings import LABELS
-from devkit.fusion.tracks import HELD_S, KNOWN_VARIANCE, TrackStore
+from devkit.fusion.tracks import HELD_S, KNOWN_VARIANCE, VOUCHED_S, TrackStore
 
 INSIDE_MIN = 0.5
 """How much a sensor must say that a track is in the path for it to count [-]."""
@@ -50,6 +50,8 @@ WARNED_S = 0.8
 """A driver is warned so long before the brake begins (UN R152, 5.2.1.1) [s]."""
 WARNED_ECHOES, WARNED_INSIDE = 30, 0.95
 """For how many frames, and how surely in the path, radar alone has to see what is warned of [-]."""
+NAMED_BOXES = 2
+"""So many boxes name a person for good [-]."""
 RIPE_S = 0.6
 """A younger track whose speed is not known might be as fast as the car; and its speed across may be
 the step from one corner or thing to the next [s]."""
@@ -131,6 +133,13 @@ def _is_any(values: np.ndarray, wanted: tuple[int, ...]) -> np.ndarray:
     return result
 
 
+def _persons(tracks: TrackStore) -> np.ndarray:
+    """Whom a camera names a pedestrian or cyclist: a single box is soon forgotten, networks take
+    posts for people once in a while."""
+    named = (tracks.camera.hits >= NAMED_BOXES) | (tracks.camera.age_s < RECENT_S)
+    return named & _is_any(tracks.label, _PERSONS)
+
+
 class PathCrossing(NamedTuple):
     """Who crosses the path, bool [S, T] each."""
 
@@ -153,7 +162,7 @@ def find_threats(
     """Judge all tracks of all slots."""
     speed = ego.speed_mps[:, None]
     vx = np.where(_is_speed(tracks.vx_mps, tracks.p_vv, SURE_VARIANCES), tracks.vx_mps, 0.0)
-    person = _is_any(tracks.label, _PERSONS)
+    person = _persons(tracks)
     sure = np.where(person, PERSON_SURE_VARIANCES, SURE_VARIANCES)
     # What a camera names and LiDAR has seen often enough is where its points are.
     placed = (tracks.label > 0) & (tracks.lidar.hits >= SIGHTINGS_MIN)
@@ -303,6 +312,8 @@ def _crosses(
     walks = (tracks.lidar.hits >= WALKS_SIGHTINGS) & (tracks.radar.hits >= SIGHTINGS_MIN)
     # Of what is wide another part is seen while the car goes by: its middle wanders.
     walks |= (tracks.radar.hits >= WALKS_ECHOES) & _has_walked(tracks, across)
+    # LiDAR goes on from a post to the parked car before it, and across its tail.
+    walks &= tracks.radar.age_s < VOUCHED_S
     narrow = tracks.left_m - tracks.right_m < NARROW_M
     walks &= narrow & (speed > WALKS_MPS) & (np.abs(vx_mps) < WALKS_ALONG_MPS)
     # At a right angle to the path nothing is fast along it, and radar does not look so far aside.
@@ -310,7 +321,7 @@ def _crosses(
     runs &= vy_mps * vy_mps > ALONE_SURE_VARIANCES * tracks.q_vv
     # In fog nothing is seen so far aside, and LiDAR goes from one thing to the next.
     runs &= np.abs(tracks.from_y_m) > BESIDE_M
-    person = (_is_any(tracks.label, _PERSONS) | ((tracks.label == 0) & walks)) & (vy_mps != 0.0)
+    person = (_persons(tracks) | ((tracks.label == 0) & walks)) & (vy_mps != 0.0)
     # A vehicle that comes along a curve is no crossing one, though it goes aside for a while.
     aside = (speed > np.abs(vx_mps)) | (tracks.x_m < PATH_SURE_M)
     # LiDAR alone goes from one post to the next in fog, and a box behind them may name them; a

@@ -320,7 +320,7 @@ class TrackStore:
         # Where another part is seen its middle is elsewhere, by up to half of what the width
         # changes, and nothing has moved.
         grown = 0.5 * np.abs(left - right - self.left_m + self.right_m)
-        step = np.maximum(grown - PART_SIGMAS * np.sqrt(sideways), 0.0)
+        step = np.where(grown > PART_SIGMAS * np.sqrt(sideways), grown, 0.0)
         aside = np.clip(middle - self.y_m, -step, step)
         self.y_m = np.where(moved, self.y_m + aside, self.y_m)
         self._filter(moved, x, middle, sigma * sigma, sideways)
