@@ -40,6 +40,7 @@ def test_unknown_rows_add_nothing():
         speed_mps=([1.0, 2.0, 4.0], None), throttle=([0.5, 0.25, 0.0], [True, True, False])
     )
     assert reward.of_table(ended, 0) == 3.75
+    assert RewardFormula("speed_mps", LANE).of_table(ended, 1) == 6.0
     assert reward.of_table(ended, 1) == 2.25
     assert reward.of_table(ended, 2) == 0.0
     quotient = RewardFormula("1 / speed_mps", LANE)

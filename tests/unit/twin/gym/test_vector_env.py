@@ -133,6 +133,9 @@ def test_what_the_scenario_ends_is_terminated_and_others_go_on(campaign):
     first = ends.index([False, True])
     assert not any(seen["cut"].any() for seen, _ in told[1:])
     assert told[first + 1][1]["verdict"].tolist() == [None, "lane_departure"]
+    last, before = told[first + 1][0]["camera"], told[first][0]["camera"]
+    assert last[1].tobytes() == before[1].tobytes()  # nobody looked again
+    assert last[0].tobytes() != before[0].tobytes()
     after = told[first + 2]
     assert after[0]["reward"][0] > 0.0
     assert after[0]["reward"][1] == 0.0
