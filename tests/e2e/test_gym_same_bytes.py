@@ -21,14 +21,16 @@ REWARD = "speed_mps - 3 * abs(lateral_error_m) - 10 * collisions"
 @pytest.fixture(scope="module")
 def campaign(tmp_path_factory):
     """Control at the cameras' rate, so that the reference stack answers once per step; it drives
-    by what it sees, through rain and fog."""
+    by what it sees, through rain and fog, and its parking lamps alone are on."""
     path = tmp_path_factory.mktemp("gym") / "small.yaml"
     data = {
         **SMALL,
         "control_hz": 10,
         "sensors": {"imu": {}, "gnss": {}},
         "lidars": [{"name": "roof", "hz": 10}],
-        "autonomy": {"parameters": {"steering": "visual", "cruise_speed_mps": 8.0}},
+        "autonomy": {
+            "parameters": {"steering": "visual", "cruise_speed_mps": 8.0, "fog_above_per_m": 1.0}
+        },
         "recording": {"drive": "all"},
         "view": "none",
     }
@@ -63,7 +65,8 @@ def test_the_same_commands_show_the_same_bytes(campaign, run):
     records = {name: RecordReader(path) for name, path in attempts(run).items()}
     drives = {name: list(reader.ticks()) for name, reader in records.items()}
     names = list(drives)
-    with closing(make_vec(campaign, len(names), sensors=SENSORS, reward=REWARD)) as envs:
+    options = {"sensors": SENSORS, "reward": REWARD, "lights": ["parking"]}
+    with closing(make_vec(campaign, len(names), **options)) as envs:
         seen, infos = envs.reset(seed=[SMALL["seed"]] * len(names), options={"case": names})
         assert infos["case"].tolist() == names
         returns, ended = np.zeros(len(names)), {}

@@ -37,6 +37,7 @@ def make_vec(
     reward: str = REWARD,
     device: str = "cpu",
     array: ArrayForm = "numpy",
+    lights: Sequence[str] = (),
     settings: Mapping[str, Any] | None = None,
     cases: Sequence[str] | None = None,
     render_mode: str | None = None,
@@ -50,6 +51,7 @@ def make_vec(
         reward: formula over KPI columns, summed over the rows that a step writes.
         device: ``cpu`` or ``cuda:N``.
         array: form of observations, see :data:`twin.gym.observations.ArrayForm`.
+        lights: lamps of the egos that are on, names of :data:`twin.gym.vector_env.LAMPS`.
         settings: keys at the top of the campaign file that are replaced, each whole.
         cases: names of the cases to run; None: all.
         render_mode: ``rgb_array``: :meth:`DriveVectorEnv.render` gives pictures.
@@ -64,6 +66,7 @@ def make_vec(
         reward=reward,
         device=device,
         array=array,
+        lights=lights,
         render_mode=render_mode,
     )
 

@@ -12,7 +12,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from schemas.messages import CameraSite, Command
+from schemas.messages import CameraSite, Command, Lights
 from schemas.wire.control import Lease
 from twin.base.errors import UsageError
 from twin.gym.episode_cases import SEED_MAX, EpisodeCases
@@ -31,6 +31,8 @@ ENVS_MAX = 4096
 
 ACTIONS = ("steering_rad", "throttle", "brake")
 """What an action consists of."""
+LAMPS = ("low", "high", "parking", "fog")
+"""Lamps that may be on."""
 ACTION_LOW, ACTION_HIGH = (-1.0, 0.0, 0.0), (1.0, 1.0, 1.0)
 
 
@@ -53,6 +55,7 @@ class DriveVectorEnv(VectorEnv[dict[str, Any], Any, NDArray[Any]]):
         reward: str,
         device: str,
         array: ArrayForm,
+        lights: Sequence[str],
         render_mode: str | None,
     ) -> None:
         """Arguments as of :func:`twin.gym.make_vec`.
@@ -61,6 +64,7 @@ class DriveVectorEnv(VectorEnv[dict[str, Any], Any, NDArray[Any]]):
             UsageError: something that was given cannot be used; one line.
         """
         _check_given(num_envs, array, render_mode)
+        self._lights = _lights(lights)
         self._cases = cases
         self._reward = RewardFormula(reward, cases.kind)
         self.num_envs = num_envs
@@ -231,6 +235,7 @@ class DriveVectorEnv(VectorEnv[dict[str, Any], Any, NDArray[Any]]):
                 throttle=throttle,
                 brake=brake,
                 steering_rad=steering_rad,
+                lights=self._lights,
             )
         return commands
 
@@ -338,6 +343,14 @@ def _told(end: Finished) -> dict[str, Any]:
     told: dict[str, Any] = {"outcome": end.outcome, "verdict": end.verdict}
     told |= {"passed": end.passed, "reasons": "; ".join(end.reasons), "kpis": kpis}
     return told | ({"kpi_names": dict(end.names)} if end.names else {})
+
+
+def _lights(names: Sequence[str]) -> Lights:
+    """Lamps of these names are on."""
+    for name in names:
+        if name not in LAMPS:
+            raise UsageError(f"lights: {name!r} given, allowed: a list of {', '.join(LAMPS)}")
+    return Lights(**dict.fromkeys(names, True))
 
 
 def _engine(cases: EpisodeCases, slots: int, device: str) -> Engine:

@@ -212,6 +212,7 @@ def test_actions_of_environments_that_begin_anew_may_be_anything(three):
         ({"num_envs": ENVS_MAX + 1}, f"num_envs: {ENVS_MAX + 1} given"),
         ({"num_envs": 1.5}, "num_envs: 1.5 given"),
         ({"array": "jax"}, "array: 'jax' given, allowed: numpy, dlpack or a function"),
+        ({"lights": ["brake"]}, "lights: 'brake' given, allowed: a list of low, high, parking"),
         ({"render_mode": "human"}, "render_mode: 'human' given, allowed: None, rgb_array"),
         ({"device": "cuda:99"}, "cuda:99"),
         ({"sensors": ["lidar.roof"]}, "sensors: the campaign gives no 'lidar.roof'; "),
