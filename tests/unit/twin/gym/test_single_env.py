@@ -35,6 +35,7 @@ def test_the_checker_of_gymnasium_has_nothing_to_say():
         check_env(env.unwrapped)
     env.close()
     env.close()
+    assert env.unwrapped.action_space.shape == (3,)
 
 
 def test_pictures_alone_have_bounds():
@@ -44,6 +45,7 @@ def test_pictures_alone_have_bounds():
         )
     ) as env:
         check_env(env.unwrapped, skip_close_check=True)
+        assert env.observation_space["camera"].is_bounded()
 
 
 def test_gymnasium_makes_the_vectorised_one():

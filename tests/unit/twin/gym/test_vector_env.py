@@ -1,7 +1,7 @@
 """The vectorised environment: bytes, episodes, and what it refuses."""
 
 import copy
-import os
+import multiprocessing
 import pickle
 from contextlib import closing
 
@@ -276,18 +276,20 @@ def test_before_a_reset_and_after_the_end(campaign):
 
 @pytest.mark.filterwarnings("ignore:.*multi-threaded:DeprecationWarning")
 def test_a_fork_is_told_to_make_its_own(three):
-    read, write = os.pipe()
-    child = os.fork()
-    if child == 0:
+    context = multiprocessing.get_context("fork")
+    read, write = context.Pipe(duplex=False)
+
+    def reset():
         try:
             three.reset()
         except UsageError as mistake:
-            os.write(write, str(mistake).encode())
-        os._exit(0)
-    os.close(write)
-    with os.fdopen(read) as pipe:
-        assert "a simulator does not outlive a fork" in pipe.read()
-    assert os.waitpid(child, 0)[1] == 0
+            write.send(str(mistake))
+
+    child = context.Process(target=reset)
+    child.start()
+    child.join()
+    assert child.exitcode == 0
+    assert "a simulator does not outlive a fork" in read.recv()
 
 
 def test_a_picture_of_every_environment(campaign):
