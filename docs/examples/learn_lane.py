@@ -20,23 +20,19 @@ from typing import Any
 
 import numpy as np
 import torch
+from learned_lane import COLUMNS, ROWS, SPEED, STEERING_MAX_RAD, pedals
 
 from devkit.lane.lateral import LateralParameters, Wheel, steer
 from devkit.lane.track import CarMotion, LaneTrack
 from devkit.lane.view import LaneView
-from devkit.stack import Observation, Stack
 from schemas.files.yaml_file import dump_yaml
-from schemas.messages import VEHICLE_COLUMNS, Command, Episode
+from schemas.messages import VEHICLE_COLUMNS
 
-SPEED_MPS = 8.0
-STEERING_MAX_RAD = 0.6
-ROWS, COLUMNS = 36, 64
-"""Size of the pictures that the network looks at."""
-SPEED, YAW_RATE = (VEHICLE_COLUMNS.index(name) for name in ("speed_mps", "yaw_rate_radps"))
+YAW_RATE = VEHICLE_COLUMNS.index("yaw_rate_radps")
 
 
 class LaneNet(torch.nn.Module):
-    """Pictures [N, 3, 36, 64], 0 to 1, to road-wheel angles [N] [rad]."""
+    """Pictures [N, 3, 36, 64], -0.5 to 0.5, to road-wheel angles [N] [rad]."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -48,19 +44,13 @@ class LaneNet(torch.nn.Module):
 
     def forward(self, pictures: torch.Tensor) -> torch.Tensor:
         """See the class."""
-        return STEERING_MAX_RAD * torch.tanh(self.layers(pictures - 0.5)[:, 0])
+        return STEERING_MAX_RAD * torch.tanh(self.layers(pictures)[:, 0])
 
 
 def shrunk(pictures: torch.Tensor) -> torch.Tensor:
-    """Camera pictures, uint8 [N, H, W, 3], as the network takes them: means of small areas."""
-    planes = pictures.permute(0, 3, 1, 2).float() / 255.0
+    """Camera pictures, uint8 [N, H, W, 3], as the network takes them: means of squares."""
+    planes = pictures.permute(0, 3, 1, 2).float() / 255.0 - 0.5
     return torch.nn.functional.adaptive_avg_pool2d(planes, (ROWS, COLUMNS))
-
-
-def pedals(speed_mps: float) -> tuple[float, float]:
-    """Throttle and brake that hold the speed."""
-    wish = 0.15 + 0.2 * (SPEED_MPS - speed_mps)
-    return min(max(wish, 0.0), 1.0), min(max(-wish, 0.0), 0.3)
 
 
 @dataclass
@@ -138,50 +128,21 @@ def learn(net: LaneNet, pictures: torch.Tensor, angles: torch.Tensor, epochs: in
         return float((net(pictures) - angles).square().mean().sqrt())
 
 
-class LearnedLane(Stack):
-    """The network as a stack: it steers with every picture, and holds the speed."""
-
-    drives_by_camera = True
-    reads = ("vehicle", "camera")
-
-    def __init__(self, slots: int, *, model: str = "") -> None:
-        """``model``: file that the script has written."""
-        super().__init__(slots)
-        torch.set_num_threads(1)
-        self.net = LaneNet()
-        self.net.load_state_dict(torch.load(model, weights_only=True))
-        self.answers = [(0.0, 0.0, 0.0)] * slots
-
-    def reset(self, slot: int, episode: Episode) -> None:  # noqa: ARG002 - nothing to know
-        """A case begins."""
-        self.answers[slot] = (0.0, 0.0, 0.0)
-
-    def step(self, observation: Observation) -> list[Command]:
-        """Picture by picture: what is asked of a car does not depend on others."""
-        slots = observation.active_slots()
-        camera = observation.sensors.get("camera")
-        if camera is not None:
-            for slot in slots:
-                with torch.no_grad():
-                    angle_rad = float(self.net(shrunk(torch.from_numpy(camera[slot][None].copy()))))
-                speed_mps = float(observation.sensors["vehicle"][slot, SPEED])
-                self.answers[slot] = (*pedals(speed_mps), angle_rad)
-        return [
-            Command(
-                slot,
-                int(observation.token[slot]),
-                int(observation.tick[slot]),
-                *self.answers[slot],
-            )
-            for slot in slots
-        ]
+def save(net: LaneNet, path: Path) -> None:
+    """Write weights and biases, layer by layer, for the stack."""
+    with_weights = [layer for layer in net.cpu().layers if hasattr(layer, "weight")]
+    arrays = {}
+    for number, layer in enumerate(with_weights):
+        arrays[f"weight{number}"] = layer.weight.detach().numpy()
+        arrays[f"bias{number}"] = layer.bias.detach().numpy()
+    np.savez(path, **arrays)
 
 
 def campaign(out: Path, camera: dict[str, Any]) -> Path:
     """Write the campaign that the learned stack drives."""
     path = out / "learned-lane.yaml"
-    model = str((out / "lane.pt").absolute())
-    autonomy = {"stack": "learn_lane:LearnedLane", "parameters": {"model": model}}
+    model = str((out / "lane.npz").absolute())
+    autonomy = {"stack": "learned_lane:LearnedLane", "parameters": {"model": model}}
     data = {"extends": "lane-loop", "campaign": "learned-lane", "autonomy": autonomy}
     path.write_text(dump_yaml(data | ({"camera": camera} if camera else {})))
     return path
@@ -202,7 +163,7 @@ def main() -> None:
     usual = (4, 120, 3) if given.quick else (64, 400, 6)
     asked = (given.envs, given.steps, given.rounds)
     envs_count, steps, rounds = (a or u for a, u in zip(asked, usual, strict=True))
-    camera = {"name": "front_right", "width": 160, "height": 90, "hz": 10, "hfov_deg": 70}
+    camera = {"name": "front_right", "width": 192, "height": 108, "hz": 10, "hfov_deg": 70}
     camera = camera if given.quick else {}
     given.out.mkdir(parents=True, exist_ok=True)
     torch.manual_seed(1)
@@ -230,7 +191,7 @@ def main() -> None:
             flush=True,
         )
     envs.close()
-    torch.save(net.cpu().state_dict(), given.out / "lane.pt")
+    save(net, given.out / "lane.npz")
     path = campaign(given.out, camera)
     print(f"PYTHONPATH=docs/examples conductor run {path}")
 

@@ -12,6 +12,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
+from schemas.case import Case
 from schemas.messages import CameraSite, Command, Lights
 from schemas.wire.control import Lease
 from twin.base.errors import UsageError
@@ -20,7 +21,7 @@ from twin.gym.observations import ArrayForm, Observations, chosen, shapes_of, sp
 from twin.gym.rewards import RewardFormula
 from twin.rig.need_to_know import is_withheld
 from twin.rig.running.rig_loop import RigLoop
-from twin.rig.slot import Finished, Slots
+from twin.rig.slot import Finished, Slot, Slots
 from twin.world.kernel_cache import prepare_kernels
 
 if TYPE_CHECKING:
@@ -246,13 +247,17 @@ class DriveVectorEnv(VectorEnv[dict[str, Any], Any, NDArray[Any]]):
         episode = self._episodes[env]
         case = self._cases.of(self._seeds[env], episode, self._firsts[env])
         self._durations_ns[env] = round(case.variation.scenario.duration_s * 1e9)
-        self._tokens += 1
-        try:
-            self._loop.begin(env, Lease(self._tokens, 1, "", case), 0.0)
-        except ValueError as mistake:
-            raise UsageError(f"case {case.id}: {mistake}") from None
+        self._start(env, case)
         told = {"case": case.id, "seed": case.variation.seed, "episode": episode}
         return self._add_info(infos, told, env)
+
+    def _start(self, env: int, case: Case) -> Slot:
+        """A case begins in the slot of an environment."""
+        self._tokens += 1
+        try:
+            return self._loop.begin(env, Lease(self._tokens, 1, "", case), 0.0)
+        except ValueError as mistake:
+            raise UsageError(f"case {case.id}: {mistake}") from None
 
     def _look(self) -> dict[str, Any]:
         """Observations at the current ticks."""
@@ -330,7 +335,7 @@ class DriveVectorEnv(VectorEnv[dict[str, Any], Any, NDArray[Any]]):
 
     def _first_look(self) -> dict[str, Any]:
         """Shapes of all readings, as the first case gives them."""
-        slot = self._loop.begin(0, Lease(0, 1, "", self._cases.cases[0]), 0.0)
+        slot = self._start(0, self._cases.cases[0])
         _, told = self._loop.sense(None)
         shapes = shapes_of(told)
         self._loop.withdraw(slot)
