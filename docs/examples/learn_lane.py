@@ -80,21 +80,28 @@ class Teacher:
         return self.wheel.angle_rad
 
 
-def collected(envs: Any, net: LaneNet | None, share: float, steps: int, device: str) -> Any:
+class Drive:
+    """All environments on their way, from round to round: so the whole road is seen."""
+
+    def __init__(self, envs: Any) -> None:
+        self.seen, _ = envs.reset()
+        view = LaneView.of_site(envs.camera_sites[0])
+        period_s = 1.0 / envs.metadata["render_fps"]
+        self.teachers = [Teacher(view, period_s) for _ in range(envs.num_envs)]
+
+
+def collected(
+    envs: Any, drive: Drive, net: LaneNet | None, share: float, steps: int, device: str
+) -> Any:
     """Pictures that were seen and the teacher's angles, while the pupil drives a share of the
-    environments; and the KPIs of those episodes that the pupil has ended."""
-    period_s = 1.0 / envs.metadata["render_fps"]
-    view = LaneView.of_site(envs.camera_sites[0])
-    teachers = [Teacher(view, period_s) for _ in range(envs.num_envs)]
+    environments; and how far it came in those episodes that it has ended."""
     pupils = np.arange(envs.num_envs) < round(share * envs.num_envs)
     pictures, angles, ways_m = [], [], []
-    seen, _ = envs.reset()
+    seen, teachers = drive.seen, drive.teachers
     for _ in range(steps):
         camera = torch.from_dlpack(seen["camera"])
-        on_host, vehicle = (
-            camera.cpu().numpy(),
-            np.asarray(torch.from_dlpack(seen["vehicle"]).cpu()),
-        )
+        on_host = camera.cpu().numpy()
+        vehicle = torch.from_dlpack(seen["vehicle"]).cpu().numpy()
         taught = np.array(
             [t.angle_rad(on_host[i], vehicle[i]) for i, t in enumerate(teachers)], np.float32
         )
@@ -111,6 +118,7 @@ def collected(envs: Any, net: LaneNet | None, share: float, steps: int, device: 
             teachers[env].begin()
             if pupils[env]:
                 ways_m.append(float(infos["kpis"]["distance_m"][env]))
+    drive.seen = seen
     return torch.cat(pictures), torch.cat(angles).to(device), ways_m
 
 
@@ -176,10 +184,12 @@ def main() -> None:
         array="dlpack",
         settings={"camera": camera} if camera else None,
     )
-    pictures, angles = [], []
+    drive, pictures, angles = Drive(envs), [], []
     for number in range(rounds):
         share = number / max(1, rounds - 1)
-        seen, taught, ways_m = collected(envs, net if number else None, share, steps, given.device)
+        seen, taught, ways_m = collected(
+            envs, drive, net if number else None, share, steps, given.device
+        )
         pictures.append(seen)
         angles.append(taught)
         left_rad = learn(net, torch.cat(pictures), torch.cat(angles), epochs=12)
