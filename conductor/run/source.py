@@ -11,7 +11,6 @@ from typing import Any
 import msgspec
 from msgspec import UNSET
 
-from conductor.run.extending import read_extended
 from conductor.run.stack_check import stack_mistakes
 from conductor.run.twin_check import twin_mistakes
 from conductor.search.libraries import require
@@ -30,6 +29,7 @@ from schemas.sections.stack_identity import StackIdentity
 from schemas.validation import Mistake, suggest
 from twin.base.errors import InfrastructureError, UsageError
 from twin.base.fetch import fetch
+from twin.records.extended_file import read_extended
 from twin.stack_identity.identity import Named, find_stack, named_files
 from twin.stack_identity.stack_class import says_portable
 

@@ -70,20 +70,43 @@ def parse_formula(text: str) -> Node:
     Raises:
         ValueError: it says none; one line with the place.
     """
+    formula: Node = _condition(_parsed(text, "say what is to hold, as in 'always (ttc_s > 1.0)'"))
+    if not columns_of(formula):
+        raise ValueError("names no column; say what is to hold, as in 'always (ttc_s > 1.0)'")
+    return formula
+
+
+@functools.lru_cache(maxsize=64)
+def parse_row_formula(text: str) -> Node:
+    """The number, or the condition, that a text says of a single row.
+
+    Raises:
+        ValueError: it says none, or looks at other rows; one line.
+    """
+    formula: Node = _parsed(text, "say what a row is worth, as in 'speed_mps - 2 * collisions'")
+    level: list[Node] = [formula]
+    while level:
+        node = level.pop()
+        if isinstance(node, Over | Until):
+            raise ValueError(
+                "always, eventually and until look at other rows; this formula is of a single one"
+            )
+        level += parts_of(node)
+    return formula
+
+
+def _parsed(text: str, example: str) -> Any:
+    """The node that a text says, a number or a condition; ``example`` is told of an empty text."""
     import lark  # late: only who has a formula waits for it
 
     if len(text) > FORMULA_CHARS_MAX:
         raise ValueError(f"{len(text)} characters, at most {FORMULA_CHARS_MAX} are allowed")
     if not text.strip():
-        raise ValueError("empty; say what is to hold, as in 'always (ttc_s > 1.0)'")
+        raise ValueError(f"empty; {example}")
     try:
-        node: Any = _parser().parse(text)
+        return _parser().parse(text)
     except lark.UnexpectedInput as error:
         raise ValueError(_unexpected(text, error)) from None
-    formula: Node = _condition(node)
-    if not columns_of(formula):
-        raise ValueError("names no column; say what is to hold, as in 'always (ttc_s > 1.0)'")
-    return formula
 
 
 def _unexpected(text: str, error: Any) -> str:

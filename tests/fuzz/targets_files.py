@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import tempfile
 from collections.abc import Callable
@@ -31,7 +32,7 @@ from schemas.files.drive_record import DRIVE_FILE
 from schemas.files.proposals import FILE_NAME as PROPOSED_FILE
 from schemas.files.proposals import with_proposals
 from schemas.files.yaml_file import YamlError, load_yaml
-from schemas.formulas.parse import parse_formula
+from schemas.formulas.parse import parse_formula, parse_row_formula
 from schemas.plan import parse_campaign
 from twin.base.errors import InfrastructureError, TwinError, UsageError
 from twin.dataset.recipe import parse_recipe
@@ -91,6 +92,8 @@ SEARCHED = {
 def _formula(data: bytes) -> object:
     """A text that passes, over rows in which nothing is known of most columns."""
     text = data.decode(errors="replace")
+    with contextlib.suppress(ValueError):
+        parse_row_formula(text)
     parse_formula(text)
     return robustness(text, FewRows())
 

@@ -319,6 +319,36 @@ def campaign(
     show(campaign, slots, device, cases, workers, out, as_text=output is Output.human, check=check)
 
 
+@app.command()
+def gym(
+    campaign: Annotated[
+        str, typer.Argument(help="Shipped campaign or path of a file.")
+    ] = "lane-loop",
+    envs: Annotated[
+        int, typer.Option(min=0, max=4096, help="Environments; 0: 2 on a CPU, 256 on a GPU.")
+    ] = 0,
+    device: Annotated[str, typer.Option(help="Where to simulate: cpu or cuda:N.")] = "cpu",
+    output: OutputOption = Output.human,
+    check: Annotated[bool, typer.Option("--check", help="Exit 1 below the target.")] = False,
+) -> None:
+    """Steps and camera frames per second of learning environments, and the ratio to a campaign.
+
+    The campaign has the same sensors, and a stack that does nothing. Target on a GPU: 80 % of its
+    camera frames per second.
+    """
+    import tempfile
+
+    from twin.base.software import device_class
+
+    device_class(device)  # refuses one that is not here
+    from twin.gym import bench
+
+    with tempfile.TemporaryDirectory(prefix="twin-bench-") as folder:
+        count = envs or (256 if device.startswith("cuda") else 2)
+        figures = bench.measure(campaign, count, device, Path(folder))
+    _tell(bench, figures, output, check=check)
+
+
 def _tell(bench: Any, figures: Any, output: Output, *, check: bool) -> None:
     """Print what ``bench`` has found; with --check, end with 1 below a target."""
     if output is Output.json:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 from typing import Any
 
@@ -34,6 +34,8 @@ _NULLABLE = frozenset(column.name for column in (*KPI_COLUMNS, *_OWN) if column.
 _NAMES = frozenset(column.name for column in KPI_COLUMNS if column.type == "name")
 _KEPT = (*_PLAIN, *(column for column in _OWN if not column.implementation))
 """Columns of which a value comes with every row."""
+EVERY_ROW = frozenset(column.name for column in _KEPT)
+"""Their names."""
 _BY_SCENARIO = tuple(
     column.name for column in _KEPT if column.by_scenario or column not in KPI_COLUMNS
 )
@@ -203,6 +205,27 @@ class KpiRecorder:
         if column in self._valid and not self._valid[column][slot, row]:
             return None
         return float(self._values[column][slot, row])
+
+    def count(self, slot: int) -> int:
+        """Rows of a slot so far."""
+        return int(self._rows[slot])
+
+    def tail(
+        self, slots: Sequence[int], rows: int, columns: Iterable[str]
+    ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+        """The last rows of several slots: values by column, and the validity of those columns that
+        may be missing; each [slots * rows], those of a slot together.
+
+        Args:
+            slots: which.
+            rows: of each of them; it has at least so many.
+            columns: of :data:`EVERY_ROW`.
+        """
+        which = np.repeat(np.array(slots, np.int64), rows)
+        row = self._rows[which] + np.tile(np.arange(-rows, 0), len(slots))
+        values = {name: self._values[name][which, row] for name in columns}
+        valid = {name: self._valid[name][which, row] for name in values if name in self._valid}
+        return values, valid
 
     def known(self, slot: int, column: str) -> np.ndarray:
         """Whether a column that comes with every row has a value, bool [rows]."""

@@ -68,6 +68,9 @@ class Engine:
     a case depends on its slot or on what else runs.
     """
 
+    rows: KpiRecorder
+    """KPI rows of all slots, for those who only look."""
+
     def __init__(
         self,
         case: Case,
@@ -129,8 +132,8 @@ class Engine:
         self._ground_light = GroundLight(self._world, scene.furniture, slots)
         self._extinction_per_m = np.zeros(slots)
         self._runs: list[CaseRun | None] = [None] * slots
-        self._recorder = KpiRecorder(slots, [thing.name for thing in self._world.things])
-        self._forking = Forking(self._recorder)
+        self.rows = KpiRecorder(slots, [thing.name for thing in self._world.things])
+        self._forking = Forking(self.rows)
         self._limits = judging.Limits.of(slots)
         self._nearest = np.zeros((slots, len(NEAREST)))
         self._surveyed = False
@@ -219,7 +222,7 @@ class Engine:
         run = families.begin(case.variation.scenario, ground, x_m, y_m)
         self._runs[slot] = CaseRun(case, environment, run, ground)
         kind = kind_of(case.variation.scenario)
-        self._recorder.begin(
+        self.rows.begin(
             slot,
             kind.columns,
             target=ground.target is not None,
@@ -370,7 +373,7 @@ class Engine:
         """Saves slots between two ticks, and goes on with them in others."""
         parts: dict[str, Keeps] = {"vehicles": self._vehicles, "winds": self._winds}
         parts |= {"own": self._suite, "rays": self._exteroceptive}
-        parts |= {"rows": self._recorder, "forks": self._forking}
+        parts |= {"rows": self.rows, "forks": self._forking}
         if self._motion is not None and self._robots is not None:
             parts |= {"bodies": self._motion, "robots": self._robots}
         return SlotSaver(self, self._runs, parts)
@@ -504,12 +507,9 @@ class Engine:
     def _record(self, slots: list[int], commands: Sequence[Command | None]) -> None:
         if not slots:
             return
-        given = [
-            self._columns(slot, command) for slot, command in zip(slots, commands, strict=True)
-        ]
-        self._recorder.add(
-            slots, self.tick, self.sim_time_ns, self.state, commands, given, self._nearest
-        )
+        given = [self._columns(slot, each) for slot, each in zip(slots, commands, strict=True)]
+        now = self.tick, self.sim_time_ns, self.state
+        self.rows.add(slots, *now, commands, given, self._nearest)
         self._forking.watch(slots)
 
     def _columns(self, slot: int, command: Command | None) -> Mapping[str, float]:
@@ -569,7 +569,7 @@ class Engine:
     def _judge(self, slot: int) -> Finished:
         run, state = self._run(slot), self.state[slot]
         self._record([slot], [None])
-        rows = self._recorder.of(slot)
+        rows = self.rows.of(slot)
         hit = self._hit(slot)
         result = judging.judge(rows, state, run.scenario, hit)
         reasons = [*result.reasons, *([CARRIED] if run.carried else [])]
@@ -591,7 +591,7 @@ class Engine:
         return self._fail(slot, f"{reason}, at tick {self.tick[slot]}")
 
     def _fail(self, slot: int, reason: str) -> Finished:
-        run, rows = self._run(slot), self._recorder.of(slot)
+        run, rows = self._run(slot), self.rows.of(slot)
         case, state = run.case.variation, self.state[slot]
         scalars = judging.case_scalars(case, rows, state, run.scenario)
         table = rows.table()

@@ -41,6 +41,11 @@ def as_told(sensed: dict[str, SensorData], cases: Sequence[Case | None]) -> dict
     }
 
 
+def is_withheld(name: str, case: Case) -> bool:
+    """Whether the stack of a case is told nothing by a sensor message."""
+    return name.partition(".")[0] == "boxes" and not is_told_truth(case)
+
+
 def _without(kind: str, data: SensorData, told_truth: NDArray[np.bool_]) -> SensorData:
     if kind not in _TRUTH:
         return data

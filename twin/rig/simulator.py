@@ -18,7 +18,6 @@ from twin.fabric.rig_folder import frames_socket
 from twin.rig.drive_recorder import DriveRecorder
 from twin.rig.interventions.case import AttemptInterventions
 from twin.rig.interventions.listener import RigInterventions
-from twin.rig.need_to_know import as_told
 from twin.rig.pipe import (
     Abandon,
     Assign,
@@ -38,6 +37,7 @@ from twin.rig.pipe import (
 from twin.rig.profile import LoopLog
 from twin.rig.realtime import RealtimeLink
 from twin.rig.results import OutputListener, ResultWriter
+from twin.rig.running.rig_loop import RigLoop
 from twin.rig.slot import Finished, RigTick, Slot, SlotEnd, Slots
 from twin.rig.slot_listener import SlotListeners
 from twin.rig.stack_output import StackOutput, readable
@@ -194,6 +194,7 @@ class Simulator:
         self._reads = None if os.environ.get(SENSORS_VARIABLE) == "all" else self._stack_reads
         self._log.transport = transport
         self._log.unread = [c.name for c in channels if not self._is_shown(c.name)]
+        self._cases = RigLoop(self._engine, self._slots)
         self._messages = TickMessages(self._engine, self._slots, self._device, transport, offsets)
         self._listeners = self._listening()
         self._listeners.built(self._engine)
@@ -241,20 +242,16 @@ class Simulator:
         self._waiting = [order for order in self._waiting if order.lease.token != token]
         slot = self._slots.of_token(token)
         if slot is not None:
-            self._engine.clear(slot.index)
+            self._cases.withdraw(slot)
             self._listeners.withdrawn(slot)
-            self._slots.leave(slot)
 
     def _refill(self) -> None:
         """Free slots take waiting leases, only when all sensors are due for all."""
-        running = self._slots.running
-        if running and self._engine.tick[running[0].index] % self._engine.refill_every:
+        if not self._cases.is_due:
             return
         for index in self._slots.free[: len(self._waiting)]:
             order = self._waiting.pop(0)
-            self._engine.reset(index, order.lease.case)
-            slot = Slot(index, order.lease, time.monotonic(), order.replay)
-            self._slots.take(slot)
+            slot = self._cases.begin(index, order.lease, time.monotonic(), order.replay)
             self._listeners.started(slot)
 
     def _tick(self) -> None:
@@ -274,7 +271,7 @@ class Simulator:
         watch.lap("messages")
         self._listeners.commanded(tick)
         watch.lap("view")
-        ended = self._engine.step(tick.commands)
+        ended = self._cases.step(tick.commands)
         self._account(answer, time.monotonic() - started_s)
         for finished in ended:
             self._finish(finished)
@@ -285,9 +282,7 @@ class Simulator:
 
     def _sense(self) -> tuple[RigTick, list[Outgoing]]:
         """Readings of the current ticks, and the messages that bring them to a stack elsewhere."""
-        sensed = self._engine.sense(together([self._reads, self._listeners.wanted()]))
-        cases = [None if slot is None else slot.lease.case for slot in self._slots.by_index]
-        told = as_told(sensed, cases)
+        sensed, told = self._cases.sense(together([self._reads, self._listeners.wanted()]))
         # Also of what is there: a stack must not see more because somebody watches.
         shown = {name: data for name, data in told.items() if self._is_shown(name)}
         sensors = [] if self._inline else self._messages.frames(self._seq, shown)
@@ -311,9 +306,7 @@ class Simulator:
 
     def _finish(self, finished: Finished) -> None:
         """A case has ended: its slot is free, and what it left is written."""
-        slot = self._slots[finished.slot]
-        assert slot is not None
-        self._slots.leave(slot)
+        slot = self._cases.leave(finished.slot)
         self._listeners.ended(slot, SlotEnd(finished, time.monotonic() - slot.started_s))
 
     def _account(self, answer: Commands, wall_s: float) -> None:

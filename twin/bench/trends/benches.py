@@ -116,6 +116,13 @@ def _without_device(*words: str) -> Callable[[str], list[str]]:
     return lambda _device: [*words, "--output", "json"]
 
 
+def _environments(told: Any) -> list[Figure]:
+    return [
+        Figure("gym", float(told["frames_per_s"]), "frames/s", "more"),
+        Figure("gym, share of a campaign", 100.0 * float(told["share"]), "%", "more"),
+    ]
+
+
 BENCHES = (
     Bench("vehicle", _twin("vehicle"), _rate("vehicle", "substeps_per_s", "substeps/s")),
     Bench("camera", _twin("camera", "--quick"), _cameras),
@@ -128,6 +135,7 @@ BENCHES = (
     ),
     Bench("drive", _without_device("twin", "bench", "drive", "--ticks", "300"), _drives),
     Bench("campaign", _campaign_words, _campaigns),
+    Bench("gym", _twin("gym"), _environments),
     Bench(
         "conductor",
         _without_device("conductor", "bench", "--tasks", "2000", "--rounds", "1", "--cases", "0"),
