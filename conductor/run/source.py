@@ -11,6 +11,7 @@ from typing import Any
 import msgspec
 from msgspec import UNSET
 
+from conductor.run.changes import NO_CHANGES, Changes
 from conductor.run.extending import read_extended
 from conductor.run.stack_check import stack_mistakes
 from conductor.run.twin_check import twin_mistakes
@@ -81,6 +82,7 @@ def load(
     fetch: bool = True,
     render: bool | None = None,
     weather: str = "",
+    changes: Changes = NO_CHANGES,
 ) -> Plan:
     """Load and check a campaign, with its cases.
 
@@ -91,13 +93,14 @@ def load(
         render: replaces the file's: whether cameras see.
         weather: weathers with commas between, or ``all``, in each of which all cases are run, in
             place of the file's; empty: as it is.
+        changes: further keys and axes in place of the file's.
 
     Raises:
         UsageError: one line per mistake.
     """
     path = find(name)
     shown = name if path.parent != _SHIPPED else path.name
-    data = read_extended(path, shown, find)
+    data = changes.made_in(read_extended(path, shown, find), shown)
     if seed is not None and isinstance(data, dict) and data.get("search"):
         data = {**data, "seed": seed}  # it decides what is proposed first
     if render is not None and isinstance(data, dict):
