@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from functools import cached_property
-from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -55,6 +54,8 @@ class Run:
         return f"Run({str(self.folder)!r}): {self.summary()}"
 
     def _repr_html_(self) -> str:
+        from html import escape
+
         return f"<code>{escape(str(self.folder))}</code>: {escape(self.summary())}"
 
     def outcomes(self) -> Outcomes:
@@ -250,6 +251,8 @@ class RunReport(os.PathLike[str]):
         return f"RunReport({str(self.path)!r}): {self._summary}"
 
     def _repr_html_(self) -> str:
+        from html import escape
+
         if self._embed:
             page = escape(self.path.read_text(encoding="utf-8"))
             # Its scripts see neither the notebook nor the network.

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from schemas.validation import Mistake
 from twin.base.errors import UsageError
 
 
@@ -38,6 +39,13 @@ class Changes:
             if isinstance(matrix := data.get("matrix") or {}, dict):
                 data = {**data, "matrix": {**matrix, axis: list(values)}}
         return data
+
+    def line(self, mistake: Mistake) -> str:
+        """A mistake in one line if an axis that was given made it; empty: it is the file's."""
+        for axis in self.axes:
+            if mistake.path == f"matrix.{axis}":
+                return Mistake("", mistake.message).line(f"axes.{axis}")
+        return ""
 
 
 NO_CHANGES = Changes()

@@ -110,7 +110,8 @@ def load(
     plan, mistakes = check(data, path.parent)
     if plan is None:
         options = {"render": render is not None, f"matrix.{WEATHER_AXIS}": bool(weather)}
-        raise UsageError("\n".join(_line(mistake, shown, options) for mistake in mistakes))
+        lines = [changes.line(mistake) or _line(mistake, shown, options) for mistake in mistakes]
+        raise UsageError("\n".join(lines))
     campaign = plan.campaign
     if fetch:
         campaign = with_repository(campaign, shown)
