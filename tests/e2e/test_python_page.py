@@ -1,0 +1,72 @@
+"""docs/python.md and the notebooks do what they say, from their first block to their last."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+from processes import outcomes
+from test_python_interface import task
+
+DOCS = Path(__file__).parents[2] / "docs"
+BLOCK = re.compile(r"^```python\n(.*?)^```", re.DOTALL | re.MULTILINE)
+NOTEBOOKS = sorted((DOCS / "notebooks").glob("*.ipynb"))
+
+EXECUTE = """
+    import os, sys
+    for name in ("IPYTHONDIR", "JUPYTER_RUNTIME_DIR", "JUPYTER_CONFIG_DIR", "MPLCONFIGDIR"):
+        os.environ[name] = os.path.abspath("own")
+    import nbformat
+    from nbclient import NotebookClient
+
+    book = nbformat.read({path!r}, as_version=4)
+    NotebookClient(book, timeout=600, kernel_name="python3").execute()
+    nbformat.write(book, "done.ipynb")
+"""
+
+
+def test_every_block_of_the_page(marked, tmp_path):
+    blocks = BLOCK.findall((DOCS / "python.md").read_text())
+    assert len(blocks) >= 8
+    code = "\n".join(f"print('block', {n})\n{block}" for n, block in enumerate(blocks))
+    done = marked.run(task(tmp_path, code), folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    said = re.split(r"^block \d+\n", done.stdout, flags=re.MULTILINE)[1:]
+    assert len(said) == len(blocks)
+    assert all(said), "each of them prints something"
+    assert "of 1 passed" in said[0]
+    assert "b'm'" in said[1]
+    assert "did you mean 'clear'?" in "".join(said)
+    assert "(180, 320, 3) uint8" in "".join(said)
+
+
+def test_there_are_three_notebooks_without_outputs():
+    assert len(NOTEBOOKS) == 3
+    for path in NOTEBOOKS:
+        cells = json.loads(path.read_text())["cells"]
+        assert all(not cell.get("outputs") and not cell.get("execution_count") for cell in cells)
+        assert path.stat().st_size < 20_000
+        assert f"notebooks/{path.name}" in (DOCS / "python.md").read_text()
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_a_notebook_runs_from_its_first_cell_to_its_last(marked, tmp_path, path):
+    done = marked.run(task(tmp_path, EXECUTE.format(path=str(path))), folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    cells = json.loads((tmp_path / "done.ipynb").read_text())["cells"]
+    shown = json.dumps([cell.get("outputs") for cell in cells])
+    assert '"output_type": "error"' not in shown
+    ended = [run for run in (tmp_path / "runs").iterdir() if outcomes(run)]
+    assert ended
+    if path.stem == "first-campaign":
+        assert shown.count("image/png") == 2
+        assert "report.html</a>" in shown
+    elif path.stem == "your-own-stack":
+        assert "did you mean 'clear'?" in shown
+        assert "('clear', 'pass', 'collision')" in shown, "the stack that brakes late collides"
+        assert "2 cases have become worse" in shown
+    else:
+        assert "proposed cases failed" in shown
+        assert "collision" in shown
