@@ -58,8 +58,12 @@ class StartedRun:
         self._folder: Path | None = None
         self._failure: BaseException | None = None
         self._thread = threading.Thread(target=self._work, name="drivetwin run", daemon=True)
+        try:
+            self._thread.start()
+        except RuntimeError:
+            _under_way.release()
+            raise
         atexit.register(self._leave)
-        self._thread.start()
 
     @property
     def running(self) -> bool:
@@ -142,6 +146,7 @@ class StartedRun:
 
     def _result(self) -> Run:
         self._thread.join()  # it has nothing left to do
+        atexit.unregister(self._leave)
         if self._failure is not None:
             raise self._failure
         assert self._folder is not None
@@ -159,7 +164,6 @@ class StartedRun:
         except BaseException as error:
             self._failure = error
         finally:
-            atexit.unregister(self._leave)
             _under_way.release()
             self._events.end()
 
@@ -263,7 +267,7 @@ def _shown(progress: bool) -> Iterator[Callable[[RunEvent], None]]:
 
     console = Console(stderr=True)
     if console.is_jupyter and not _has_widgets():
-        console = Console(stderr=True, force_jupyter=False)
+        console = Console(stderr=True, force_jupyter=False, force_terminal=False)
     listener = ConsoleListener(console)
 
     def show(event: RunEvent) -> None:

@@ -336,6 +336,18 @@ def test_a_process_that_ends_without_waiting_leaves_nothing(marked, tmp_path):
     assert "going on" in again.stderr
 
 
+def test_a_run_in_a_store(marked, tmp_path):
+    store = f"file://{tmp_path}/store"
+    words = ("--workers", "1", "--store", store)
+    done = marked.run("conductor", "run", str(written(tmp_path, SMALL)), *words, folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    run = drivetwin.open(store, out=tmp_path / "fetched")
+    assert run.folder == tmp_path / "fetched"
+    assert run.outcomes() == drivetwin.open(tmp_path / "runs" / "small").outcomes()
+    with pytest.raises(drivetwin.UsageError, match="no run of a campaign other; there: small"):
+        drivetwin.open(f"{store}/runs/other", out=tmp_path / "none")
+
+
 def test_beside_an_event_loop(marked, tmp_path):
     code = f"""
         import asyncio, drivetwin

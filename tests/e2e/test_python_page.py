@@ -6,6 +6,7 @@ import json
 import re
 from pathlib import Path
 
+import nbformat
 import pytest
 from processes import outcomes
 from test_python_interface import task
@@ -70,3 +71,21 @@ def test_a_notebook_runs_from_its_first_cell_to_its_last(marked, tmp_path, path)
     else:
         assert "proposed cases failed" in shown
         assert "collision" in shown
+
+
+def test_a_notebook_without_widgets_shows_lines(marked, tmp_path):
+    (tmp_path / "small.yaml").write_text(
+        "campaign: small\nsimulator: noop\nmatrix: {repeat: [0, 1, 2]}\n"
+    )
+    book = nbformat.v4.new_notebook()
+    book.cells = [
+        nbformat.v4.new_code_cell('import sys\nsys.modules["ipywidgets"] = None'),
+        nbformat.v4.new_code_cell("import drivetwin\ndrivetwin.run('small.yaml', workers=1)"),
+    ]
+    nbformat.write(book, tmp_path / "small.ipynb")
+    done = marked.run(task(tmp_path, EXECUTE.format(path="small.ipynb")), folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    outputs = json.loads((tmp_path / "done.ipynb").read_text())["cells"][1]["outputs"]
+    said = "".join("".join(output.get("text", [])) for output in outputs)
+    assert "small: 3 of 3 cases done" in said
+    assert "ipywidgets" not in said
