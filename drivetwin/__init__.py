@@ -18,6 +18,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
+from conductor.run.listener import RunProgress
 from drivetwin.arguments import RunArguments, changes_of, request_of
 from drivetwin.finished import Run, RunReport, SearchRun, opened
 from drivetwin.shipped import CheckedCampaign, ShippedCampaign, checked, shipped
@@ -35,6 +36,7 @@ __all__ = [
     "Run",
     "RunArguments",
     "RunEvent",
+    "RunProgress",
     "RunReport",
     "SearchRun",
     "ShippedCampaign",

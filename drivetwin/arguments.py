@@ -70,19 +70,19 @@ def request_of(
     from schemas.sections.view_mode import ViewMode
     from schemas.validation import suggest
 
-    given = dict(arguments)
-    for name in given.keys() - RunArguments.__annotations__.keys():
-        known = list(RunArguments.__annotations__)
-        raise UsageError(f"run: no argument '{name}'; {suggest(name, known)}")
-    given = {name: value for name, value in given.items() if value is not None}
+    known = list(RunArguments.__annotations__)
+    for name in arguments:
+        if name not in known:
+            raise UsageError(f"run: no argument '{name}'; {suggest(name, known)}")
+    given = {name: value for name, value in arguments.items() if value is not None}
     view = given.pop("view", None)
     if view is not None and view not in VIEWS:
         raise UsageError(f"view: given {view!r}, allowed: {', '.join(VIEWS)}")
-    rows = given.pop("rows", ())
+    rows = _of_type("rows", given.pop("rows", ()), str | list | tuple)
     changes = changes_of(given.pop("axes", None), given.pop("settings", None))
     for name in ("out", "history"):
         if name in given:
-            given[name] = Path(_of_type(name, given[name], str | Path))
+            given[name] = Path(_of_type(name, given[name], str | Path)).expanduser()
     if "workers" in given:
         given["workers"] = str(_of_type("workers", given["workers"], int | str))
     for name, least in (("slots", 1), ("cases", 1), ("seed", 0)):
@@ -96,10 +96,10 @@ def request_of(
     if not 0.1 <= memory_gb <= 1e6:
         raise UsageError(f"memory_gb: given {memory_gb}, allowed: 0.1 to 1000000")
     return RunRequest(
-        campaign=str(campaign),
+        campaign=str(_of_type("campaign", campaign, str | Path)),
         changes=changes,
         view=None if view is None else ViewMode(view),
-        rows=rows if isinstance(rows, str) else ",".join(rows),
+        rows=rows if isinstance(rows, str) else ",".join(map(str, rows)),
         searches=searches,
         **given,
     )

@@ -32,11 +32,11 @@ def opened(place: str | Path, out: str | Path | None = None) -> Run:
     from twin.stores.opening import is_url
 
     if is_url(str(place)):
-        folder = fetch_run(str(place), None if out is None else Path(out))
+        folder = fetch_run(str(place), None if out is None else Path(out).expanduser())
     elif out is not None:
         raise UsageError(f"open: out belongs to stores; {place} is read where it is")
     else:
-        folder = Path(place)
+        folder = Path(place).expanduser()
     run = SearchRun(folder) if (folder / FILE_NAME).is_file() else Run(folder)
     run.outcomes()  # says what is wrong with it
     return run

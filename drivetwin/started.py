@@ -5,6 +5,7 @@ from __future__ import annotations
 import atexit
 import contextlib
 import signal
+import sys
 import threading
 from collections import deque
 from collections.abc import AsyncIterator, Callable, Generator, Iterator
@@ -14,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from conductor.run.listener import RunProgress
 from drivetwin.finished import Run
-from twin.base.errors import UnfinishedError, UsageError
+from twin.base.errors import TwinError, UnfinishedError, UsageError
 
 if TYPE_CHECKING:
     from conductor.run.requested import RunRequest
@@ -82,15 +83,16 @@ class StartedRun:
             UnfinishedError: it was stopped.
             KeyboardInterrupt: it was interrupted; workers have ended, the same call goes on.
         """
-        with _shown(progress) as show:
-            try:
+        try:
+            with _shown(progress) as show:
                 for event in self.events():
                     show(event)
-            except KeyboardInterrupt:
-                self.stop()
-                self._thread.join()
-                show(EventLine("interrupted; the same call goes on"))
-                raise
+        except BaseException as error:
+            self.stop()
+            self._thread.join()
+            if progress and isinstance(error, KeyboardInterrupt):
+                print("interrupted; the same call goes on", file=sys.stderr)
+            raise
         return self._result()
 
     def stop(self) -> None:
@@ -147,6 +149,9 @@ class StartedRun:
     def _result(self) -> Run:
         self._thread.join()  # it has nothing left to do
         atexit.unregister(self._leave)
+        if isinstance(self._failure, TwinError):
+            # Its line says what to do; where in our code it was found is of no use to anybody.
+            raise self._failure.with_traceback(None)
         if self._failure is not None:
             raise self._failure
         assert self._folder is not None

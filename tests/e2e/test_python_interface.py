@@ -204,6 +204,16 @@ def test_what_was_changed_after_signing_is_not_shown(ran, tmp_path):
             read(drivetwin.open(folder))
 
 
+def test_a_mistake_is_a_short_traceback(marked, tmp_path):
+    done = marked.run(task(tmp_path, 'import drivetwin\ndrivetwin.run("aeb-dmo")'), folder=tmp_path)
+    lines = done.stderr.splitlines()
+    assert lines[-1].startswith("twin.base.errors.UsageError: aeb-dmo: no such campaign; did you")
+    ours = [line for line in lines if line.startswith("  File") and "/drivetwin/" in line]
+    assert 1 <= len(ours) <= 4
+    assert not [line for line in lines if "/conductor/" in line]
+    assert not (tmp_path / "runs").exists()
+
+
 def test_nothing_was_simulated(marked, tmp_path):
     code = f"""
         import drivetwin
@@ -228,7 +238,7 @@ def test_nothing_was_simulated(marked, tmp_path):
 def test_stopped_and_resumed(marked, tmp_path):
     code = f"""
         import drivetwin
-        from conductor.run.listener import RunProgress
+        from drivetwin import RunProgress
 
         started = drivetwin.start("{written(tmp_path, LONG)}", workers=1, slots=4)
         for event in started.events():
@@ -261,8 +271,7 @@ def test_stopped_and_resumed(marked, tmp_path):
 def test_an_interrupt_ends_workers_and_leaves_a_run_that_goes_on(marked, tmp_path):
     code = f"""
         import signal, threading, drivetwin
-        from conductor.run.listener import RunProgress
-        from drivetwin.started import StartedRun
+        from drivetwin import RunProgress
 
         started = drivetwin.start("{written(tmp_path, LONG)}", workers=1, slots=4)
 
@@ -288,7 +297,7 @@ def test_one_run_at_a_time_in_a_process_and_in_a_folder(marked, tmp_path):
     other = written(tmp_path, {**SMALL, "campaign": "other"})
     code = f"""
         import subprocess, sys, drivetwin, psutil
-        from conductor.run.listener import RunProgress
+        from drivetwin import RunProgress
 
         started = drivetwin.start("{written(tmp_path, LONG)}", workers=1, slots=4)
         next(e for e in started.events() if isinstance(e, RunProgress) and e.ended)
@@ -321,7 +330,7 @@ def test_one_run_at_a_time_in_a_process_and_in_a_folder(marked, tmp_path):
 def test_a_process_that_ends_without_waiting_leaves_nothing(marked, tmp_path):
     code = f"""
         import drivetwin
-        from conductor.run.listener import RunProgress
+        from drivetwin import RunProgress
 
         started = drivetwin.start("{written(tmp_path, LONG)}", workers=1, slots=4)
         next(e for e in started.events() if isinstance(e, RunProgress) and e.ended)
@@ -351,7 +360,7 @@ def test_a_run_in_a_store(marked, tmp_path):
 def test_beside_an_event_loop(marked, tmp_path):
     code = f"""
         import asyncio, drivetwin
-        from conductor.run.listener import RunProgress
+        from drivetwin import RunProgress
 
         async def main():
             run = await drivetwin.arun("{written(tmp_path, SMALL)}", workers=1)

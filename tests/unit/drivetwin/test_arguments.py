@@ -26,6 +26,8 @@ HEAVY = ("numpy", "pyarrow", "warp", "cv2", "zenoh", "rerun", "rich", "typer", "
         ({"seed": -1}, "seed: given -1, allowed: from 0"),
         ({"workers": 1.5}, "workers: given 1.5, allowed: int or str"),
         ({"case": 3}, "case: given 3, allowed: str"),
+        ({"rows": 3}, "rows: given 3, allowed: str or list or tuple"),
+        ({"out": 3}, "out: given 3, allowed: str or Path"),
         ({"quick": "yes"}, "quick: given 'yes', allowed: bool"),
         ({"memory_gb": 0.0}, "memory_gb: given 0.0, allowed: 0.1 to 1000000"),
         ({"axes": ["clear"]}, "axes: expected a mapping"),
@@ -37,6 +39,11 @@ def test_an_argument_that_is_none(given, said):
         request_of("aeb-demo", given)
     assert str(caught.value).startswith(said)
     assert len(str(caught.value).splitlines()) == 1
+
+
+def test_a_campaign_is_a_name_or_a_path():
+    with pytest.raises(drivetwin.UsageError, match=r"campaign: given \{\}, allowed: str or Path"):
+        request_of({}, {})  # type: ignore[arg-type]
 
 
 def test_arguments_are_the_options_of_the_command_line():
