@@ -71,7 +71,6 @@ from twin.fabric.endpoint import LOOPBACK, NAMESPACE
 
 if TYPE_CHECKING:
     from conductor.stored.link import StoreOptions
-    from schemas.plan import Plan
 
 app = make_app(
     "conductor",
@@ -185,9 +184,10 @@ def serve(
         checked_address(metrics)
     with strangers_named():
         if campaign:
+            from conductor.run.requested import checked_plan
             from conductor.run.source import begun
 
-            plan = begun(_checked(campaign))
+            plan = begun(checked_plan(campaign))
             # Here, because only this way of serving needs it.
             from conductor.run.command import RunOptions, serve_until_done
 
@@ -237,22 +237,6 @@ def _store_options(url: str, durable: Durable) -> StoreOptions | None:
     return options
 
 
-def _checked(
-    source: str, *, seed: int | None = None, fetch: bool = True, weather: str = ""
-) -> Plan:
-    """The plan of a campaign whose models were looked at, too.
-
-    Raises:
-        UsageError: one line per mistake.
-    """
-    from conductor.run.models import check_models
-    from conductor.run.source import load
-
-    plan = load(source, seed=seed, fetch=fetch, weather=weather)
-    check_models(plan, source)
-    return plan
-
-
 @app.command()
 @with_options
 def submit(
@@ -274,10 +258,11 @@ def submit(
     Workers run what a campaign names, so an invitation of role admin does not open this.
     """
     from conductor.commands.client import client_of
+    from conductor.run.requested import checked_plan
     from conductor.run.source import begun, of_rows
     from twin.fabric.keys.roles import Role
 
-    plan = of_rows(_checked(campaign, seed=seed, weather=weather), rows, quick=quick)
+    plan = of_rows(checked_plan(campaign, seed=seed, weather=weather), rows, quick=quick)
     loaded = begun(plan).campaign
     with client_of(conductor, Role.submitter) as client:
         folder = client.submit(loaded, str(out.absolute()) if out else "", priority)
@@ -370,10 +355,12 @@ def validate(
 
     Nothing of it is run: a repository's set-up is only told.
     """
+    from conductor.run.requested import checked_plan
     from conductor.run.source import of_rows
 
     try:
-        plan = of_rows(_checked(campaign, fetch=fetch, weather=weather), rows, quick=quick)
+        plan = checked_plan(campaign, fetch=fetch, weather=weather)
+        plan = of_rows(plan, rows, quick=quick)
     except UsageError as error:
         if output is Output.json:
             print(json.dumps({"valid": False, "mistakes": str(error).splitlines()}))

@@ -45,10 +45,8 @@ def checked(campaign: str | Path, changes: Changes, seed: int | None) -> Checked
         UsageError: it is not valid; a line per mistake.
         InfrastructureError: the check itself did not work.
     """
-    from conductor.run.models import check_models
-    from conductor.run.source import load
+    from conductor.run.requested import checked_plan
 
-    plan = load(str(campaign), seed=seed, fetch=False, changes=changes)
-    check_models(plan, str(campaign))
+    plan = checked_plan(str(campaign), seed=seed, fetch=False, changes=changes)
     cases = tuple(case.id for case in plan.cases)
     return CheckedCampaign(plan.campaign.campaign, plan.campaign.seed, cases)

@@ -13,7 +13,7 @@ from msgspec import UNSET
 from conductor.run.changes import NO_CHANGES, Changes
 from conductor.run.gpu_sharing import side_by_side
 from conductor.run.gpu_turns import turns
-from conductor.run.models import models_checked
+from conductor.run.models import check_models, models_checked
 from conductor.run.places import parse_workers, where
 from conductor.run.source import chosen, load, with_drive
 from schemas.campaign import Campaign
@@ -111,6 +111,26 @@ def made_ready(request: RunRequest) -> Iterator[ReadyRun]:
             at_end.callback(local.stop)
         keep_to_itself()  # keys and sessions are nothing for a stack of the same user
         yield ReadyRun(plan, options, local, computed)
+
+
+def checked_plan(
+    campaign: str,
+    *,
+    seed: int | None = None,
+    fetch: bool = True,
+    weather: str = "",
+    changes: Changes = NO_CHANGES,
+) -> Plan:
+    """The plan of a campaign whose networks were looked at, too; arguments as those of
+    :func:`conductor.run.source.load`.
+
+    Raises:
+        UsageError: one line per mistake.
+        InfrastructureError: the check itself did not work.
+    """
+    plan = load(campaign, seed=seed, fetch=fetch, weather=weather, changes=changes)
+    check_models(plan, campaign)
+    return plan
 
 
 def _plan(request: RunRequest) -> Plan:

@@ -9,23 +9,50 @@ from pathlib import Path
 import nbformat
 import pytest
 from processes import outcomes
-from test_python_interface import task
+from test_python_interface import LONG, task, written
 
 DOCS = Path(__file__).parents[2] / "docs"
 BLOCK = re.compile(r"^```python\n(.*?)^```", re.DOTALL | re.MULTILINE)
 NOTEBOOKS = sorted((DOCS / "notebooks").glob("*.ipynb"))
 
 EXECUTE = """
-    import os, sys
+    import os
     for name in ("IPYTHONDIR", "JUPYTER_RUNTIME_DIR", "JUPYTER_CONFIG_DIR", "MPLCONFIGDIR"):
         os.environ[name] = os.path.abspath("own")
     import nbformat
     from nbclient import NotebookClient
 
     book = nbformat.read({path!r}, as_version=4)
-    NotebookClient(book, timeout=600, kernel_name="python3").execute()
+    NotebookClient(book, timeout=600, kernel_name="python3", allow_errors=True).execute()
     nbformat.write(book, "done.ipynb")
 """
+
+INTERRUPT = """
+    import signal, sys, threading
+    sys.path.append({tests!r})
+    from pathlib import Path
+
+    def interrupt():
+        wait_for(Path("begun").exists, "a case that has ended")
+        os.kill(int(Path("kernel").read_text()), signal.SIGINT)
+
+    from waiting import wait_for
+    threading.Thread(target=interrupt, daemon=True).start()
+"""
+"""Jupyter's *Interrupt* is this signal."""
+LONG_CELLS = [
+    "import drivetwin, os, threading\nfrom pathlib import Path\n"
+    "Path('kernel').write_text(str(os.getpid()))",
+    "started = drivetwin.start('long.yaml', workers=1, slots=4)\n"
+    "def tell():\n"
+    "    for event in started.events():\n"
+    "        if isinstance(event, drivetwin.RunProgress) and event.ended:\n"
+    "            return Path('begun').touch()\n"
+    "threading.Thread(target=tell).start()\n"
+    "started.wait()",
+    "print('complete', drivetwin.open('runs/long').outcomes().complete)",
+    "drivetwin.run('long.yaml', workers=1, slots=64, progress=False)",
+]
 
 
 def test_every_block_of_the_page(marked, tmp_path):
@@ -89,3 +116,22 @@ def test_a_notebook_without_widgets_shows_lines(marked, tmp_path):
     said = "".join("".join(output.get("text", [])) for output in outputs)
     assert "small: 3 of 3 cases done" in said
     assert "ipywidgets" not in said
+
+
+def test_an_interrupted_cell_goes_on_when_it_runs_again(marked, tmp_path):
+    written(tmp_path, LONG)
+    book = nbformat.v4.new_notebook()
+    book.cells = [nbformat.v4.new_code_cell(cell) for cell in LONG_CELLS]
+    nbformat.write(book, tmp_path / "long.ipynb")
+    here, execute = str(Path(__file__).parents[1]), EXECUTE.format(path="long.ipynb")
+    before, after = execute.split("    import nbformat\n")
+    code = before + INTERRUPT.format(tests=here) + "    import nbformat\n" + after
+    done = marked.run(task(tmp_path, code), folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    _, cut, state, again = json.loads((tmp_path / "done.ipynb").read_text())["cells"]
+    assert [o["ename"] for o in cut["outputs"] if o["output_type"] == "error"] == [
+        "KeyboardInterrupt"
+    ]
+    assert "interrupted; the same call goes on" in json.dumps(cut["outputs"])
+    assert "complete False" in json.dumps(state["outputs"])
+    assert "1500 of 1500 passed" in json.dumps(again["outputs"])
