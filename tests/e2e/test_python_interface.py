@@ -4,33 +4,15 @@ from __future__ import annotations
 
 import json
 import shutil
-import textwrap
 from pathlib import Path
 
 import pytest
 from foreign_campaigns import campaign
 from IPython.core.formatters import HTMLFormatter
 from processes import Marked, complete, nothing_left, outcomes
+from python_tasks import LONG, SMALL, task, written
 
 import drivetwin
-
-SMALL = {"campaign": "small", "simulator": "noop", "matrix": {"repeat": [0, 1, 2]}}
-LONG = {**SMALL, "campaign": "long", "matrix": {"repeat": list(range(1500))}}
-"""Enough cases that a stop comes before the last of them."""
-
-
-def task(folder: Path, code: str) -> str:
-    """A module that runs ``code``; a process of its own, because a run changes what its process
-    may open."""
-    (folder / "task.py").write_text(textwrap.dedent(code))
-    return "task"
-
-
-def written(folder: Path, content: dict) -> Path:
-    """A campaign file."""
-    path = folder / f"{content['campaign']}.yaml"
-    path.write_text(json.dumps(content))
-    return path
 
 
 @pytest.fixture(scope="module")

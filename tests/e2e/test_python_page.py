@@ -9,7 +9,7 @@ from pathlib import Path
 import nbformat
 import pytest
 from processes import outcomes
-from test_python_interface import LONG, task, written
+from python_tasks import LONG, task, written
 
 DOCS = Path(__file__).parents[2] / "docs"
 BLOCK = re.compile(r"^```python\n(.*?)^```", re.DOTALL | re.MULTILINE)
