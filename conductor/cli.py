@@ -10,7 +10,7 @@ from schemas.words import counted
 import json
 import logging
 import sys
-from contextlib import AbstractContextManager, ExitStack
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -71,8 +71,6 @@ from twin.fabric.endpoint import LOOPBACK, NAMESPACE
 
 if TYPE_CHECKING:
     from conductor.stored.link import StoreOptions
-    from schemas.campaign import Campaign
-    from schemas.plan import Plan
 
 app = make_app(
     "conductor",
@@ -87,17 +85,6 @@ def strangers_named() -> AbstractContextManager[None]:
     from twin.fabric.refusals import refusals_logged
 
     return refusals_logged(logging.getLogger("conductor").warning)
-
-
-def _runs_alone(campaign: Campaign) -> bool:
-    """Whether two workers of it would take the processor from each other, or wait for each other at
-    the port of their scripts or for nodes that somebody else starts once."""
-    from schemas.kinds.bridge import bridges
-
-    bridge = bridges().get(campaign.autonomy.bridge)
-    if bridge is not None and (bridge.port > 0 or not campaign.autonomy.command):
-        return True
-    return campaign.clock == "realtime"
 
 
 @app.command("run")
@@ -131,45 +118,36 @@ def run_command(
     The same command again resumes where it stopped. For workers that you start yourself it is
     `conductor serve --campaign NAME --until-done`.
     """
-    from conductor.run.gpu_sharing import side_by_side
-    from conductor.run.gpu_turns import turns
-    from conductor.run.models import models_checked
-    from conductor.run.places import parse_workers, where
-    from conductor.run.source import chosen, load, with_drive
+    from conductor.run.requested import RunRequest, made_ready
 
-    sees = None if render is None else render is OnOff.on
-    loadable = load(campaign, seed=seed, render=sees, weather=weather)
-    plan = chosen(loadable, case, cases, rows, quick=quick)
-    loaded = plan.campaign
-    workers = "1" if workers is None and _runs_alone(loaded) else workers
-    plan = with_drive(plan) if record_drive else plan
-    asked, device = where(parse_workers(workers), device)
-    with ExitStack() as at_end:
-        computed = at_end.enter_context(side_by_side(device))
-        at_end.enter_context(turns(device))
-        with models_checked(plan, campaign, device):
-            # Here: importing it takes nearly as long as loading a network.
-            from conductor.run.command import RunOptions, local_workers, run_campaign
+    request = RunRequest(
+        campaign=campaign,
+        out=out,
+        workers=workers,
+        slots=slots,
+        device=device,
+        seed=seed,
+        case=case,
+        cases=cases,
+        rows=rows,
+        quick=quick,
+        weather=weather,
+        by_batch=by_batch,
+        history=history,
+        listen=listen,
+        view=view,
+        record_drive=record_drive,
+        render=None if render is None else render is OnOff.on,
+        memory_gb=memory_gb,
+        store=_store_options(store, durable),
+        json=output is Output.json,
+    )
+    with made_ready(request) as ready:
+        from conductor.run.command import run_campaign
 
-            options = RunOptions(
-                out=out or Path("runs") / loaded.campaign,
-                workers=asked,
-                slots=slots,
-                device=device,
-                by_batch=by_batch,
-                history=history,
-                listen=listen,
-                view=view,
-                memory_gb=memory_gb,
-                store=_store_options(store, durable),
-                json=output is Output.json,
-            )
-            local = local_workers(plan, options)
-            at_end.callback(local.stop)
-        keep_to_itself()  # keys and sessions are nothing for a stack of the same user
-        options = replace(options, key=own_key(key, insecure=insecure))
-        at_end.enter_context(strangers_named())
-        raise typer.Exit(run_campaign(plan, options, local, computed))
+        options = replace(ready.options, key=own_key(key, insecure=insecure))
+        with strangers_named():
+            raise typer.Exit(run_campaign(ready.plan, options, ready.workers, ready.computed))
 
 
 @app.command()
@@ -206,9 +184,10 @@ def serve(
         checked_address(metrics)
     with strangers_named():
         if campaign:
+            from conductor.run.requested import checked_plan
             from conductor.run.source import begun
 
-            plan = begun(_checked(campaign))
+            plan = begun(checked_plan(campaign))
             # Here, because only this way of serving needs it.
             from conductor.run.command import RunOptions, serve_until_done
 
@@ -258,22 +237,6 @@ def _store_options(url: str, durable: Durable) -> StoreOptions | None:
     return options
 
 
-def _checked(
-    source: str, *, seed: int | None = None, fetch: bool = True, weather: str = ""
-) -> Plan:
-    """The plan of a campaign whose models were looked at, too.
-
-    Raises:
-        UsageError: one line per mistake.
-    """
-    from conductor.run.models import check_models
-    from conductor.run.source import load
-
-    plan = load(source, seed=seed, fetch=fetch, weather=weather)
-    check_models(plan, source)
-    return plan
-
-
 @app.command()
 @with_options
 def submit(
@@ -295,10 +258,11 @@ def submit(
     Workers run what a campaign names, so an invitation of role admin does not open this.
     """
     from conductor.commands.client import client_of
+    from conductor.run.requested import checked_plan
     from conductor.run.source import begun, of_rows
     from twin.fabric.keys.roles import Role
 
-    plan = of_rows(_checked(campaign, seed=seed, weather=weather), rows, quick=quick)
+    plan = of_rows(checked_plan(campaign, seed=seed, weather=weather), rows, quick=quick)
     loaded = begun(plan).campaign
     with client_of(conductor, Role.submitter) as client:
         folder = client.submit(loaded, str(out.absolute()) if out else "", priority)
@@ -391,10 +355,12 @@ def validate(
 
     Nothing of it is run: a repository's set-up is only told.
     """
+    from conductor.run.requested import checked_plan
     from conductor.run.source import of_rows
 
     try:
-        plan = of_rows(_checked(campaign, fetch=fetch, weather=weather), rows, quick=quick)
+        plan = checked_plan(campaign, fetch=fetch, weather=weather)
+        plan = of_rows(plan, rows, quick=quick)
     except UsageError as error:
         if output is Output.json:
             print(json.dumps({"valid": False, "mistakes": str(error).splitlines()}))

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from hpc.options import Options, SchedulerName, own_bin_folder
+from hpc.options import Options, SchedulerName
 from hpc.sites.cli import OnOption, SitesOption, run_cancel, run_status, scale
 from hpc.software.cli import add_commands
 from schemas.kinds.batch_system import AUTO, batch_systems
@@ -30,10 +30,7 @@ from twin.base.errors import (
 from twin.base.option_record import with_options
 
 if TYPE_CHECKING:
-    from hpc.campaigns import CampaignFacts
-    from hpc.request import JobRequest
     from hpc.scheduler import Scheduler
-    from hpc.site import Site
 
 app = make_app(
     "hpc",
@@ -70,10 +67,12 @@ def render(
     The job's exit code is the verdict. Before its time is over it queues itself again and goes on.
     """
     from hpc.backends import backend
+    from hpc.requested import checked_request, scheduler_name
+    from hpc.site import load_site
 
-    site = _site(options)
-    system = backend(_scheduler_name(options, site))
-    facts, request = _checked(campaign, options, site)
+    site = load_site(options.site)
+    system = backend(scheduler_name(options, site))
+    facts, request = checked_request(campaign, options, site)
     if into is not None:
         from hpc.submit import write_files
 
@@ -102,13 +101,9 @@ def submit(
     """
     if on:
         raise typer.Exit(_submit_on(campaign, on, sites, options))
-    from hpc.backends import scheduler
-    from hpc.submit import submit as submit_job
+    from hpc.requested import submit_campaign
 
-    site = _site(options)
-    system = scheduler(_scheduler_name(options, site))
-    facts, request = _checked(campaign, options, site)
-    done = submit_job(request, system, facts.deadline_s)
+    done = submit_campaign(campaign, options)
     places = {"folder": shlex.quote(_short(done.out)), "log": shlex.quote(_short(done.log))}
     kind = batch_systems().find(done.scheduler)
     commands = {word: command.format(**places) for word, command in kind.afterwards}
@@ -209,10 +204,12 @@ def shell(
     from hpc.backends import scheduler
     from hpc.commands import become
     from hpc.interactive import shell_command
+    from hpc.requested import request_of, scheduler_name
+    from hpc.site import load_site
 
-    site = _site(options)
-    request = _request("interactive", options, site, remote_stacks=False)
-    system = scheduler(_scheduler_name(options, site))
+    site = load_site(options.site)
+    request = request_of("interactive", options, site, remote_stacks=False)
+    system = scheduler(scheduler_name(options, site))
     words = system.interactive(request, shell_command(request, command or []))
     if show:
         print(shlex.join(words))
@@ -274,79 +271,6 @@ def doctor(
         )
     if not diagnosis.can_submit:
         raise typer.Exit(EXIT_INFRASTRUCTURE)
-
-
-def _site(options: Options) -> Site:
-    from hpc.site import load_site
-
-    return load_site(options.site)
-
-
-def _scheduler_name(options: Options, site: Site) -> str:
-    return str(options.scheduler or site.scheduler)
-
-
-def _checked(campaign: str, options: Options, site: Site) -> tuple[CampaignFacts, JobRequest]:
-    from hpc.campaigns import checked
-
-    facts = checked(campaign)
-    request = _request(campaign, options, site, remote_stacks=facts.remote_stacks)
-    return facts, dataclasses.replace(
-        request,
-        campaign=facts.name,
-        remote_commands=facts.commands,
-        records=facts.records,
-        own_files=facts.files,
-    )
-
-
-def _request(campaign: str, options: Options, site: Site, *, remote_stacks: bool) -> JobRequest:
-    from hpc.request import JobRequest, parse_walltime
-    from hpc.script import job_name
-    from hpc.software.container import BIN_FOLDER
-    from twin.base.own_folder import own_folder
-
-    folder = options.out or Path("runs") / job_name(campaign)
-    bin_folder = options.bin_folder.absolute() if options.bin_folder else None
-    if bin_folder is None:
-        bin_folder = Path(BIN_FOLDER) if options.container else own_bin_folder()
-    return JobRequest(
-        campaign=campaign,
-        out=str(folder.absolute()),
-        folder=str(Path.cwd()),
-        bin_folder=str(bin_folder),
-        walltime_min=parse_walltime(options.time),
-        gpus=options.gpus,
-        workers=options.workers,
-        nodes=options.nodes,
-        partition=options.partition or site.partition,
-        account=options.account or site.account,
-        constraint=options.constraint or site.constraint,
-        slots=options.slots,
-        cpus_per_worker=options.cpus_per_worker
-        if options.cpus_per_worker is not None
-        else site.cpus_per_worker,
-        signal_lead_s=options.signal_lead,
-        restarts_max=options.restarts_max,
-        address=options.address,
-        interface=options.interface or ("" if options.address else site.interface),
-        modules=tuple(site.modules),
-        scratch=options.scratch or site.scratch,
-        directives=(*site.directives, *(options.directive or ())),
-        container=_image(options),
-        container_runtime=options.container_runtime.value,
-        container_binds=tuple(str(path.absolute()) for path in options.container_bind or ()),
-        home=str(own_folder()),
-        remote_stacks=remote_stacks,
-    )
-
-
-def _image(options: Options) -> str:
-    """A path as the nodes see it; podman also takes names such as ``org/name:1``."""
-    image = options.container
-    if not image or (options.container_runtime == "podman" and image[0] not in "/."):
-        return image
-    return str(Path(image).absolute())
 
 
 def _job(job: str, which: SchedulerName) -> tuple[Scheduler, str]:

@@ -52,7 +52,7 @@ class SearchLoad:
 
 
 @dataclass(frozen=True, slots=True)
-class SearchRun:
+class MeasuredSearch:
     """What came of a search."""
 
     chains: int
@@ -85,7 +85,7 @@ def bench_search(load: SearchLoad, *, as_json: bool, check: bool) -> int:
     return EXIT_FAILED if check else EXIT_PASS
 
 
-def measure_search(load: SearchLoad) -> SearchRun:
+def measure_search(load: SearchLoad) -> MeasuredSearch:
     """One search, from its submission to its end.
 
     Raises:
@@ -97,7 +97,7 @@ def measure_search(load: SearchLoad) -> SearchRun:
     campaign = core.state.campaigns[NAME]
     assert campaign.search is not None
     cases = len(campaign.ordered)
-    return SearchRun(
+    return MeasuredSearch(
         chains=load.chains,
         cases=cases,
         generations=len(campaign.search.results),
@@ -225,7 +225,7 @@ def _result(lease: Lease) -> Result:
     )
 
 
-def _table(load: SearchLoad, runs: list[SearchRun]) -> Table:
+def _table(load: SearchLoad, runs: list[MeasuredSearch]) -> Table:
     title = (
         f"{load.sampler}, generations of {load.generation}, {load.slots} slots, "
         f"lognormal times, sigma {load.spread:g}"

@@ -6,7 +6,7 @@ import json
 import sys
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -16,14 +16,11 @@ from conductor.commands.driving_command import driving_command
 from conductor.commands.fingerprint_command import fingerprint
 from conductor.commands.regress_command import regress_command
 from conductor.commands.verify_command import verify
-from schemas.words import counted, unended
+from schemas.words import counted
 from twin.base.cli import Output, OutputOption
-from twin.base.errors import EXIT_FAILED, UnfinishedError, UsageError, storage_error
+from twin.base.errors import EXIT_FAILED, UsageError, storage_error
 from twin.base.files import write_atomic
 from twin.stores.opening import is_url
-
-if TYPE_CHECKING:
-    from conductor.report.compare.comparison import Comparison
 
 NOTES_MAX = 20
 """Most notes on standard error; all of an import are in its folder."""
@@ -124,6 +121,7 @@ def compare_command(
     `fail`, `not_mitigated`, `inconclusive` or no verdict. Cases that are in one run only are listed
     and do not count.
     """
+    from conductor.report.compare.folders import compare_folders
     from conductor.report.compare.page import as_html, as_json, as_markdown
     from conductor.report.compare.text import print_comparison
 
@@ -140,31 +138,6 @@ def compare_command(
         print_comparison(comparison)
     if comparison.regressions:
         raise typer.Exit(EXIT_FAILED)
-
-
-def compare_folders(before: Path, after: Path) -> Comparison:
-    """Read and compare two campaign folders; every KPI file is checked on the way.
-
-    Raises:
-        UsageError: a folder holds no campaign, or they cannot be compared.
-        UnfinishedError: cases of one have not ended.
-        InfrastructureError: files are damaged.
-    """
-    from conductor.records.fingerprint import fingerprint
-    from conductor.report.compare.comparison import compare
-    from conductor.report.reading.dossier import open_dossier
-    from conductor.trust.sign_run import require_fit
-
-    for folder in (before, after):
-        require_fit(folder)
-    first, second = open_dossier(before), open_dossier(after)
-    for dossier in (first, second):
-        if not dossier.outcomes.complete:
-            raise UnfinishedError(
-                f"{dossier.folder}: {unended(dossier.left, len(dossier.rows))}; "
-                "run the campaign again to finish it, then compare"
-            )
-    return compare(first, second, fingerprint(before), fingerprint(after))
 
 
 def _write(path: Path, text: str) -> None:

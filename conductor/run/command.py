@@ -5,7 +5,6 @@ Without local workers it is ``conductor serve --until-done``, see :mod:`conducto
 from __future__ import annotations
 
 import contextlib
-import json
 import os
 import shlex
 import signal
@@ -18,23 +17,14 @@ from pathlib import Path
 
 import msgspec
 from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
 
 from conductor.commands.tables import search_line
 from conductor.core.state import Config
-from conductor.records.failures import told
 from conductor.records.fingerprint import Fingerprint, fingerprint
-from conductor.records.outcomes import Outcomes, count_outcomes, count_verdicts, read_outcomes
-from conductor.records.realtime import too_slow
-from conductor.records.search import read_search
-from conductor.run.case_lengths import all_ended, earlier_lengths, slots_in_use, use_line
+from conductor.records.outcomes import Outcomes, read_outcomes
+from conductor.run.case_lengths import all_ended, earlier_lengths
+from conductor.run.console import ConsoleListener, again, print_results
+from conductor.run.listener import RunListener, RunProgress
 from conductor.run.local_workers import LocalWorkers
 from conductor.run.places import WorkerPlace, WorkersOption, gpu_slots, on_cpu, on_gpus
 from conductor.run.report_preload import ReportPreload
@@ -51,7 +41,6 @@ from conductor.trust.sign_run import (
 )
 from schemas import SCHEMA_VERSION
 from schemas.campaign import Campaign
-from schemas.files.search_result import FILE_NAME as SEARCH_FILE
 from schemas.plan import Plan
 from schemas.sections.autonomy import UNPROTECTED, open_by_nature
 from schemas.sections.view_mode import ViewMode
@@ -77,10 +66,6 @@ POLL_S = 0.1
 """How often progress is looked at [s]."""
 DISMISS_S = 10.0
 """Longest wait for workers of other hosts to leave [s]."""
-AFTER_DEMO = (
-    "; next, try `conductor run aeb-demo --seed 9 --out runs/seed-9` or `conductor campaigns`"
-)
-"""Words for people who run something for the first time."""
 RESTARTS_MAX = 5
 """Workers that died without a case ending in between, before the run gives up."""
 
@@ -140,46 +125,89 @@ def _is_new(folder: Path) -> bool:
         return False  # the conductor says what is wrong with it
 
 
+@dataclass(frozen=True, slots=True)
+class RunResult:
+    """What a run came to."""
+
+    outcomes: Outcomes
+    fingerprint: Fingerprint
+    wall_s: float
+    """Duration of this start of the run [s]."""
+
+
 def run_campaign(
     plan: Plan,
     options: RunOptions,
     workers: LocalWorkers,
     computed: Callable[[], None] = lambda: None,
 ) -> int:
-    """Run ``plan`` to its end with ``workers`` of this machine; the exit code.
+    """Run ``plan`` to its end with ``workers`` of this machine, and print what it came to; the exit
+    code.
 
     ``computed`` is called when they have ended.
+    """
+    listener = ConsoleListener(Console(stderr=True))
+    with heeded() as signals:
+        try:
+            result = carry_out(plan, options, workers, computed, listener, signals)
+        except Interrupted as stop:
+            listener.say(f"stopped by {stop}; the same command goes on: {again()}")
+            return EXIT_INTERRUPTED if stop.number == signal.SIGINT else EXIT_UNFINISHED
+    if result is None:
+        return read_outcomes(options.out).exit_code
+    print_results(
+        plan.campaign,
+        options.out,
+        result.outcomes,
+        result.fingerprint,
+        wall_s=result.wall_s,
+        slots=workers.slots,
+        as_json=options.json,
+    )
+    return result.outcomes.exit_code
+
+
+def carry_out(
+    plan: Plan,
+    options: RunOptions,
+    workers: LocalWorkers,
+    computed: Callable[[], None],
+    listener: RunListener,
+    signals: Signals,
+) -> RunResult | None:
+    """Run ``plan`` to its end with ``workers`` of this machine; None: no report was asked for.
+
+    Args:
+        plan: the campaign with its cases.
+        options: how, and where to.
+        workers: see :func:`local_workers`.
+        computed: called when they have ended.
+        listener: hears what happens meanwhile.
+        signals: may ask the run to stop.
+
+    Raises:
+        Interrupted: it was asked to stop; the same call goes on.
+        TwinError: it could not go on.
     """
     if options.workers.count != 0 and not options.workers.gpus:
         device_class(options.device)  # refuses one that is not here before anything is written
     started = time.monotonic()
-    console = Console(stderr=True)
     campaign, cases = plan.campaign, len(plan.cases)
     if options.view is not None:
         campaign = msgspec.structs.replace(campaign, view=options.view.value)
     conductor = _conductor_of(options, workers)
-    with heeded() as signals:
-        try:
-            _execute(conductor, campaign, options, workers, cases, console, signals)
-            computed()
-            result = _conclude(campaign, options) if options.report else None
-        except Interrupted as stop:
-            console.print(
-                f"stopped by {stop}; the same command goes on: {again()}",
-                markup=False,
-                soft_wrap=True,
-            )
-            return EXIT_INTERRUPTED if stop.number == signal.SIGINT else EXIT_UNFINISHED
-        finally:
-            with contextlib.suppress(TwinError):
-                sign_again(options.out)
-            if conductor.link is not None:
-                conductor.link.keep_runs([options.out])
-    if result is None:
-        return read_outcomes(options.out).exit_code
-    outcomes, kpi_fingerprint = result
-    wall_s = time.monotonic() - started
-    return _tell(campaign, options, outcomes, kpi_fingerprint, wall_s, workers.slots)
+    try:
+        _execute(conductor, campaign, options, workers, cases, listener, signals)
+        computed()
+        if not options.report:
+            return None
+        outcomes, kpi_fingerprint = _conclude(campaign, options)
+    finally:
+        with contextlib.suppress(TwinError):
+            sign_again(options.out)
+        if conductor.link is not None:
+            conductor.link.keep_runs([options.out])
+    return RunResult(outcomes, kpi_fingerprint, time.monotonic() - started)
 
 
 def serve_until_done(plan: Plan, options: RunOptions) -> int:
@@ -210,7 +238,7 @@ def _execute(
     options: RunOptions,
     workers: LocalWorkers,
     cases: int,
-    console: Console,
+    listener: RunListener,
     signals: Signals,
 ) -> None:
     """Serve and work until every case has ended."""
@@ -225,7 +253,7 @@ def _execute(
             signals.release()
             serving.await_start()
             with metrics_of(conductor, options.metrics):
-                _work(conductor, campaign, options, workers, cases, console, signals)
+                _work(conductor, campaign, options, workers, cases, listener, signals)
         finally:
             signals.held = True
     finally:
@@ -240,7 +268,7 @@ def _work(
     options: RunOptions,
     workers: LocalWorkers,
     cases: int,
-    console: Console,
+    listener: RunListener,
     signals: Signals,
 ) -> None:
     """Submit the campaign to a conductor that serves, and wait until every case has ended."""
@@ -255,41 +283,34 @@ def _work(
         raise UsageError(reply.error)
     row = _row(conductor, campaign)
     if not row["left"]:
-        console.print(all_ended(options.out, cases), markup=False, soft_wrap=True)
+        listener.say(all_ended(options.out, cases))
         return
     cases = row["cases"]  # of a search, all that are proposed so far
     if row["left"] < cases:
         done = cases - row["left"]
-        console.print(
-            f"{options.out}: going on, {done} of {counted(cases, 'case')} done",
-            markup=False,
-            soft_wrap=True,
-        )
+        listener.say(f"{options.out}: going on, {done} of {counted(cases, 'case')} done")
     _check_software(row, options)
     places = _places(options, row["left"])
     slots = _slots(options, row["left"], len(places), workers.memory)
     if options.workers.per_gpu:
         devices = ", ".join(place.device for place in places)
-        console.print(f"workers on {devices} with {slots} slots each", markup=False)
+        listener.say(f"workers on {devices} with {slots} slots each")
     try:
         (conductor.folder / "logs").mkdir(exist_ok=True)
     except OSError as error:
         raise UsageError(f"{conductor.folder}: {error.strerror}") from None
     if line := unprotected(campaign, local=bool(places)):
-        console.print(line, markup=False, soft_wrap=True)
+        listener.say(line)
     key = str(shared(conductor.key)) if conductor.key else ""
     insecure = [] if is_tls(conductor.endpoint) else ["--insecure"]
     if ViewMode(campaign.view).shows:
-        console.print(
-            shlex.join(["look:", "viewer", "live", "--run", str(options.out), *insecure]),
-            markup=False,
-            soft_wrap=True,
-        )
+        look = ["look:", "viewer", "live", "--run", str(options.out), *insecure]
+        listener.say(shlex.join(look))
     try:
         workers.serve(WorkerStart(conductor.endpoint, slots, key), places)
         shown = options.report and campaign.simulator != "noop"
         report = ReportPreload(options.out) if shown else None
-        _wait(conductor, campaign, workers, report, console, signals)
+        _wait(conductor, campaign, workers, report, listener, signals)
         workers.ask()
         if report is not None:
             report.finish()  # while they end
@@ -324,19 +345,14 @@ def _wait(
     campaign: Campaign,
     workers: LocalWorkers,
     report: ReportPreload | None,
-    console: Console,
+    listener: RunListener,
     signals: Signals,
 ) -> None:
     if not workers.count:
-        console.print(
-            f"waiting for workers: twin worker --state {conductor.folder}",
-            markup=False,
-            soft_wrap=True,
-        )
+        listener.say(f"waiting for workers: twin worker --state {conductor.folder}")
     storage = ""
     printed: list[str] = []
-    with _progress(console) as progress:
-        bar = progress.add_task(campaign.campaign, total=None, note="starting")
+    with listener.watching():
         ended, said = -1, ""
         while True:
             signals.release()
@@ -346,17 +362,11 @@ def _wait(
             if ended != row["cases"] - row["left"]:
                 ended = row["cases"] - row["left"]
                 workers.died = 0
-                if not console.is_terminal:
-                    console.print(
-                        f"{campaign.campaign}: {ended} of {counted(row['cases'], 'case')} done"
-                    )
-            note = f"{row['passed']} passed, {row['leased']} running"
             if "search" in row and row["search"]["answer"] != said:
                 said = row["search"]["answer"]
-                progress.console.print(
-                    f"{campaign.campaign}: {search_line(row)}", markup=False, soft_wrap=True
-                )
-            progress.update(bar, total=row["cases"], completed=ended, note=note)
+                listener.say(f"{campaign.campaign}: {search_line(row)}")
+            name, cases = campaign.campaign, row["cases"]
+            listener.progress(RunProgress(name, cases, ended, row["passed"], row["leased"]))
             if not row["left"]:
                 return
             if row["leased"] and report is not None:
@@ -364,7 +374,7 @@ def _wait(
             for line in snapshot["notes"]:
                 if line not in printed:
                     printed.append(line)
-                    progress.console.print(line, markup=False, soft_wrap=True)
+                    listener.say(line)
             if (
                 snapshot["notes"]
                 and not row["leased"]
@@ -372,7 +382,7 @@ def _wait(
             ):
                 raise UsageError("no worker may run what is left; see the lines above")
             for line in workers.look():
-                progress.console.print(line, markup=False, soft_wrap=True)
+                listener.say(line)
             if workers.died > RESTARTS_MAX:
                 raise InfrastructureError(
                     f"{workers.died} workers died one after the other; see {workers.folder}/logs"
@@ -420,58 +430,8 @@ def _sign(folder: Path, outcomes: Outcomes, kpi_fingerprint: Fingerprint) -> Non
         print(f"conductor: {folder} is not signed: {error}", file=sys.stderr)
 
 
-def _tell(
-    campaign: Campaign,
-    options: RunOptions,
-    outcomes: Outcomes,
-    kpi_fingerprint: Fingerprint,
-    wall_s: float,
-    slots: int,
-) -> int:
-    counts, code = count_outcomes(outcomes), outcomes.exit_code
-    for line in told(options.out, outcomes):
-        print(line, file=sys.stderr)
-    if warning := too_slow(outcomes):
-        print(warning, file=sys.stderr)
-    if options.json:
-        shown = {
-            "campaign": campaign.campaign,
-            "out": str(options.out),
-            **counts,
-            "wall_s": round(wall_s, 3),
-            "slots_in_use": slots_in_use(outcomes),
-            "fingerprint": kpi_fingerprint.sha256,
-        }
-        print(json.dumps(shown))
-        return code
-    verdicts = ", ".join(
-        f"{n} {verdict}" for verdict, n in sorted(count_verdicts(outcomes).items())
-    )
-    print(f"{counts['passed']} of {counts['cases']} passed ({verdicts}) in {wall_s:.0f} s")
-    if line := use_line(outcomes, slots):
-        print(line)
-    print(f"fingerprint {kpi_fingerprint.sha256} {kpi_fingerprint.caveat}".rstrip())
-    if (options.out / SEARCH_FILE).exists():
-        found = read_search(options.out)
-        if found.answer is not None:
-            print(f"search: {found.answer.line()}; {found.ended}")
-    if campaign.simulator == "noop":
-        print(f"results: {options.out} (simulator noop: nothing was simulated, no report)")
-        return code
-    print(
-        f"report: {options.out / 'report.html'} - open it in a browser"
-        + (AFTER_DEMO if options.out.name == "aeb-demo" else "")
-    )
-    return code
-
-
 def _row(conductor: Conductor, campaign: Campaign) -> CampaignStatus:
     return conductor.snapshot()["campaigns"][campaign.campaign]
-
-
-def again() -> str:
-    """The command line of this process, to be typed once more."""
-    return shlex.join(["conductor", *sys.argv[1:]])
 
 
 def _check_software(row: CampaignStatus, options: RunOptions) -> None:
@@ -507,20 +467,6 @@ def _slots(options: RunOptions, left: int, workers: int, count: MemoryCount | No
     if count is None:
         return options.slots or 1
     return gpu_slots(left, workers, count.slots())
-
-
-def _progress(console: Console) -> Progress:
-    return Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[note]}"),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-        console=console,
-        # Without a terminal a redrawn bar is noise; lines are printed by the caller.
-        disable=not console.is_terminal,
-    )
 
 
 class _Serving(threading.Thread):

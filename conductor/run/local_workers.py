@@ -73,7 +73,8 @@ class LocalWorkers:
         return len(self.places)
 
     def start(self) -> None:
-        """Start as many as are missing. Only from the main thread (see ``spawn``)."""
+        """Start as many as are missing, always from the same thread, which outlives them (see
+        ``spawn``)."""
         taken = {child.place for child in self.children}
         for index in sorted(set(range(self.count)) - taken):
             self.started += 1

@@ -11,6 +11,7 @@ from typing import Any
 import msgspec
 from msgspec import UNSET
 
+from conductor.run.changes import NO_CHANGES, Changes
 from conductor.run.stack_check import stack_mistakes
 from conductor.run.twin_check import twin_mistakes
 from conductor.search.libraries import require
@@ -81,6 +82,7 @@ def load(
     fetch: bool = True,
     render: bool | None = None,
     weather: str = "",
+    changes: Changes = NO_CHANGES,
 ) -> Plan:
     """Load and check a campaign, with its cases.
 
@@ -91,13 +93,14 @@ def load(
         render: replaces the file's: whether cameras see.
         weather: weathers with commas between, or ``all``, in each of which all cases are run, in
             place of the file's; empty: as it is.
+        changes: further keys and axes in place of the file's.
 
     Raises:
         UsageError: one line per mistake.
     """
     path = find(name)
     shown = name if path.parent != _SHIPPED else path.name
-    data = read_extended(path, shown, find)
+    data = changes.made_in(read_extended(path, shown, find), shown)
     if seed is not None and isinstance(data, dict) and data.get("search"):
         data = {**data, "seed": seed}  # it decides what is proposed first
     if render is not None and isinstance(data, dict):
@@ -107,7 +110,8 @@ def load(
     plan, mistakes = check(data, path.parent)
     if plan is None:
         options = {"render": render is not None, f"matrix.{WEATHER_AXIS}": bool(weather)}
-        raise UsageError("\n".join(_line(mistake, shown, options) for mistake in mistakes))
+        lines = [changes.line(mistake) or _line(mistake, shown, options) for mistake in mistakes]
+        raise UsageError("\n".join(lines))
     campaign = plan.campaign
     if fetch:
         campaign = with_repository(campaign, shown)

@@ -21,7 +21,10 @@ class Interrupted(BaseException):
 
 
 class Signals:
-    """The first SIGINT or SIGTERM of a run raises :class:`Interrupted`; later ones do nothing."""
+    """The first SIGINT or SIGTERM of a run raises :class:`Interrupted`; later ones do nothing.
+
+    Off the main thread no signal arrives: there a run is stopped by :meth:`ask`.
+    """
 
     def __init__(self) -> None:
         self.held = False
@@ -36,6 +39,11 @@ class Signals:
         self._stop = Interrupted(number)
         if not self.held:
             raise self._stop
+
+    def ask(self, number: int) -> None:
+        """Ask the run to stop as the signal ``number`` would, from another thread: it is raised
+        when the run next calls :meth:`release`."""
+        self._stop = Interrupted(number)
 
     def release(self) -> None:
         """Raise what came while signals were held, or was swallowed by what it hit."""

@@ -146,9 +146,13 @@ def processes() -> str:
 
 def packages() -> str:
     """The packages in layers: each may import what is below it."""
-    d = Drawing(980, 462, "Packages: each imports only what lies below it")
+    d = Drawing(980, 516, "Packages: each imports only what lies below it")
+    d.box((20, 16, 940, 34), "drivetwin")
+    d.text(130, 37, "for programs and notebooks: what the commands do", size=12, colour=SOFT)
+    for x in (370, 570, 900):
+        d.arrow([(x, 50), (x, 72)], SOFT, both=False, width=2)
     d.box(
-        (20, 20, 220, 138),
+        (20, 74, 220, 138),
         "twin",
         "rig, worker, view, scenario, kpi",
         "vehicle, sensors, actors, road",
@@ -157,7 +161,7 @@ def packages() -> str:
         "the only one with Warp (*)",
     )
     d.box(
-        (260, 20, 220, 138),
+        (260, 74, 220, 138),
         "conductor",
         "core: pure decisions",
         "journal: the only SQLite",
@@ -166,7 +170,7 @@ def packages() -> str:
         "bench",
     )
     d.box(
-        (500, 20, 140, 138),
+        (500, 74, 140, 138),
         "viewer",
         "live, browser",
         "recording",
@@ -175,7 +179,7 @@ def packages() -> str:
         "the only Rerun",
     )
     d.box(
-        (660, 20, 160, 138),
+        (660, 74, 160, 138),
         "devkit",
         "stack, client",
         "hosting, checking",
@@ -183,38 +187,38 @@ def packages() -> str:
         "bridges, replaying",
         "training: only torch",
     )
-    d.box((840, 20, 120, 138), "hpc", "slurm, pbs", "software", "job scripts")
+    d.box((840, 74, 120, 138), "hpc", "slurm, pbs", "software", "job scripts")
     for x in (130, 370, 570, 740, 900):
-        d.arrow([(x, 158), (x, 186)], SOFT, both=False, width=2)
+        d.arrow([(x, 212), (x, 240)], SOFT, both=False, width=2)
     d.box(
-        (20, 188, 940, 54),
+        (20, 242, 940, 54),
         "twin.fabric",
         "bus, drive plane, keys and roles, front: the only package with Zenoh",
     )
-    d.box((20, 270, 300, 54), "twin.records", "KPI files, drive records, logs")
-    d.box((340, 270, 300, 54), "twin.sandbox", "bubblewrap around a stack")
-    d.box((660, 270, 300, 54), "twin.stack_identity", "what a stack consists of")
-    d.box((20, 348, 940, 34), "twin.base")
+    d.box((20, 324, 300, 54), "twin.records", "KPI files, drive records, logs")
+    d.box((340, 324, 300, 54), "twin.sandbox", "bubblewrap around a stack")
+    d.box((660, 324, 300, 54), "twin.stack_identity", "what a stack consists of")
+    d.box((20, 402, 940, 34), "twin.base")
     d.text(
-        130, 369, "errors, command lines, files, child processes, GPU set-up", size=12, colour=SOFT
+        130, 423, "errors, command lines, files, child processes, GPU set-up", size=12, colour=SOFT
     )
-    d.box((20, 400, 940, 34), "schemas")
+    d.box((20, 454, 940, 34), "schemas")
     d.text(
         130,
-        421,
+        475,
         "sections of the campaign, wire messages, files, identity: the standard "
         "library, NumPy, msgspec",
         size=12,
         colour=SOFT,
     )
     for x in (170, 490, 810):
-        d.arrow([(x, 242), (x, 268)], SOFT, both=False, width=2)
-        d.arrow([(x, 324), (x, 346)], SOFT, both=False, width=2)
-    d.arrow([(490, 382), (490, 398)], SOFT, both=False, width=2)
+        d.arrow([(x, 296), (x, 322)], SOFT, both=False, width=2)
+        d.arrow([(x, 378), (x, 400)], SOFT, both=False, width=2)
+    d.arrow([(490, 436), (490, 452)], SOFT, both=False, width=2)
     d.text(
         20,
-        453,
-        "The five at the top stand side by side: none imports another. (*) Two modules "
+        507,
+        "The five below drivetwin stand side by side: none imports another. (*) Two modules "
         "of devkit.detector use Warp as well, see docs/decisions/0013.",
         size=11,
         colour=SOFT,

@@ -248,3 +248,22 @@ def test_a_job_inside_a_container(marked, quiet, cluster, tmp_path, runtime):
     assert done.stdout.strip() == quiet["fingerprint"], done.stderr + job.text
     (compiled,) = compiled_in(place)
     assert compiled.startswith(LEFT_OUT), "kernels are kept outside the image"
+
+
+def test_a_job_from_python(cluster, tmp_path):
+    """What `hpc submit` does, asked for by a program, which then reads the run."""
+    (tmp_path / "small.yaml").write_text(
+        "campaign: small\nsimulator: noop\nmatrix: {repeat: [0, 1, 2]}\n"
+    )
+    submit = (
+        "import drivetwin\n"
+        "job = drivetwin.submit('small.yaml', time='00:30', workers=1, scheduler='slurm')\n"
+        "print(job.job, job.out)"
+    )
+    done = cluster.call(sys.executable, "-c", submit, folder=tmp_path)
+    number, out = done.stdout.split()
+    assert out == str(tmp_path / "runs" / "small")
+    assert cluster.wait(lambda: cluster.ended(number), "the end of the job")
+    code = f"import drivetwin; print(drivetwin.open({out!r}).summary())"
+    done = cluster.call(sys.executable, "-c", code, folder=tmp_path)
+    assert done.stdout.strip() == "3 of 3 passed (3 pass)"

@@ -26,6 +26,7 @@ FREE = {
     "twin/fabric/zenoh_bus.py:_tls": "the configuration of Zenoh",
     "twin/fabric/keys/rights.py:access_control": "the configuration of Zenoh",
     "conductor/run/source.py:_in_weathers": "a campaign's file before it is checked",
+    "conductor/run/changes.py:_with": "a campaign's file before it is checked",
     "schemas/files/proposals.py:beside": "a campaign's file, of the types of its sections",
     "hpc/doctor.py:as_json": "printed for scripts, with the facts of a machine",
 }

@@ -19,7 +19,7 @@ from planting import (
 )
 
 BUGS = load_catalogue()
-PACKAGES = {"schemas", "twin", "devkit", "conductor", "viewer", "hpc"}
+PACKAGES = {"schemas", "twin", "devkit", "conductor", "viewer", "hpc", "drivetwin"}
 LEAST = 120
 """Fewest entries."""
 

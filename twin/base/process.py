@@ -42,8 +42,9 @@ def spawn(
 ) -> subprocess.Popen[bytes]:
     """Start a child in a process group of its own, bound to this process.
 
-    Call it from the main thread: the kernel sends the death signal when the *thread* that forked
-    ends. Standard input is the lifeline; keep the ``Popen`` object.
+    Call it from the main thread, or from one that outlives the child: the kernel sends the death
+    signal when the *thread* that forked ends. Standard input is the lifeline; keep the ``Popen``
+    object.
 
     Args:
         arguments: command line.

@@ -66,7 +66,7 @@ def check_packages() -> None:
         UsageError: names the foreign package's folder.
     """
     home = Path(__file__).resolve().parents[2]
-    for package in ("schemas", "twin", "devkit", "conductor", "viewer", "hpc"):
+    for package in ("schemas", "twin", "devkit", "conductor", "viewer", "hpc", "drivetwin"):
         folder = package_folder(package)
         if folder != home / package:
             raise UsageError(

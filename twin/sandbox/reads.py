@@ -18,7 +18,7 @@ from twin.base.software import package_folder
 from twin.sandbox.view import SCRATCH
 from twin.stack_identity.identity import Named, stack_files
 
-PACKAGES = ("schemas", "twin", "devkit", "conductor", "viewer", "hpc")
+PACKAGES = ("schemas", "twin", "devkit", "conductor", "viewer", "hpc", "drivetwin")
 """Ours: each process looks whether it has the right ones."""
 
 _SITES = ("site-packages", "dist-packages")

@@ -23,7 +23,7 @@ from twin.base.errors import UsageError
 from twin.stack_identity.content import Budget, files_below
 from twin.stack_identity.installed import claimants, is_site
 
-OURS = frozenset({"schemas", "twin", "devkit", "conductor", "viewer", "hpc"})
+OURS = frozenset({"schemas", "twin", "devkit", "conductor", "viewer", "hpc", "drivetwin"})
 """Packages that the software digest speaks for."""
 
 SOURCE_BYTES_MAX = 16 << 20

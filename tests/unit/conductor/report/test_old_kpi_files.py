@@ -9,11 +9,11 @@ import msgspec
 import pyarrow.parquet as pq
 from unit.conductor.report.synthetic_campaign import make_campaign
 
-from conductor.commands.report_commands import compare_folders
 from conductor.records.fingerprint import fingerprint
 from conductor.records.outcomes import encode_outcomes, read_outcomes
 from conductor.report import make_report, report_json
 from conductor.report.autodrive.export import export_autodrive
+from conductor.report.compare.folders import compare_folders
 from schemas.files.kpi import NAMES
 from twin.records.kpi_file import COLUMNS_MIN, canonical, read_kpi
 

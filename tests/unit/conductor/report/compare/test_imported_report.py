@@ -15,10 +15,10 @@ from unit.conductor.report.autodrive_logs import MODELS, Rows, config, drive, wr
 from unit.conductor.report.synthetic_campaign import campaign_data, make_campaign, rested
 
 from conductor.cli import app
-from conductor.commands.report_commands import compare_folders
 from conductor.report import make_report, report_json, write_result_page
 from conductor.report.autodrive.export import export_autodrive
 from conductor.report.autodrive.importing import import_autodrive
+from conductor.report.compare.folders import compare_folders
 from conductor.report.compare.page import as_html, as_json, as_markdown
 from conductor.report.reading.dossier import open_dossier
 from twin.base.errors import UsageError

@@ -15,8 +15,8 @@ from typer.testing import CliRunner
 from unit.conductor.report.synthetic_campaign import campaign_data, drive, make_campaign
 
 from conductor.cli import app
-from conductor.commands.report_commands import compare_folders
 from conductor.records.outcomes import encode_outcomes, read_outcomes
+from conductor.report.compare.folders import compare_folders
 from conductor.report.compare.page import as_html, as_json, as_markdown, told
 from schemas.kinds.scenario import levels_of_verdicts, verdict_kinds
 from schemas.names import WEATHERS
