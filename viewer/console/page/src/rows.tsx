@@ -4,8 +4,8 @@ import { useEffect, useState } from "preact/hooks";
 import { useSize } from "./hooks";
 import { Chip } from "./parts";
 import { requery } from "./route";
-import type { Table } from "./table";
-import { plain, text } from "./words";
+import { headOf, type Table } from "./table";
+import { text } from "./words";
 
 const ROW_PX = 30;
 const MORE = 4;
@@ -31,7 +31,7 @@ export function Rows({ table, order, active, chosen, sort, onActive, onChoose, o
   const [top, setTop] = useState(0);
   const from = Math.max(0, Math.floor(top / ROW_PX) - MORE);
   const to = Math.min(order.length, Math.ceil((top + height) / ROW_PX) + MORE);
-  const columns = table.columns.filter((column) => column.name !== "verdict" && column.name !== "reason");
+  const columns = table.columns.filter((column) => column.name !== "verdict" && column.name !== "reason" && column.name !== "state");
   const place = order.indexOf(active);
   useEffect(() => frame.current?.scrollTo(0, 0), [sort]);
   const move = (event: KeyboardEvent): void => {
@@ -64,7 +64,7 @@ export function Rows({ table, order, active, chosen, sort, onActive, onChoose, o
             <Title name="verdict" title="verdict" sort={sort} />
             <th scope="col">why</th>
             {columns.map((column) => (
-              <Title key={column.name} name={column.name} title={`${column.title || plain(column.name)}${column.unit ? ` [${column.unit}]` : ""}`} sort={sort} />
+              <Title key={column.name} name={column.name} title={headOf(column)} sort={sort} />
             ))}
           </tr>
         </thead>
