@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import json
 import os
 import re
 from pathlib import Path
@@ -21,6 +20,7 @@ from browser_pages import (
     file_server,
     findings,
 )
+from console_findings import read, write, write_findings
 
 from viewer.bench.console_site import (
     AXES,
@@ -67,6 +67,9 @@ VIEWS = {
     "case": f"#/run/{RUN}/case/{WORST}?t=5",
     "beside": f"#/run/{RUN}/case/{WORST}/beside/{RUN}/{COLLISIONS[1].name}",
     "workers": f"#/run/{RUN}/workers",
+    "search": f"#/run/{RUN}/search",
+    "rulebook": f"#/run/{RUN}/rulebook",
+    "compare": f"#/compare/{RUN}/later",
     "lost": "#/nowhere",
 }
 
@@ -81,11 +84,9 @@ def browser():
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("console") / "site"
     write_site(folder, COUNT)
-    path = folder / "data" / "runs.json.js"
-    _, _, text = path.read_text().removesuffix(");\n").partition(", ")
-    runs = json.loads(json.loads(text))
-    more = json.dumps({**runs, "runs": [*runs["runs"], *MORE]})
-    path.write_text(f'consoleData("runs.json", {json.dumps(more)});\n')
+    runs = read(folder / "data", "runs.json")
+    write(folder / "data", "runs.json", {**runs, "runs": [*runs["runs"], *MORE]})
+    write_findings(folder, RUN, "later", [case.name for case in COLLISIONS])
     return folder
 
 
@@ -127,6 +128,9 @@ def ready(page: Any, view: str) -> None:
         "run": RUN,
         "beside": "Side by side",
         "workers": "Workers",
+        "search": "Bayesian search",
+        "rulebook": "FMVSS 127",
+        "compare": "later",
         "lost": "No such view",
     }
     if view in heads:
@@ -135,7 +139,7 @@ def ready(page: Any, view: str) -> None:
         expect(page.locator(".frame canvas")).to_have_attribute("data-tiles", re.compile(r"[1-9]"))
     if view == "rows":
         expect(page.locator(".rows tbody th").first).to_have_text(WORST)
-    if view in ("case", "beside", "workers"):
+    if view in ("case", "beside", "workers", "search"):
         expect(page.locator(".plot .main-svg").first).to_be_attached()
     if view in ("case", "beside"):
         film = page.locator(".film canvas").first
@@ -193,6 +197,43 @@ def test_a_damaged_campaign_is_said_and_the_others_are_shown(pages, site):
     expect(page.locator("main")).to_contain_text(HOSTILE)
     for link in page.get_by_role("navigation").get_by_role("link").all():
         expect(link).to_have_text("Campaigns")
+
+
+def test_what_a_search_a_rulebook_and_a_comparison_found_leads_to_cases(pages, site):
+    page = pages.open(address(site, "#/"))
+    page.get_by_role("link", name=f"Summary of {RUN}").click()
+    page.get_by_role("link", name="Search", exact=True).click()
+    ready(page, "search")
+    expect(page.locator("main")).to_contain_text("0 of 16 proposed cases failed")
+    plots = page.get_by_role("img", name=re.compile(" over "))
+    expect(plots).to_have_count(4)  # one per parameter
+    expect(page.get_by_role("region", name="Which parameters matter")).to_contain_text("0.500 to")
+    page.get_by_role("link", name=WORST).click()
+    expect(page.locator("h1")).to_have_text(WORST)
+    page.get_by_role("link", name="Rulebook", exact=True).click()
+    row = page.get_by_role("region", name="Stationary lead vehicle, lead-stationary")
+    expect(row).to_contain_text("ego speed 80 km/h")
+    expect(row).to_contain_text("contact at 55.5 km/h relative to the target")
+    expect(row.get_by_role("link", name="lead-stationary-ego.speed_kmh_80: fail")).to_be_visible()
+    page.goto(address(site, VIEWS["compare"]))
+    expect(page.get_by_text("Regression: 7 cases have become worse")).to_be_visible()
+    assert page.get_by_text("only the campaign differs").count() == 1
+    changed = page.get_by_role("region", name="Cases that changed")
+    expect(changed.get_by_role("link", name="yolov2-w25-1300-clear")).to_have_attribute(
+        "href", f"#/run/{RUN}/case/yolov2-w25-1300-clear/beside/later/yolov2-w25-1300-clear"
+    )
+
+
+def test_a_report_is_shown_in_a_frame_that_reaches_nothing(browser, site):
+    pages = OpenedPages(browser)
+    with file_server(site) as url:
+        page = pages.open(f"{url}#/run/{RUN}")
+        page.get_by_role("link", name="Report", exact=True).click()
+        report = page.frame_locator("iframe.report")
+        expect(report.get_by_role("heading", name="What came of it")).to_be_visible()
+        expect(report.locator("#reach")).to_have_text("kept apart")
+        expect(page.get_by_role("link", name="Open it alone")).to_be_visible()
+        pages.check(url)
 
 
 def test_neighbours_have_the_signs_of_their_verdicts(pages, site):

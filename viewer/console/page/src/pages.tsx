@@ -146,7 +146,8 @@ function RulebookRuns({ run, runs }: { run: string; runs: RulebookRun[] }): JSX.
       {runs.map((one) => (
         <li key={one.case}>
           <Icon verdict={one.status} />{" "}
-          <a href={toCase(run, one.case)} aria-label={`${one.case}: ${wordsOf(one.status)}`}>
+          <a href={toCase(run, one.case)}>
+            <span class="away">{one.case}: {one.impact_kmh === null ? "" : wordsOf(one.status)} </span>
             {one.impact_kmh === null ? wordsOf(one.status) : `${number(one.impact_kmh)} km/h`}
           </a>
           {!one.passed && one.reasons[0] && <span class="dim"> {one.reasons[0]}</span>}
@@ -159,6 +160,8 @@ function RulebookRuns({ run, runs }: { run: string; runs: RulebookRun[] }): JSX.
 interface Index {
   parameter: string;
   first: number;
+  first_low: number;
+  first_high: number;
   total: number | null;
 }
 interface Search {
@@ -218,8 +221,8 @@ export function SearchView({ run }: { run: string }): JSX.Element {
       )}
       {data.indices !== null && data.indices.kpi.length > 0 && (
         <Grid
-          title="Which parameters matter" columns={["parameter", "share alone", "share with others"]}
-          rows={data.indices.kpi.map((one) => [axisTitle(info.data, one.parameter), number(one.first), text(one.total)])}
+          title="Which parameters matter" columns={["parameter", "share alone (95 % interval)", "share with others"]}
+          rows={data.indices.kpi.map((one) => [axisTitle(info.data, one.parameter), `${number(one.first)} (${number(one.first_low)} to ${number(one.first_high)})`, text(one.total)])}
         />
       )}
       {data.coverage && (
