@@ -72,6 +72,10 @@ class LivePicture:
     """Grows with every picture of the run."""
     came_s: float
     """When it came, by the monotonic clock [s]."""
+    rig: str = ""
+    """Rig that it comes from; empty: of an earlier release."""
+    at_s: float | None = None
+    """When it was made, by the clock of its rig [s]."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -261,6 +261,8 @@ def _passed_on(shown: ShownRun, name: str) -> SiteAnswer:
         return as_json(json.loads(data, parse_constant=lambda _: None))
     except FileNotFoundError:
         raise UsageError(f"{shown.run.id}: there is no {name}") from None
+    except RecursionError:
+        raise UsageError(f"{shown.run.id}: {name} is damaged: nested too deeply") from None
     except ValueError as error:
         raise UsageError(f"{shown.run.id}: {name} is damaged: {error}") from None
 
