@@ -213,7 +213,8 @@ def _of_case(shown: ShownRun, case: str, name: str) -> SiteAnswer:
     match name:
         case "case.json":
             index = shown.index(case)
-            page = case_page(shown.attempt(case), shown.ending(case), shown.table(), index)
+            attempt, ending = shown.attempt(case), shown.ending(case)
+            page = case_page(attempt, ending, shown.table(), index, shown.campaign_file)
             return as_json(_with_links(shown, case, page))
         case "series.json":
             return as_json(case_series(shown.attempt(case)))

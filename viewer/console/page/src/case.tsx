@@ -336,7 +336,7 @@ function Rest({ run, info }: { run: string; info: CaseInfo }): JSX.Element {
 function Neighbour({ run, info, to, sign, axis }: { run: string; info: CaseInfo; to: Beside; sign: string; axis: string }): JSX.Element {
   return (
     <li>
-      {to.verdict !== undefined && <VerdictSign verdict={to.verdict ?? "waiting"} />}{" "}
+      {to.verdict !== undefined && <VerdictSign verdict={to.verdict ?? to.state ?? "waiting"} />}{" "}
       <a href={toCase(run, to.case)}>
         <span aria-hidden="true">{sign}</span> {text(to.value, called(axis).unit)}
       </a>{" "}

@@ -80,6 +80,7 @@ export interface Beside {
   case: string;
   value: Value;
   index?: number;
+  state?: string;
   verdict?: string | null;
 }
 

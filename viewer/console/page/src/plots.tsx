@@ -213,5 +213,5 @@ const titleOf = (overlays: Overlay[], name: string): string =>
 
 function unitOf(overlays: Overlay[], name: string): string {
   const unit = overlays.map(({ series }) => series.series[name]?.unit).find(Boolean) ?? called(name).unit;
-  return unit ? ` [${unit.replaceAll("<", "")}]` : "";
+  return unit ? ` [${unit.replaceAll("<", "").replace("^2", "²")}]` : "";
 }

@@ -235,7 +235,7 @@ const groupOf = (table: Table, name: string, index: number): string =>
 
 /** What stands above a column: its title with its unit. */
 export const headOf = (column: Column): string =>
-  column.title ? `${column.title}${column.unit ? ` [${column.unit}]` : ""}` : titled(column.name);
+  column.title ? `${column.title}${column.unit ? ` [${column.unit.replace("^2", "²")}]` : ""}` : titled(column.name);
 
 /** Title of an axis by its name. */
 export function axisTitle(info: RunInfo | null, name: string): string {

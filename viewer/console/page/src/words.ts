@@ -14,7 +14,7 @@ export function number(value: number): string {
 export function text(value: Value | undefined, unit = ""): string {
   if (value === null || value === undefined) return "–";
   const shown = typeof value === "number" ? number(value) : String(value).replaceAll("_", " ");
-  return unit ? `${shown} ${unit}` : shown;
+  return unit ? `${shown} ${unit.replace("^2", "²")}` : shown;
 }
 
 const UNITS: Record<string, string> = {
