@@ -1,16 +1,15 @@
-"""Pictures of the console for the documentation: ``make console-pictures RUN=runs/aeb-demo``.
+"""Pictures of the console for the documentation: ``make console-pictures RUN=runs/recorded``.
 
-Opens ``viewer web RUN`` in Chromium and takes the wall and the page of the worst case, as they
-stand on the screen. RUN should be recorded, else there are no pictures to show.
+Writes the console of RUN as files, opens them in Chromium, and takes the wall and the page of the
+worst case as they stand on the screen. RUN was recorded, else there are no pictures to show.
 """
 
 from __future__ import annotations
 
 import io
-import json
-import signal
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 from browser_pages import ARGUMENTS, CHROMIUM, PATIENCE_MS
@@ -24,31 +23,29 @@ QUALITY = 70
 
 def main(run: Path, out: Path) -> None:
     """Write ``console-wall.webp`` and ``console-case.webp`` into ``out``."""
-    command = [sys.executable, "-m", "viewer", "web", str(run), "--output", "json"]
-    server = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-    assert server.stdout is not None
-    try:
-        url = json.loads(server.stdout.readline())["url"]
-        with sync_playwright() as driver:
-            browser = driver.chromium.launch(executable_path=str(CHROMIUM), args=ARGUMENTS)
-            page = browser.new_page(viewport=SCREEN, reduced_motion="reduce")
-            page.set_default_timeout(PATIENCE_MS)
-            expect.set_options(timeout=PATIENCE_MS)
-            page.goto(url)
-            page.get_by_role("link", name="Open the wall").click()
-            frame = page.locator(".frame")
-            expect(frame.locator("canvas")).not_to_have_attribute("data-tiles", "0")
-            expect(frame).to_have_attribute("data-loading", "0")
-            shoot(page, out / "console-wall.webp")
-            page.get_by_role("link", name="Summary").click()
-            page.get_by_role("link", name="See why, and repeat it").click()
-            expect(page.locator(".film canvas")).not_to_have_attribute("data-frame", "")
-            expect(page.locator(".plot .main-svg").first).to_be_attached()
-            shoot(page, out / "console-case.webp")
-            browser.close()
-    finally:
-        server.send_signal(signal.SIGINT)
-        server.wait()
+    with (
+        tempfile.TemporaryDirectory(prefix="console-pictures-") as folder,
+        sync_playwright() as driver,
+    ):
+        site = Path(folder) / "site"
+        web = [sys.executable, "-m", "viewer", "web", str(run), "--static", str(site)]
+        subprocess.run(web, check=True)
+        browser = driver.chromium.launch(executable_path=str(CHROMIUM), args=ARGUMENTS)
+        page = browser.new_page(viewport=SCREEN, reduced_motion="reduce")
+        page.set_default_timeout(PATIENCE_MS)
+        expect.set_options(timeout=PATIENCE_MS)
+        page.goto((site / "index.html").as_uri())
+        page.get_by_role("link", name="Open the wall").click()
+        frame = page.locator(".frame")
+        expect(frame.locator("canvas")).not_to_have_attribute("data-tiles", "0")
+        expect(frame).to_have_attribute("data-loading", "0")
+        shoot(page, out / "console-wall.webp")
+        page.get_by_role("link", name="Summary").click()
+        page.get_by_role("link", name="See why, and repeat it").click()
+        expect(page.locator(".film canvas")).not_to_have_attribute("data-frame", "")
+        expect(page.locator(".plot .main-svg").first).to_be_attached()
+        shoot(page, out / "console-case.webp")
+        browser.close()
 
 
 def shoot(page: Page, path: Path) -> None:

@@ -167,7 +167,8 @@ def unit_of(name: str) -> str:
 
 
 def title_of(name: str) -> str:
-    """Name for people, without its unit: ``scenario.ego_start_m`` -> ``Ego start``, ``nearest_ttc_s`` -> ``Nearest TTC``."""
+    """Name for people, without its unit: ``scenario.ego_start_m`` -> ``Ego start``,
+    ``nearest_ttc_s`` -> ``Nearest TTC``."""
     if name in TITLES:
         return TITLES[name]
     suffix = next((suffix for suffix in UNITS if name.endswith(suffix)), "")
