@@ -94,7 +94,6 @@ export function Command({ text, label, plain: quiet = false }: { text: string; l
   const [said, setSaid] = useState("");
   const copy = async (): Promise<void> => {
     setSaid((await copied(text)) ? "Copied" : "Select it and copy it yourself");
-    setTimeout(() => setSaid(""), 4000);
   };
   return (
     <div class="command">
