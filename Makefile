@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN = $(VENV)/bin
 
-.PHONY: help install install-test install-test-all install-train install-bench demo driving test test-all test-rest audit-env faults redteam fuzz soak offline planted mutation check lock models integer-models console processors ablation frozen clean
+.PHONY: help install install-test install-test-all install-train install-bench demo driving test test-all test-rest audit-env faults redteam fuzz soak offline planted mutation check lock models integer-models console console-pictures processors ablation frozen clean
 
 help:
 	@echo "make demo     install, then run the eight-case demo campaign (again: resume)"
@@ -21,6 +21,7 @@ help:
 	@echo "make models   render the dataset, train the shipped detectors anew (-j4: all at once; DEVICE=cuda:0)"
 	@echo "make integer-models  render pictures, make the shipped detectors whole numbers again (some minutes)"
 	@echo "make console  build the console's page from viewer/console/page (Node, npm)"
+	@echo "make console-pictures  docs/images/console-*.webp from a recorded run: RUN=runs/recorded (Chromium)"
 	@echo "make processors  bytes of everything with AVX-512 and without, on a CPU that has it (half an hour)"
 	@echo "make planted  plants bugs one by one and runs the tests that must notice (half an hour)"
 	@echo "make mutation  small changes of the pure cores that no test notices (a quarter of an hour)"
@@ -184,6 +185,10 @@ frozen: install
 # The console's page: sources in viewer/console/page, built files in viewer/console/built. Node and npm are needed.
 console:
 	cd viewer/console/page && npm ci --no-audit --no-fund --ignore-scripts && npm run types && npm run build
+
+# Pictures of the console in docs/images; RUN was recorded (--view record), and a case of it failed. Chromium is needed.
+console-pictures: install-test
+	PYTHONPATH=tests $(BIN)/python tests/console_pictures.py $(RUN) docs/images
 
 clean:
 	rm -rf $(VENV) $(VENV)-lock build dist

@@ -35,8 +35,16 @@ class OpenedPages:
         self.allowed: list[str] = []
         """Beginnings of messages that a test provokes."""
 
-    def open(self, url: str, *, width: int = 1280, height: int = 800, theme: str = "light") -> Any:
-        """A page of a window of its own."""
+    def open(
+        self,
+        url: str,
+        *,
+        width: int = 1280,
+        height: int = 800,
+        theme: str = "light",
+        clock: bool = False,
+    ) -> Any:
+        """A page of a window of its own; ``clock``: a test may turn its clock on."""
         context = self.browser.new_context(
             viewport={"width": width, "height": height}, color_scheme=theme, reduced_motion="reduce"
         )
@@ -46,6 +54,8 @@ class OpenedPages:
         page.on("request", lambda request: self.asked.append(request.url))
         page.on("pageerror", lambda error: self.said.append(f"error: {error}"))
         page.on("console", lambda message: self.said.append(f"{message.type}: {message.text}"))
+        if clock:
+            page.clock.install()
         page.goto(url)
         return page
 
@@ -135,6 +145,7 @@ class LiveSite:
         self.changed = threading.Condition()
         self._server: http.server.ThreadingHTTPServer | None = None
         self._stopped = False
+        self._silent = False
 
     @property
     def url(self) -> str:
@@ -160,6 +171,27 @@ class LiveSite:
         self._server.shutdown()
         self._server.server_close()
 
+    @property
+    def cut(self) -> bool:
+        """Whether nobody is answered."""
+        return self._stopped
+
+    def fall_silent(self) -> None:
+        """The network swallows everything: lines stand, and nobody is answered."""
+        with self.changed:
+            self._silent = True
+
+    def speak(self) -> None:
+        """The network is back; who still waits is answered."""
+        with self.changed:
+            self._silent = False
+            self.changed.notify_all()
+
+    def hear(self) -> None:
+        """Wait while the network swallows everything."""
+        with self.changed:
+            self.changed.wait_for(lambda: self._stopped or not self._silent)
+
     def put(self, kind: str, **data: Any) -> None:
         """Send an event to all who follow, now or when they come back."""
         with self.changed:
@@ -182,13 +214,15 @@ class LiveSite:
             hello["version"] = self._versions()
         write(_event("hello", f"{self.epoch}-{at}", {**hello, "conductor_age_s": 0.1}))
         while True:
+            self.hear()
             with self.changed:
                 if self._stopped:
                     return
                 if at >= len(self.events) and not self.changed.wait(BEAT_S):
                     word = _event("workers", "", {"draining": False}) if self.talks else b""
-                    write(_event("beat", "", {}) + word)
-                fresh = list(enumerate(self.events))[at:]
+                    if not self._silent:
+                        write(_event("beat", "", {}) + word)
+                fresh = [] if self._silent else list(enumerate(self.events))[at:]
                 if self._stopped:
                     return
             for place, (kind, data) in fresh:
@@ -212,6 +246,10 @@ class LiveHandler(QuietHandler):
 
     def do_GET(self) -> None:
         """Events, runs by role, files."""
+        self.site.hear()
+        if self.site.cut:
+            self.close_connection = True  # a line that was kept open hears nothing either
+            return
         path, _, query = self.path.partition("?")
         if path == "/data/events":
             self.send_response(200)

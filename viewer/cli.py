@@ -428,6 +428,12 @@ def bench_command(
     rounds: Annotated[
         int, typer.Option(min=0, help="Runs of it with nobody, each kind of viewer, and recorded.")
     ] = 3,
+    pairs: Annotated[
+        int,
+        typer.Option(
+            min=0, help="Runs of it with a page of the console, each beside one without; 0: none."
+        ),
+    ] = 0,
     workers: Annotated[int | None, typer.Option(min=1, help="Of these runs.")] = None,
     slots: Annotated[int, typer.Option(min=1, max=4096, help="Of these runs.")] = 1,
     device: Annotated[str, typer.Option(help="Of these runs.")] = "cpu",
@@ -437,7 +443,8 @@ def bench_command(
     output: OutputOption = Output.human,
 ) -> None:
     """Measure what looking costs: the viewer's process, and the simulation's cases per minute."""
-    from viewer.bench.command import CAMPAIGN, SIMULATED, BenchOptions, bench
+    from viewer.bench.command import bench
+    from viewer.bench.running import CAMPAIGN, SIMULATED, BenchOptions
 
     if campaign is None:
         campaign, simulate = str(CAMPAIGN), simulate or SIMULATED
@@ -454,6 +461,7 @@ def bench_command(
             workers,
             slots,
             device,
+            pairs,
         ),
         page,
     )

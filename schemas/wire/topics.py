@@ -86,6 +86,7 @@ VIEW_CONTROL = Topic(
 # BLOCK holds up the feed's thread, never the simulator: what waits behind it has its own limit.
 FEED_RECORDED = Topic("feed/{rig}/recorded", "msgpack", "RecorderBatch", True)
 FEED_SCENE = Topic("feed/{rig}/scene", "msgpack", "nothing -> SceneMesh", True)
+FEED_CLOCK = Topic("feed/{rig}/clock", "msgpack", "nothing -> ClockReading", True)
 FEED_END = Topic("feed/{rig}/end", "msgpack", "FeedEnd", True)
 RECORDER_ALIVE = Topic("feed/{rig}/recorder", "msgpack", "liveliness token", False)
 
@@ -118,6 +119,7 @@ TOPICS: tuple[Topic, ...] = (
     VIEW_CONTROL,
     FEED_RECORDED,
     FEED_SCENE,
+    FEED_CLOCK,
     FEED_END,
     RECORDER_ALIVE,
 )

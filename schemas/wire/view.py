@@ -270,6 +270,20 @@ class Thumbnail(Judged, frozen=True):
     verdict: str = ""
     hand: str = ""
     """Intervention in the case: ``by hand``, ``paused``, ``steered``; empty: nothing."""
+    rig: str = ""
+    """Rig whose feed it comes from; empty: of an earlier release."""
+    at_s: float | None = None
+    """When the simulator was at :attr:`sim_time_ns`, by its rig's clock, see :class:`ClockReading`
+    [s]; None: of an earlier release."""
+
+
+class ClockReading(Struct, frozen=True):
+    """A rig's own clock, for viewers that want to know how old a picture is. No result has it."""
+
+    v: int
+    rig: str
+    clock_s: float
+    """Seconds since some moment; it neither jumps nor is set."""
 
 
 class FeedEnd(Struct, frozen=True):

@@ -20,8 +20,16 @@ from browser_pages import (
     file_server,
     findings,
 )
+from console_findings import read, write, write_findings
 
-from viewer.bench.console_site import AXES, HOSTILE, PER_STRIP, made_case, write_site
+from viewer.bench.console_site import (
+    AXES,
+    HOSTILE,
+    PER_STRIP,
+    made_case,
+    name_of,
+    write_site,
+)
 
 sync_api = pytest.importorskip("playwright.sync_api", reason="install the package 'playwright'")
 # The page's security policy forbids eval, so wait with `expect`, not with `wait_for_function`.
@@ -41,6 +49,15 @@ COLLISIONS = sorted(
     key=lambda case: -(case.impact_mps or 0),
 )
 WORST = COLLISIONS[0].name
+MORE = [
+    {"id": "later", "name": "later", "state": "waiting", "cases": 4, "done": 0, "verdicts": {}}
+    | dict.fromkeys(("started_s", "elapsed_s", "eta_s", "per_minute", "workers", "gpus"))
+    | {"device_hours": None, "error": None},
+    {"id": "broken", "name": "broken", "state": "damaged", "cases": 0, "done": 0, "verdicts": {}}
+    | dict.fromkeys(("started_s", "elapsed_s", "eta_s", "per_minute", "workers", "gpus"))
+    | {"device_hours": None, "error": f"outcomes.json: damaged: {HOSTILE}"},
+]
+"""Campaigns beside the one that has data: one that waits, one that cannot be read."""
 VIEWS = {
     "runs": "#/",
     "run": f"#/run/{RUN}",
@@ -50,6 +67,9 @@ VIEWS = {
     "case": f"#/run/{RUN}/case/{WORST}?t=5",
     "beside": f"#/run/{RUN}/case/{WORST}/beside/{RUN}/{COLLISIONS[1].name}",
     "workers": f"#/run/{RUN}/workers",
+    "search": f"#/run/{RUN}/search",
+    "rulebook": f"#/run/{RUN}/rulebook",
+    "compare": f"#/compare/{RUN}/later",
     "lost": "#/nowhere",
 }
 
@@ -64,6 +84,17 @@ def browser():
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("console") / "site"
     write_site(folder, COUNT)
+    runs = read(folder / "data", "runs.json")
+    write(folder / "data", "runs.json", {**runs, "runs": [*runs["runs"], *MORE]})
+    write_findings(folder, RUN, "later", [case.name for case in COLLISIONS])
+    return folder
+
+
+@pytest.fixture(scope="module")
+def one(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A console of one campaign, as a newcomer opens it."""
+    folder = tmp_path_factory.mktemp("one") / "site"
+    write_site(folder, COUNT, dossiers=4)
     return folder
 
 
@@ -73,11 +104,11 @@ def axe(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 
 @pytest.fixture
-def pages(browser: Any, site: Path):
+def pages(browser: Any, tmp_path_factory: pytest.TempPathFactory):
     """Pages from the disk; they may ask nobody and say nothing."""
     pages = OpenedPages(browser)
     yield pages
-    pages.check(site.as_uri())
+    pages.check(tmp_path_factory.getbasetemp().as_uri())
 
 
 def address(site: Path, hash_: str) -> str:
@@ -97,6 +128,9 @@ def ready(page: Any, view: str) -> None:
         "run": RUN,
         "beside": "Side by side",
         "workers": "Workers",
+        "search": "Bayesian search",
+        "rulebook": "FMVSS 127",
+        "compare": "later",
         "lost": "No such view",
     }
     if view in heads:
@@ -105,16 +139,41 @@ def ready(page: Any, view: str) -> None:
         expect(page.locator(".frame canvas")).to_have_attribute("data-tiles", re.compile(r"[1-9]"))
     if view == "rows":
         expect(page.locator(".rows tbody th").first).to_have_text(WORST)
-    if view in ("case", "beside", "workers"):
+    if view in ("case", "beside", "workers", "search"):
         expect(page.locator(".plot .main-svg").first).to_be_attached()
     if view in ("case", "beside"):
         film = page.locator(".film canvas").first
         expect(film).to_have_attribute("data-frame", re.compile(r"\d"))
 
 
-def test_a_new_user_finds_the_worst_case_and_the_command_that_repeats_it(pages, site):
-    page = pages.open(address(site, ""))
-    page.get_by_role("link", name="Open the wall").click()
+def test_a_newcomer_finds_the_worst_case_why_it_failed_and_the_command(pages, one):
+    """Two clicks, by what stands on the page alone."""
+    page = pages.open(address(one, ""))
+    expect(page.get_by_role("heading", name="The worst case", exact=True)).to_be_visible()
+    reason = f"collided with the van at {COLLISIONS[0].impact_mps} m/s"
+    expect(page.get_by_text(reason)).to_be_visible()
+    expect(page.get_by_alt_text(f"What the camera of {WORST} saw")).to_be_visible()
+    page.get_by_text("See why, and repeat it").click()
+    expect(page.get_by_role("heading", name=WORST)).to_be_in_viewport()
+    expect(page.get_by_text(reason).first).to_be_in_viewport()
+    film = page.get_by_role("img", name="Camera film")
+    expect(film).to_be_in_viewport()
+    expect(film).to_have_attribute("data-frame", re.compile(r"\d"))
+    expect(page.get_by_text("Repeat it")).to_be_in_viewport()
+    command = f"conductor run {RUN} --case {WORST} --view record --out again"
+    expect(page.get_by_text(command)).to_be_in_viewport()
+    page.get_by_text("Copy", exact=True).click()
+    expect(page.get_by_text("Copied")).to_be_visible()
+    page.evaluate("document.body.appendChild(document.createElement('textarea')).focus()")
+    page.keyboard.press("Control+V")
+    expect(page.locator("body > textarea")).to_have_value(command)
+
+
+def test_the_wall_leads_to_the_worst_case_by_keys(pages, site):
+    page = pages.open(address(site, "#/"))
+    page.get_by_role("link", name=f"Open the wall of {RUN}").click()
+    expect(page.get_by_text("Click a case to see why it ended so.")).to_be_visible()
+    expect(page.get_by_label("Sort")).to_have_value("worst")
     wall = page.get_by_role("listbox")
     wall.focus()
     page.keyboard.press("ArrowRight")  # the first tile: the wall stands worst first
@@ -123,12 +182,76 @@ def test_a_new_user_finds_the_worst_case_and_the_command_that_repeats_it(pages, 
     expect(details).to_contain_text(f"collided with the van at {COLLISIONS[0].impact_mps} m/s")
     page.keyboard.press("Enter")
     expect(page.locator("h1")).to_have_text(WORST)
-    expect(page.locator(".verdict")).to_contain_text("collision")
-    command = page.get_by_label("Command that repeats this case")
-    expect(command).to_have_text(f"conductor run {RUN} --case {WORST} --view record --out again")
-    page.get_by_role("button", name="Copy").click()
-    expect(page.locator(".command [role=status]")).to_have_text("Copied")
     expect(page.get_by_label("Traceback of the stack")).to_contain_text("stack.py")
+
+
+def test_a_damaged_campaign_is_said_and_the_others_are_shown(pages, site):
+    page = pages.open(address(site, "#/"))
+    damaged = page.get_by_role("listitem").filter(has_text="broken")
+    expect(damaged).to_contain_text("damaged")
+    expect(damaged).to_contain_text(HOSTILE)
+    assert damaged.get_by_role("link").count() == 0
+    choices = page.locator("form select").first.locator("option").all_text_contents()
+    assert set(choices) == {RUN, "later"}
+    page.goto(address(site, "#/run/broken"))
+    expect(page.locator("main")).to_contain_text(HOSTILE)
+    for link in page.get_by_role("navigation").get_by_role("link").all():
+        expect(link).to_have_text("Campaigns")
+
+
+def test_what_a_search_a_rulebook_and_a_comparison_found_leads_to_cases(pages, site):
+    page = pages.open(address(site, "#/"))
+    page.get_by_role("link", name=f"Summary of {RUN}").click()
+    page.get_by_role("link", name="Search", exact=True).click()
+    ready(page, "search")
+    expect(page.locator("main")).to_contain_text("0 of 16 proposed cases failed")
+    plots = page.get_by_role("img", name=re.compile(" over "))
+    expect(plots).to_have_count(4)  # one per parameter
+    expect(page.get_by_role("region", name="Which parameters matter")).to_contain_text("0.500 to")
+    page.get_by_role("link", name=WORST).click()
+    expect(page.locator("h1")).to_have_text(WORST)
+    page.get_by_role("link", name="Rulebook", exact=True).click()
+    row = page.get_by_role("region", name="Stationary lead vehicle, lead-stationary")
+    expect(row).to_contain_text("ego speed 80 km/h")
+    expect(row).to_contain_text("contact at 55.5 km/h relative to the target")
+    expect(row.get_by_role("link", name="lead-stationary-ego.speed_kmh_80: fail")).to_be_visible()
+    page.goto(address(site, VIEWS["compare"]))
+    expect(page.get_by_text("Regression: 7 cases have become worse")).to_be_visible()
+    assert page.get_by_text("only the campaign differs").count() == 1
+    changed = page.get_by_role("region", name="Cases that changed")
+    expect(changed.get_by_role("link", name="yolov2-w25-1300-clear")).to_have_attribute(
+        "href", f"#/run/{RUN}/case/yolov2-w25-1300-clear/beside/later/yolov2-w25-1300-clear"
+    )
+
+
+def test_a_report_is_shown_in_a_frame_that_reaches_nothing(browser, site):
+    pages = OpenedPages(browser)
+    with file_server(site) as url:
+        page = pages.open(f"{url}#/run/{RUN}")
+        page.get_by_role("link", name="Report", exact=True).click()
+        report = page.frame_locator("iframe.report")
+        expect(report.get_by_role("heading", name="What came of it")).to_be_visible()
+        expect(report.locator("#reach")).to_have_text("kept apart")
+        expect(page.get_by_role("link", name="Open it alone")).to_be_visible()
+        pages.check(url)
+
+
+def test_neighbours_have_the_signs_of_their_verdicts(pages, site):
+    page = pages.open(address(site, VIEWS["case"]))
+    ready(page, "case")
+    row = page.locator(".neighbours").filter(has=page.get_by_role("heading", name="Weather"))
+    place = AXES["weather"].index(COLLISIONS[0].axes["weather"])
+    beside = [
+        AXES["weather"][at] for at in (place - 1, place + 1) if 0 <= at < len(AXES["weather"])
+    ]
+    made = {case.name: case for case in map(made_case, range(COUNT))}
+    assert beside
+    for value in beside:
+        other = made[name_of({**COLLISIONS[0].axes, "weather": value})]
+        item = row.get_by_role("listitem").filter(has_text=value.replace("_", " "))
+        expect(item).to_contain_text(f"{other.verdict.replace('_', ' ')}:")
+        expect(item.locator(".icon")).to_be_visible()
+    expect(row.get_by_text("(this case)")).to_be_attached()
 
 
 @pytest.mark.parametrize("theme", ["light", "dark"])
@@ -266,7 +389,7 @@ def test_the_first_tick_that_differs_is_marked_and_both_stand_there(pages, site)
     words = page.locator(".box.notice").inner_text()
     moment = re.search(r"They differ first at ([\d.]+) s", words)
     assert moment, words
-    page.get_by_role("button", name="To impact").click()
+    page.get_by_role("button", name="To the impact").click()
     page.get_by_role("button", name="To first difference").click()
     expect(page.locator(".player output")).to_have_text(f"{moment[1]} s")
     frames = {film.get_attribute("data-frame") for film in page.locator(".film canvas").all()}
@@ -281,7 +404,7 @@ def test_what_is_not_there_is_said_and_nothing_else_breaks(pages, site):
     expect(page.get_by_text("is not part of this console")).to_be_visible()
     page.goto(address(site, "#/run/nobody/wall"))
     expect(page.get_by_text("is not part of this console").first).to_be_visible()
-    page.get_by_role("link", name="Campaign", exact=True).click()
+    page.get_by_role("link", name="Campaigns", exact=True).click()
     expect(page.locator("h1")).to_have_text("Campaigns")
 
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import http.client
 import json
+import os
+from collections.abc import Callable
 from urllib.parse import urlsplit
 
 from attacks import Found, attack, refused_if
@@ -103,6 +105,67 @@ def markup_in_a_log(theatre: Theatre) -> Found:
         if not harmless:
             return Found("open", f"{name}: {dict(headers)}")
     return Found("refused", "data of one type, escaped; scripts come from files of ours alone")
+
+
+@attack(11, "reads the console from a page of another site", "a web site", "none")
+def read_from_elsewhere(theatre: Theatre) -> Found:
+    """Every kind of address, the events among them, under another origin and another name."""
+    theatre.serve()
+    theatre.submit("victim")
+    words = ("viewer", "web", "--state", str(theatre.state), "--output", "json")
+    child = theatre.marked.start(*words)
+    assert child.stdout is not None
+    port = urlsplit(json.loads(child.stdout.readline())["url"]).port
+    wait_for(lambda: b'"victim"' in _asked(port, "/data/runs.json", {})[1], "the campaign")
+    data = ("runs.json", "events", "runs/victim/run.json", "runs/victim/table.json")
+    paths = [f"/data/{name}" for name in (*data, "runs/victim/workers.json", "compare/a/b.json")]
+    paths += ["/", "/view", "/running.json", "/about.json", "/report/victim/report.html"]
+    statuses = {
+        _asked(port, path, headers)[0]
+        for path in paths
+        for headers in ({"Origin": "http://evil.example"}, {"Host": "evil.example"})
+    }
+    return refused_if(
+        statuses == {403}, f"{len(paths)} addresses, HTTP 403", f"HTTP {sorted(statuses)}"
+    )
+
+
+@attack(11, "hides other campaigns from the console's list", "who writes a run folder", "files")
+def run_that_hides_others(theatre: Theatre) -> Found:
+    """Outcomes that are no file, damaged, nested too deeply or too large, beside a whole run."""
+    pages = Pages(theatre)
+    outcomes = pages.run / "outcomes.json"
+    evil: tuple[Callable[[], object], ...] = (
+        lambda: outcomes.write_bytes(bytes(1000)),
+        lambda: outcomes.write_bytes(b"[" * 200_000),
+        lambda: outcomes.symlink_to("/dev/zero"),
+        lambda: os.mkfifo(outcomes),
+        lambda: (outcomes.touch(), os.truncate(outcomes, 1 << 40)),
+    )
+    (theatre.folder / "victim" / "cases").mkdir(parents=True)
+    port = pages.open(theatre.folder)
+    for make in evil:
+        make()
+        status, data = _asked(port, "/data/runs.json", {})
+        rows = {row["id"]: row["error"] for row in json.loads(data)["runs"]} if data else {}
+        outcomes.unlink()
+        if status != 200 or rows.get("victim", "lost") is not None or not rows["run"]:
+            return Found("open", f"HTTP {status}: {rows}")
+    return Found("refused", f"one line says what is wrong with it; {len(evil)} tries")
+
+
+@attack(11, "a report whose script asks the console", "who writes a run folder", "its user")
+def report_that_asks(theatre: Theatre) -> Found:
+    """What a browser lets a report do: it has no origin, and may load nothing."""
+    pages = Pages(theatre)
+    script = "<script>fetch('/data/runs.json').then(r => location = 'http://evil.example')</script>"
+    (pages.run / "report.html").write_text(script)
+    _, data, headers = _answer(pages.open(), "/report/run/report.html")
+    assert script.encode() == data
+    rules = dict(rule.split(" ", 1) for rule in headers["Content-Security-Policy"].split("; "))
+    shut = rules["sandbox"] == "allow-scripts" and rules["default-src"] == "'none'"
+    shut = shut and not {"connect-src", "frame-src", "worker-src"} & set(rules)
+    return refused_if(shut, "an origin of its own, which may ask nobody", str(rules))
 
 
 def _asked(

@@ -172,9 +172,10 @@ class Pages:
         write(self.attempt, case="c")
         self._theatre = theatre
 
-    def open(self) -> int:
-        """Start; its port."""
-        child = self._theatre.marked.start("viewer", "web", str(self.run), "--output", "json")
+    def open(self, folder: Path | None = None) -> int:
+        """Start on the run, or a folder of several; its port."""
+        where = str(folder or self.run)
+        child = self._theatre.marked.start("viewer", "web", where, "--output", "json")
         assert child.stdout is not None
         line = child.stdout.readline()
         assert line, child.communicate()

@@ -6,6 +6,7 @@ beside ``thumbnail`` for the wall, and ``start`` and ``state`` for those who loo
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 
 from schemas.kinds.sensor import pictured_kinds
@@ -34,11 +35,26 @@ class Demand:
         self._shows = mode.shows
         self._focused: set[int] = set()
         """Tokens of the cases that are shown in full."""
+        self._begun_s: float | None = None
+        """When the first thumbnail of all was due [s]; None: none was."""
 
     def wall(self) -> bool:
         """Whether somebody looks at the wall of all cases."""
         everything = topics.VIEW_THUMBNAIL.key.format(campaign="*", case="*")
         return self._shows and self._bus.wanted(everything)
+
+    def small(self, run: SlotRun, now_s: float) -> bool:
+        """Whether the wall is due a thumbnail of ``run``: its first one at once, then with those of
+        all other cases of the rig. So a camera that nobody else looks at is read twice a second,
+        however many cases there are."""
+        return "thumbnail" not in run.shown_s or self._beat(now_s) > self._beat(
+            run.shown_s["thumbnail"]
+        )
+
+    def _beat(self, at_s: float) -> int:
+        """Whole periods since the first thumbnail of all."""
+        # A hair early rather than a period late: sums of periods are not whole in floating point.
+        return math.floor((at_s - (self._begun_s or 0.0)) / PERIODS_S["thumbnail"] + 1e-6)
 
     def singles(self) -> bool:
         """Whether somebody looks at some single case, not necessarily of this rig."""
@@ -72,8 +88,10 @@ class Demand:
         names = set(sensed)
         due = set()
         blind = not run.lease.case.rig.seeing
-        if wall and (blind or "camera" in names) and _elapsed(run, "thumbnail", now_s) >= 1:
+        if wall and (blind or "camera" in names) and self.small(run, now_s):
             due.add("thumbnail")
+            if self._begun_s is None:
+                self._begun_s = now_s
         if singles and self.focused(run):
             shown = [n for n in names if n.partition(".")[0] in ("camera", "lidar")]
             shown += (kind.name for kind in pictured_kinds(names))

@@ -25,7 +25,6 @@ from schemas.wire.view import (
     StateSample,
     Thumbnail,
 )
-from twin.rig.slot import Finished
 from twin.vehicle.state import COLUMN
 from twin.view.items import Began, Scenery, ShownEnd, SlotRun, SlotSeen, Ticked
 from twin.view.quality import Quality
@@ -57,7 +56,8 @@ class ViewMessage(NamedTuple):
 class Encoder:
     """Items of the view's queue -> messages; remembers what an attempt has shown."""
 
-    def __init__(self) -> None:
+    def __init__(self, rig: str) -> None:
+        self._rig = rig
         self._stages: dict[tuple[str, str, int | None], Stage] = {}
         self._scene: SceneMesh | None = None
         self._shown: dict[int, _Shown] = {}
@@ -126,11 +126,11 @@ class Encoder:
             before = self._shown.get(token)
             small = b"" if snapshot.image is None else jpeg(snapshot.image, THUMBNAIL_WIDTH_PX)
             shown = self._shown[token] = _Shown(small, snapshot, before.count + 1 if before else 1)
-            messages.append(_thumbnail(item.run.lease, shown, None))
+            messages.append(_thumbnail(self._rig, item.run.lease, shown, None))
         return recorded, messages
 
     def _end(self, item: ShownEnd) -> tuple[list[RecorderSample], list[ViewMessage]]:
-        finished, token = item.finished, item.run.lease.token
+        token = item.run.lease.token
         recorded: list[RecorderSample] = []
         messages: list[ViewMessage] = []
         if item.seq >= 0:
@@ -144,7 +144,7 @@ class Encoder:
             messages.append(ViewMessage(topics.VIEW_LIVE_END, encode(end)))
         shown = self._shown.pop(token, None)
         if item.thumbnail and shown is not None:
-            messages.append(_thumbnail(item.run.lease, shown, finished))
+            messages.append(_thumbnail(self._rig, item.run.lease, shown, item))
         return recorded, messages
 
 
@@ -226,8 +226,8 @@ def _camera_sample(snapshot: SlotSeen, token: int, seq: int) -> CameraSample:
     )
 
 
-def _thumbnail(lease: Lease, shown: _Shown, finished: Finished | None) -> ViewMessage:
-    case, snapshot = lease.case, shown.snapshot
+def _thumbnail(rig: str, lease: Lease, shown: _Shown, end: ShownEnd | None) -> ViewMessage:
+    case, snapshot, finished = lease.case, shown.snapshot, end.finished if end else None
     speed_mps = float(snapshot.state[COLUMN["speed_mps"]])
     dtc_m = float(snapshot.state[COLUMN["dtc_m"]]) if snapshot.target else None
     time_ns = snapshot.sim_time_ns
@@ -254,5 +254,7 @@ def _thumbnail(lease: Lease, shown: _Shown, finished: Finished | None) -> ViewMe
         hand=snapshot.label,
         outcome=finished.outcome if finished else "",
         verdict=finished.verdict if finished else "",
+        rig=rig,
+        at_s=end.at_s if end else snapshot.at_s,
     )
     return ViewMessage(topics.VIEW_THUMBNAIL, shown.picture, encode(thumbnail))

@@ -41,6 +41,8 @@ class SlotSeen:
     """Grids that are drawn as pictures by message name, as their sensors declare them."""
     label: str = ""
     """See :attr:`SlotRun.label`."""
+    at_s: float | None = None
+    """When the simulator was there, by the rig's clock [s]; None: nobody asked."""
     target: bool = True
     """Something stands in the lane, to which the state's distance is measured."""
     nearest: tuple[float | None, float | None] | None = None
@@ -144,6 +146,8 @@ class ShownEnd:
     last_row: bool
     """The last KPI row has not been sent with a tick."""
     sim_time_ns: int
+    at_s: float | None = None
+    """When it ended, by the rig's clock [s]."""
     thumbnail: bool = False
     live: bool = False
     """A viewer looks at this case alone."""

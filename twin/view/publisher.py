@@ -20,7 +20,7 @@ from schemas.kinds.sensor import pictured_kinds, sensor_kinds
 from schemas.messages import Command
 from schemas.wire import topics
 from schemas.wire.codec import encode
-from schemas.wire.view import POINTS_MAX, FeedEnd, ViewMode
+from schemas.wire.view import POINTS_MAX, ClockReading, FeedEnd, ViewMode
 from twin.base.channel import BoundedChannel
 from twin.base.errors import TwinError
 from twin.fabric.bus import Bus, Cancel, Respond
@@ -123,6 +123,7 @@ class ViewPublisher(View):
         bus.watch(topics.RECORDER_ALIVE.key.format(rig=rig), self._on_recorder)
         if mode.shows:
             bus.serve(topics.FEED_SCENE.key.format(rig=rig), self._on_asked)
+            bus.serve(topics.FEED_CLOCK.key.format(rig=rig), self._on_clock_asked)
         threading.Thread(target=self._run, name="view-feed", daemon=True).start()
 
     # --- the simulator's loop ---------------------------------------------------------------
@@ -148,12 +149,18 @@ class ViewPublisher(View):
 
     def wanted(self) -> Wanted:
         """See :class:`SlotListener`: a recording has everything, and so has a case that somebody
-        looks at alone; the wall of all cases has their first camera."""
+        looks at alone; the wall of all cases has their first camera, when a thumbnail is due."""
         if any(run.recorded for run in self._runs.values()) and not self._recorder_gone:
             return None
         if self._demand.singles() and any(map(self._demand.focused, self._runs.values())):
             return None
-        return frozenset(["camera"]) if self._demand.wall() else NOTHING
+        engine = self._engine
+        if engine is None or not self._demand.wall():
+            return NOTHING
+        now_s = time.monotonic()
+        active = (run for slot, run in self._runs.items() if engine.active[slot])
+        due = any(self._demand.small(run, now_s) for run in active)
+        return frozenset(["camera"]) if due else NOTHING
 
     def commanded(self, tick: RigTick) -> None:
         """See :class:`SlotListener`: shows the cases that take part in a tick."""
@@ -192,7 +199,9 @@ class ViewPublisher(View):
         wall, live = self._demand.wall(), self._demand.ended(run)
         if run.recorded or wall or live:
             # Size 0 always fits: however full the queue is, the verdict gets through.
-            self._channel.offer(ShownEnd(run, seq, finished, last_row, time_ns, wall, live), 0)
+            at_s = time.monotonic() if wall else None
+            shown = ShownEnd(run, seq, finished, last_row, time_ns, at_s, wall, live)
+            self._channel.offer(shown, 0)
 
     def withdrawn(self, slot: Slot) -> None:
         """See :class:`SlotListener`."""
@@ -284,6 +293,7 @@ class ViewPublisher(View):
             clouds={n: _thinned(sensed[n], slot) for n in due if n.startswith("lidar.")},
             grids={kind.name: sensed[kind.name].of(slot) for kind in pictured_kinds(due)},
             label=run.label if run else "",
+            at_s=time.monotonic() if "thumbnail" in due else None,
             target=run is not None and run.target is not None,
             nearest=engine.closest(slot),
             movers=_movers(engine, slot) if recorded or "state" in due else None,
@@ -303,6 +313,10 @@ class ViewPublisher(View):
         if self._engine is not None:
             self._channel.offer(WorldRequest(self._engine.world, respond), 0)
 
+    def _on_clock_asked(self, _request: bytes, respond: Respond) -> None:
+        """A viewer wants to know how old our pictures are."""
+        respond(encode(ClockReading(v=SCHEMA_VERSION, rig=self._rig, clock_s=time.monotonic())))
+
     def _run(self) -> None:
         if not self._recorder_gone and not self._recorder.wait(RECORDER_WAIT_S):
             self._recorder_gone = True
@@ -310,7 +324,7 @@ class ViewPublisher(View):
         # Late: the engine that this item comes from has loaded Warp already.
         from twin.view.encoder import Encoder
 
-        encoder, batch = Encoder(), SampleBatch()
+        encoder, batch = Encoder(self._rig), SampleBatch()
         while item is not END:
             if isinstance(item, WorldRequest):
                 item.respond(encoder.scene(item.world))

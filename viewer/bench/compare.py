@@ -10,7 +10,8 @@ yardstick misses it by more than its noise, and not shown if neither reaches it 
 from __future__ import annotations
 
 import statistics
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 from twin.base.errors import UsageError
@@ -55,6 +56,17 @@ class CampaignWindow:
 
 
 @dataclass(frozen=True, slots=True)
+class LookedOn:
+    """What came of a page that looked at a campaign."""
+
+    cpu_share: float
+    """Share of a core that the console took, from the first picture on [-]."""
+    pictures: int
+    lags_s: tuple[float, ...]
+    """Of each second, the longest time from the simulator to the page [s]."""
+
+
+@dataclass(frozen=True, slots=True)
 class CampaignRun:
     """One run of a campaign."""
 
@@ -63,6 +75,18 @@ class CampaignRun:
     fingerprint: str
     recordings_mb: tuple[float, ...] = ()
     """Size of each recording [MB]."""
+    rig_wall_s: dict[str, float] = field(default_factory=dict)
+    """Wall time that each case took of its rig [s]."""
+    looked: LookedOn | None = None
+    """What came of its page; None: nobody looked."""
+
+
+def lag_of(lags_s: Sequence[float]) -> dict[str, float | None]:
+    """How far pictures lagged behind the simulators, second by second; None: nobody knows."""
+    return {
+        "lag_max_s": max(lags_s, default=None),
+        "lag_median_s": round(statistics.median(lags_s), 3) if lags_s else None,
+    }
 
 
 def window(samples: list[CourseSample], at_once: int) -> CampaignWindow:

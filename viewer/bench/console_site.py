@@ -164,6 +164,15 @@ def summary_of(run: str, cases: list[MadeCase], *, running: bool) -> dict[str, A
     }
 
 
+def beside_of(name: str, value: Any, names: dict[str, int]) -> dict[str, Any] | None:
+    """A neighbour in the matrix, with its verdict; None: there is no such case."""
+    if name not in names:
+        return None
+    index = names[name]
+    verdict = made_case(index).verdict
+    return {"case": name, "value": value, "index": index, "verdict": verdict}
+
+
 def case_of(
     case: MadeCase, index: int, names: dict[str, int], *, recording: bool = True
 ) -> dict[str, Any]:
@@ -175,7 +184,7 @@ def case_of(
         for side, at in (("before", place - 1), ("after", place + 1)):
             if 0 <= at < len(values):
                 name = name_of({**case.axes, axis: values[at]})
-                found[side] = {"case": name, "value": values[at]} if name in names else None
+                found[side] = beside_of(name, values[at], names)
         beside[axis] = found
     failed = case.verdict == "collision"
     trace = ["Traceback (most recent call last):", '  File "stack.py", line 7', HOSTILE]

@@ -54,12 +54,15 @@ class _Page:
         self._address, self._base = address, base
         self._cases: list[str] = []
         self._waiting: dict[int, tuple[int, float]] = {}
-        """Place of a case -> number of its picture, and when the console got it."""
+        """Place of a case -> number of its picture, and when it was made."""
         self._change = threading.Condition()
         self._line = http.client.HTTPConnection(address, timeout=PATIENCE_S)
         self.seen = 0
-        self.lag_s = 0.0
-        """Longest time from a picture's coming to the console to its being here [s]."""
+        self.lag_s: float | None = None
+        """Longest time from the simulator's being there to the picture's being here [s]; None:
+        no picture came, or nobody knows it of all."""
+        self._known = True
+        """Whether all ages since the last word counted from the simulator."""
         for _ in range(LINES):
             threading.Thread(target=self._load, daemon=True).start()
 
@@ -69,8 +72,10 @@ class _Page:
         def tell() -> None:
             while True:
                 time.sleep(period_s)
-                said = {"pictures": self.seen, "lag_s": round(self.lag_s, 3)}
-                self.lag_s = 0.0
+                with self._change:
+                    lag_s = self.lag_s if self._known else None
+                    self.lag_s, self._known = None, True
+                    said = {"pictures": self.seen, "lag_s": lag_s}
                 print(json.dumps(said), flush=True)
 
         threading.Thread(target=tell, daemon=True).start()
@@ -86,6 +91,7 @@ class _Page:
         elif kind == "picture":
             now_s = time.monotonic()
             with self._change:
+                self._known &= data["from"] == "simulator"
                 self._waiting |= {
                     index: (number, now_s - age_s)
                     for index, number, _, age_s in data["pictures"]
@@ -99,7 +105,7 @@ class _Page:
             with self._change:
                 while not self._waiting:
                     self._change.wait()
-                index, (number, came_s) = self._waiting.popitem()
+                index, (number, made_s) = self._waiting.popitem()
             if index >= len(self._cases):
                 continue
             case = quote(self._cases[index])
@@ -107,7 +113,7 @@ class _Page:
             if line.getresponse().read():
                 with self._change:
                     self.seen += 1
-                    self.lag_s = max(self.lag_s, time.monotonic() - came_s)
+                    self.lag_s = round(max(self.lag_s or 0.0, time.monotonic() - made_s), 3)
 
 
 def _get(line: http.client.HTTPConnection, path: str) -> dict:  # type: ignore[type-arg]

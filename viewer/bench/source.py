@@ -10,6 +10,7 @@ import json
 import math
 import sys
 import time
+from functools import partial
 from typing import Any
 
 import cv2
@@ -26,6 +27,7 @@ from schemas.wire.view import (
     UNNUMBERED,
     CameraSample,
     CaseStart,
+    ClockReading,
     Controls,
     PointsSample,
     Stage,
@@ -56,6 +58,8 @@ def main(cases: int) -> None:
     watch_lifeline()
     bus = open_bus("router", listen=["tcp/127.0.0.1:0"])
     bus.serve(topics.RPC_STATUS.key, lambda data, respond: _answer(data, respond, cases))
+    for rig in (f"rig-{number}" for number in range(WORKERS)):
+        bus.serve(topics.FEED_CLOCK.key.format(rig=rig), partial(_clock, rig))
     print(json.dumps({"endpoint": bus.endpoints[0]}), flush=True)
     rng = np.random.default_rng(0)
     small = [_picture(rng, 160, 90) for _ in range(PICTURES)]
@@ -97,6 +101,10 @@ def _answer(data: bytes, respond: Respond, cases: int) -> None:
     respond(encode(Reply(v=SCHEMA_VERSION, epoch=1, status=status)))
 
 
+def _clock(rig: str, _data: bytes, respond: Respond) -> None:
+    respond(encode(ClockReading(v=SCHEMA_VERSION, rig=rig, clock_s=time.monotonic())))
+
+
 def _lease(index: int) -> RunningCase:
     return {
         "campaign": CAMPAIGN,
@@ -131,6 +139,8 @@ def _thumbnail(bus: Bus, index: int, turn: int, picture: bytes) -> None:
         speed_mps=8.0,
         dtc_m=40.0,
         aeb=False,
+        rig=f"rig-{index % WORKERS}",
+        at_s=time.monotonic(),
     )
     _publish(bus, topics.VIEW_THUMBNAIL, index, picture, encode(thumbnail))
 

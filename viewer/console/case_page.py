@@ -22,7 +22,7 @@ LINE_CHARS_MAX = 2000
 
 
 def case_page(
-    attempt: RecordedAttempt, ending: CaseEnding, table: ConsoleTable, index: int
+    attempt: RecordedAttempt, ending: CaseEnding, table: ConsoleTable, index: int, campaign: str
 ) -> dict[str, Any]:
     """``case.json``; what was not recorded is None.
 
@@ -31,6 +31,7 @@ def case_page(
         ending: how it ended.
         table: of all cases.
         index: place of the case in it.
+        campaign: path of the campaign file, for the command that repeats the case.
     """
     moment, found = attempt.moment, attempt.found
     return {
@@ -47,7 +48,7 @@ def case_page(
         "moment": moment.as_json() if moment else None,
         "events": _events(attempt),
         "neighbours": neighbours(table, index),
-        "repeat": repeat_command(attempt.run.folder.name, attempt.case),
+        "repeat": repeat_command(campaign, attempt.case),
         "log": _log(attempt),
         "attempts": _attempts(attempt, ending),
         "film": film_of(attempt),
@@ -60,7 +61,7 @@ def case_page(
 
 def neighbours(table: ConsoleTable, index: int) -> dict[str, dict[str, Any]]:
     """Cases that differ on one axis alone: the one before and the one after, in the order of its
-    values; None: there is none."""
+    values, each with its place in the table, state and verdict; None: there is none."""
     names = [axis["name"] for axis in table.axes]
     mine = {name: table.columns[name][index] for name in names}
     beside: dict[str, dict[str, Any]] = {}
@@ -68,8 +69,8 @@ def neighbours(table: ConsoleTable, index: int) -> dict[str, dict[str, Any]]:
         name = axis["name"]
         others = [other for other in names if other != name]
         line = {
-            table.columns[name][row]: case
-            for row, case in reversed(list(enumerate(table.cases)))
+            table.columns[name][row]: row
+            for row in reversed(range(len(table.cases)))
             if all(table.columns[other][row] == mine[other] for other in others)
         }
         values = [value for value in axis["values"] if value in line]
@@ -79,18 +80,22 @@ def neighbours(table: ConsoleTable, index: int) -> dict[str, dict[str, Any]]:
         before = values[place - 1] if place else None
         after = values[place + 1] if place + 1 < len(values) else None
         beside[name] = {
-            "before": (before is not None and {"case": line[before], "value": before}) or None,
-            "after": (after is not None and {"case": line[after], "value": after}) or None,
+            "before": None if before is None else _neighbour(table, line[before], before),
+            "after": None if after is None else _neighbour(table, line[after], after),
         }
     return beside
 
 
-def repeat_command(run: str, case: str) -> str:
-    """The command that runs the case again and records it, from the folder above the run's."""
-    name = shlex.quote(case)
-    campaign = shlex.quote(f"{run}/campaign.yaml")
+def _neighbour(table: ConsoleTable, row: int, value: Any) -> dict[str, Any]:
+    cells = {name: table.columns[name][row] for name in ("state", "verdict")}
+    return {"case": table.cases[row], "value": value, "index": row, **cells}
+
+
+def repeat_command(campaign: str, case: str) -> str:
+    """The command that runs a case of a campaign file again and records it."""
     out = shlex.quote(f"again-{case}")
-    return f"conductor run {campaign} --case {name} --view record --out {out}"
+    file, name = shlex.quote(campaign), shlex.quote(case)
+    return f"conductor run {file} --case {name} --view record --out {out}"
 
 
 def film_of(attempt: RecordedAttempt) -> dict[str, Any] | None:

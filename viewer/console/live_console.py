@@ -156,8 +156,11 @@ class LiveConsole:
 
     def _quarantine(self, run: str, campaign: str) -> list[dict[str, Any]]:
         charged = dict(self.watch.charged.get(run, {}))
-        shown = self._site.runs[run]
-        for case, ending in shown.endings().items():
+        try:
+            endings = self._site.runs[run].endings()
+        except (TwinError, OSError):
+            endings = {}  # the list says what is wrong with the run; its workers go on
+        for case, ending in endings.items():
             if len(charged) >= EXPLAINED_MAX:
                 break
             if ending.charges and not ending.outcome:

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import hashlib
-import json
 from typing import Any
 
+from msgspec import Struct
+
+from schemas.escape import escape
+from schemas.files.json_text import JsonError, decode_json
 from schemas.files.rulebook_result import FILE_NAME as RULEBOOK_FILE
 from schemas.files.search_result import FILE_NAME as SEARCH_FILE
+from twin.base.errors import TwinError
 from viewer.console.pictures import PER_SHEET, SIZES
 from viewer.console.resources import gpus_of
 from viewer.console.run_folder import RunFolder
@@ -18,8 +22,36 @@ MANIFEST_BYTES_MAX = 256 << 20
 """Largest manifest that is read [bytes]."""
 
 
+class _Manifest(Struct, frozen=True):
+    """What the console tells of a manifest."""
+
+    fingerprint: str
+
+
 def run_row(shown: ShownRun) -> dict[str, Any]:
-    """A campaign in the list."""
+    """A campaign in the list; one that cannot be read says why, and is no other's mistake."""
+    try:
+        return _row(shown)
+    except (TwinError, OSError) as error:
+        return _damaged_row(shown, error)
+
+
+def _damaged_row(shown: ShownRun, error: Exception) -> dict[str, Any]:
+    return {
+        "id": shown.run.id,
+        "name": shown.campaign or shown.run.id,
+        "state": "damaged",
+        "error": escape(str(error)),
+        "paused": False,
+        "cases": 0,
+        "done": 0,
+        "verdicts": {},
+        **dict.fromkeys(("started_s", "elapsed_s", "eta_s", "per_minute")),
+        **dict.fromkeys(("workers", "gpus", "device_hours")),
+    }
+
+
+def _row(shown: ShownRun) -> dict[str, Any]:
     ending, times = shown.run.ending(), shown.run.times()
     live = None if ending.complete else shown.live
     endings = shown.endings()
@@ -43,6 +75,7 @@ def run_row(shown: ShownRun) -> dict[str, Any]:
         "id": shown.run.id,
         "name": shown.campaign or ending.campaign,
         "state": _state(shown),
+        "error": None,
         "paused": live is not None and live.paused,
         "cases": cases,
         "done": done,
@@ -68,11 +101,11 @@ def _state(shown: ShownRun) -> str:
 
 
 def run_json(shown: ShownRun) -> dict[str, Any]:
-    """A campaign with what its table holds."""
+    """A campaign with what its table holds; raises TwinError, OSError: it cannot be read."""
     table, ending, folder = shown.table(), shown.run.ending(), shown.run.folder
     name = component(shown.run.id)
     return {
-        **run_row(shown),
+        **_row(shown),
         "version": table_version(shown),
         "axes": table.axes,
         "columns": table.heads,
@@ -100,10 +133,10 @@ def table_json(shown: ShownRun) -> dict[str, Any]:
 def fingerprint_of(run: RunFolder) -> str | None:
     """The fingerprint that the signed manifest names; None: nobody has signed it."""
     try:
-        manifest = json.loads(run.read("manifest.json", MANIFEST_BYTES_MAX))
-        return str(manifest["fingerprint"]) or None
-    except (OSError, ValueError, KeyError, TypeError):
+        manifest = decode_json(run.read("manifest.json", MANIFEST_BYTES_MAX), _Manifest)
+    except (OSError, JsonError):
         return None
+    return manifest.fingerprint or None
 
 
 def table_version(shown: ShownRun) -> str:

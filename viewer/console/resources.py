@@ -110,8 +110,8 @@ def _parts(run: RunFolder) -> dict[str, list[dict[str, Any]]]:
         for line in lines:
             try:
                 sample = decoder.decode(line)
-            except (msgspec.MsgspecError, UnicodeDecodeError):
-                continue  # torn, or cut at the beginning
+            except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
+                continue  # torn, cut at the beginning, or damaged
             rows.append({name: getattr(sample, name) for name in _COLUMNS})
         if rows:
             by_worker[name.removesuffix(PART_SUFFIX)] = rows

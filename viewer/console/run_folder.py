@@ -212,8 +212,8 @@ class RunFolder:
         for line in data.splitlines():
             try:
                 event = decoder.decode(line)
-            except (msgspec.MsgspecError, UnicodeDecodeError):
-                continue  # torn by a kill
+            except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
+                continue  # torn by a kill, or damaged
             first = event.at_s if first is None else first
             last = event.at_s
             if event.worker:
@@ -227,10 +227,10 @@ def find_runs(folder: Path) -> list[RunFolder]:
     Raises:
         UsageError: there is none.
     """
-    if _is_run(folder):
-        return [RunFolder(folder)]
     try:
-        below = sorted(path for path in folder.iterdir() if path.is_dir() and _is_run(path))
+        if _is_run(folder):
+            return [RunFolder(folder)]
+        below = sorted(path for path in folder.iterdir() if path.is_dir() and _may_be_run(path))
     except OSError as error:
         raise UsageError(f"{folder}: {error.strerror or error}; give a campaign folder") from None
     if not below:
@@ -243,6 +243,13 @@ def find_runs(folder: Path) -> list[RunFolder]:
 
 def _is_run(path: Path) -> bool:
     return (path / OUTCOMES_NAME).is_file() or (path / "cases").is_dir()
+
+
+def _may_be_run(path: Path) -> bool:
+    try:
+        return _is_run(path)
+    except OSError:
+        return True  # it may not be looked at, and says so in the list
 
 
 def plain_axes(point: Point) -> dict[str, Any]:

@@ -20,7 +20,7 @@ from twin.base.errors import UsageError
 from viewer.console.pictures import MOMENT_SIZE, PictureCache, moment_picture
 from viewer.console.recorded import RecordedAttempt, has_recording
 from viewer.console.remote_run import HeardCases
-from viewer.console.run_folder import CaseEnding, RunFolder, plain_axes
+from viewer.console.run_folder import CAMPAIGN_FILE, CaseEnding, RunFolder, plain_axes
 from viewer.console.table import ConsoleTable, console_table
 from viewer.playback.frames import read_pictures
 
@@ -72,6 +72,10 @@ class LivePicture:
     """Grows with every picture of the run."""
     came_s: float
     """When it came, by the monotonic clock [s]."""
+    rig: str = ""
+    """Rig that it comes from; empty: of an earlier release."""
+    at_s: float | None = None
+    """When it was made, by the clock of its rig [s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,6 +104,8 @@ class ShownRun:
     """How it goes; None: no conductor says it."""
     running: frozenset[str] = frozenset()
     """Cases that a worker has now."""
+    portable: bool = False
+    """Its pages are read elsewhere: commands in them name no path of this machine."""
     live_pictures: dict[str, LivePicture] = field(default_factory=dict)
     """Latest picture of cases that ran while we looked."""
     _table: tuple[Any, ConsoleTable] | None = None
@@ -114,6 +120,15 @@ class ShownRun:
     def version(self) -> tuple[Any, ...]:
         """Changes when the table does."""
         return (self.run.version, self.heard.version, self.running)
+
+    @property
+    def campaign_file(self) -> str:
+        """Path of the campaign file for a command: absolute where it is at hand, else from the
+        folder that holds the campaign's."""
+        path = self.run.folder / CAMPAIGN_FILE
+        if not self.portable and path.is_file():
+            return str(path.absolute())
+        return f"{self.run.folder.name}/{CAMPAIGN_FILE}"
 
     def endings(self) -> dict[str, CaseEnding]:
         """How each case stands, in the order of the table: as the outcomes have it, which are

@@ -213,7 +213,8 @@ def _of_case(shown: ShownRun, case: str, name: str) -> SiteAnswer:
     match name:
         case "case.json":
             index = shown.index(case)
-            page = case_page(shown.attempt(case), shown.ending(case), shown.table(), index)
+            attempt, ending = shown.attempt(case), shown.ending(case)
+            page = case_page(attempt, ending, shown.table(), index, shown.campaign_file)
             return as_json(_with_links(shown, case, page))
         case "series.json":
             return as_json(case_series(shown.attempt(case)))
@@ -261,6 +262,8 @@ def _passed_on(shown: ShownRun, name: str) -> SiteAnswer:
         return as_json(json.loads(data, parse_constant=lambda _: None))
     except FileNotFoundError:
         raise UsageError(f"{shown.run.id}: there is no {name}") from None
+    except RecursionError:
+        raise UsageError(f"{shown.run.id}: {name} is damaged: nested too deeply") from None
     except ValueError as error:
         raise UsageError(f"{shown.run.id}: {name} is damaged: {error}") from None
 

@@ -64,6 +64,7 @@ def write_static(
             writing.write(name, data)
         writing.answer(site, "runs.json")
         for name, shown in site.runs.items():
+            shown.portable = True
             try:
                 addresses = list(site.addresses_of(shown))
             except (TwinError, OSError) as error:

@@ -18,6 +18,7 @@ from schemas.names import WEATHERS
 from viewer.console.run_folder import CaseEnding
 
 UNITS = {
+    "_mps2": "m/s²",
     "_mps": "m/s",
     "_kmh": "km/h",
     "_deg": "deg",
@@ -37,6 +38,8 @@ TITLES = {
     "row": "Row",
 }
 
+_SHORT = re.compile(r"\b(aeb|dtc|ttc|rms)\b", re.IGNORECASE)
+"""Words that are written in capitals."""
 _BETTER = {"less": "low", "more": "high", "": None}
 
 
@@ -164,12 +167,13 @@ def unit_of(name: str) -> str:
 
 
 def title_of(name: str) -> str:
-    """Name for people, without its unit: ``scenario.ego_start_m`` -> ``Ego start``."""
+    """Name for people, without its unit: ``scenario.ego_start_m`` -> ``Ego start``,
+    ``nearest_ttc_s`` -> ``Nearest TTC``."""
     if name in TITLES:
         return TITLES[name]
     suffix = next((suffix for suffix in UNITS if name.endswith(suffix)), "")
-    bare = name.removesuffix(suffix).split(".", 1)[-1]
-    return re.sub("[_.]", " ", bare).strip().capitalize() or name
+    bare = re.sub("[_.]", " ", name.removesuffix(suffix).split(".", 1)[-1]).strip().capitalize()
+    return _SHORT.sub(lambda found: found[0].upper(), bare) or name
 
 
 def _head(

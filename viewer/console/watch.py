@@ -23,12 +23,13 @@ from twin.fabric.bus import Sample
 from twin.fabric.discovery import Target
 from viewer.console.overview import table_version
 from viewer.console.remote_run import RemoteRun
+from viewer.console.rig_clocks import RigClocks
 from viewer.console.run_folder import RunFolder
 from viewer.console.shown_run import LiveFigures, LivePicture, ShownRun
 from viewer.console.site import ConsoleSite
 from viewer.console.stream import EventStream
 from viewer.console.table import ConsoleTable
-from viewer.live.link import ConductorEvent, Heard, Link, LinkEnded, Said, Status
+from viewer.live.link import ConductorEvent, Heard, Link, LinkEnded, ReadClocks, Said, Status
 from viewer.live.pulse import sentence
 from viewer.live.renewal import Renewal
 from viewer.live.slots import LatestSlots
@@ -43,6 +44,13 @@ TABLE_S = 0.5
 TABLE_SHARE = 20
 """A table is made when so many times as long has passed as the last one took: one core's
 twentieth."""
+CLOCKS_S = 15.0
+"""Time between two readings of the rigs' clocks while somebody looks [s]."""
+NEW_RIG_S = 1.0
+"""The same while a rig shows pictures whose clock nobody has read [s]."""
+LAG_SAID_S = 2.0
+"""A line in the log says so when pictures are older than this, and another one when they are
+younger than half of it [s]."""
 SILENCE_S = 10.0
 """Time without a status after which nobody knows what runs [s]."""
 PICTURE_BYTES_MAX = 64 << 10
@@ -90,7 +98,8 @@ class LiveWatch:
         self.error: TwinError | None = None
         """Why nothing is listened to any more."""
         self._site, self._here, self._say = site, here, say
-        self._link = Link(resolve, None, self.slots, running=True)
+        self.link = Link(resolve, None, self.slots, running=True)
+        """Its session with the conductor."""
         self._runs: dict[str, ShownRun] = {}
         """Campaign -> what is shown of it."""
         self._paces: dict[str, Throughput] = {}
@@ -102,19 +111,23 @@ class LiveWatch:
         self._tables: dict[str, tuple[tuple[Any, ...], ConsoleTable]] = {}
         self._due_s: dict[str, float] = {}
         self._pictures_s = 0.0
+        self._clocks = RigClocks()
+        self._clocks_s = -CLOCKS_S
+        self._lags = False
+        """The log says that pictures lag."""
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="watch", daemon=True)
         site.live = True
 
     def start(self) -> None:
         """Begin to listen."""
-        self._link.start()
+        self.link.start()
         self._thread.start()
 
     def close(self) -> None:
         """End the session."""
         self._stop.set()
-        self._link.close()
+        self.link.close()
         if self._thread.is_alive():
             self._thread.join()
         self.stream.close()
@@ -148,6 +161,7 @@ class LiveWatch:
             self._tell_tables(now_s)
             if now_s - self._pictures_s >= PICTURES_S:
                 self._pictures_s = now_s
+                self._read_clocks(now_s)
                 self._tell_pictures(now_s)
 
     def take(self, heard: Heard, now_s: float) -> None:
@@ -164,6 +178,9 @@ class LiveWatch:
             case Said(line):
                 self._say(line)
                 self._log("info", line)
+            case ReadClocks(readings, asked_s, answered_s):
+                for reading in readings:
+                    self._clocks.read(reading.rig, reading.clock_s, asked_s, answered_s)
             case LinkEnded(error):
                 raise error
 
@@ -185,7 +202,7 @@ class LiveWatch:
         self.stream.put("gone", {"error": str(error)})
 
     def _hear(self, now_s: float) -> None:
-        for heard in self._link.waiting():
+        for heard in self.link.waiting():
             self.take(heard, now_s)
 
     def _silent(self) -> None:
@@ -307,7 +324,9 @@ class LiveWatch:
         self._tokens[key] = thumbnail.token
         self._numbers += 1
         pictures[thumbnail.case] = LivePicture(
-            bytes(sample.payload), thumbnail.sim_time_ns, self._numbers, now_s
+            *(bytes(sample.payload), thumbnail.sim_time_ns, self._numbers, now_s),
+            rig=thumbnail.rig,
+            at_s=thumbnail.at_s,
         )
         shown.heard.seen(thumbnail)
         self._fresh.setdefault(shown.run.id, {})[thumbnail.case] = None
@@ -344,6 +363,18 @@ class LiveWatch:
             event["cases"] = table.cases[len(before.cases) :]
         self.stream.put("table", event)
 
+    def _read_clocks(self, now_s: float) -> None:
+        """Ask rigs for their clocks, when it is time for that."""
+        fresh = (
+            self._site.runs[name].live_pictures.get(case)
+            for name, cases in self._fresh.items()
+            for case in cases
+        )
+        unknown = any(p is not None and p.rig and not self._clocks.knows(p.rig) for p in fresh)
+        if now_s - self._clocks_s >= (NEW_RIG_S if unknown else CLOCKS_S):
+            self._clocks_s = now_s
+            self.link.read_clocks()
+
     def _tell_pictures(self, now_s: float) -> None:
         for name, cases in self._fresh.items():
             shown = self._site.runs[name]
@@ -351,19 +382,42 @@ class LiveWatch:
                 places = shown.places()
             except (TwinError, OSError):
                 continue  # its table says why
-            rows = [
-                [
-                    places[case],
-                    picture.number,
-                    picture.sim_time_ns / 1e9,
-                    round(now_s - picture.came_s, 3),
-                ]
+            pictures = [
+                (places[case], picture)
                 for case in cases
                 if case in places and (picture := shown.live_pictures.get(case)) is not None
             ]
-            if rows:
-                self.stream.put("picture", {"run": name, "pictures": rows})
+            if pictures:
+                self._tell_ages(name, pictures, now_s)
         self._fresh = {}
+
+    def _tell_ages(self, name: str, pictures: list[tuple[int, LivePicture]], now_s: float) -> None:
+        """Say which pictures came, and how old they are: since the simulator was there, or where
+        its clock is not known since they came here."""
+        rows, off_s = [], 0.0
+        simulators = True
+        for place, picture in pictures:
+            age_s = now_s - picture.came_s
+            age = (
+                None if picture.at_s is None else self._clocks.age(picture.rig, picture.at_s, now_s)
+            )
+            if age is None:
+                simulators = False
+            else:
+                # It cannot have come before it was made.
+                age_s, off_s = max(age_s, age.age_s), max(off_s, age.within_s)
+            rows.append([place, picture.number, picture.sim_time_ns / 1e9, round(age_s, 3)])
+        event = {"run": name, "pictures": rows, "from": "simulator" if simulators else "console"}
+        self.stream.put("picture", event | {"within_s": round(off_s, 3) if simulators else None})
+        self._tell_lag(max(row[3] for row in rows), simulators=simulators)
+
+    def _tell_lag(self, worst_s: float, *, simulators: bool) -> None:
+        if (worst_s > LAG_SAID_S * (0.5 if self._lags else 1.0)) == self._lags:
+            return
+        self._lags = not self._lags
+        least = "" if simulators else "at least "
+        words = f"lag {least}{worst_s:.1f} s behind" if self._lags else "are up to date with"
+        self._log("warn" if self._lags else "info", f"pictures {words} the simulators")
 
     def _log(self, level: str, text: str) -> None:
         line = {"at_s": time.time(), "level": level, "text": escape(text)}

@@ -6,6 +6,7 @@ there. What comes for the wall and for single cases goes to slots, everything el
 
 from __future__ import annotations
 
+import contextlib
 import queue
 import threading
 import time
@@ -19,7 +20,7 @@ from schemas.wire.codec import WireError, decode, encode
 from schemas.wire.control import Explain, Reply, Request, StatusRequest
 from schemas.wire.rpc_routes import route_key
 from schemas.wire.status import ConductorStatus
-from schemas.wire.view import SceneMesh
+from schemas.wire.view import ClockReading, SceneMesh
 from twin.base.errors import InfrastructureError, TwinError, UnreachableError, UsageError
 from twin.fabric.bus import Bus, Cancel, Sample
 from twin.fabric.discovery import Target
@@ -37,6 +38,8 @@ SILENCE_S = 4.0
 """Time without a word after which a new session is tried [s]; as long as Zenoh's own lease."""
 SCENE_S = 10.0
 """Longest time a simulator may take to hand out its world [s]."""
+CLOCK_S = 1.0
+"""Longest time that rigs may take to read their clocks [s]."""
 EVENTS_MAX = 1000
 """Events that wait to be taken, at most; further ones are left out."""
 
@@ -71,13 +74,24 @@ class SentWorld:
 
 
 @dataclass(frozen=True, slots=True)
+class ReadClocks:
+    """Clocks of rigs, each read at some moment between two of ours."""
+
+    readings: list[ClockReading]
+    asked_s: float
+    """When they were asked, by our monotonic clock [s]."""
+    answered_s: float
+    """When all had answered [s]."""
+
+
+@dataclass(frozen=True, slots=True)
 class LinkEnded:
     """Waiting does not help."""
 
     error: TwinError
 
 
-Heard = Status | ConductorEvent | Said | SentWorld | LinkEnded
+Heard = Status | ConductorEvent | Said | SentWorld | ReadClocks | LinkEnded
 
 
 class _SilenceError(Exception):
@@ -116,6 +130,8 @@ class Link:
         """Cases to be looked at alone."""
         self._asked: list[tuple[str, str]] = []
         """Worlds to be sent for: rig and digest."""
+        self._clocks = False
+        """Clocks of rigs are to be read."""
         self._subscribed: dict[str, Cancel] = {}
         self._checked: set[str] = set()
         """Cases that the conductor knows."""
@@ -149,6 +165,11 @@ class Link:
         """Ask a rig for its world, which comes as a :class:`SentWorld`."""
         with self._lock:
             self._asked.append((rig, sha256))
+        self._wake.set()
+
+    def read_clocks(self) -> None:
+        """Ask all rigs for their clocks, which come as :class:`ReadClocks`."""
+        self._clocks = True
         self._wake.set()
 
     # --- the link's thread ------------------------------------------------------------------
@@ -201,6 +222,7 @@ class Link:
                 else:
                     self._silent(target, answered)
                 self._fetch(bus)
+                self._read(bus)
                 self._wake.wait(PERIOD_S)
                 self._wake.clear()
         finally:
@@ -267,6 +289,19 @@ class Link:
                 except WireError as error:
                     self._tell(f"the world of rig {rig}: {error}")
             self._say(SentWorld(sha256, mesh))
+
+    def _read(self, bus: Bus) -> None:
+        if not self._clocks:
+            return
+        self._clocks = False
+        asked_s = time.monotonic()
+        answers = bus.gather(topics.FEED_CLOCK.key.format(rig="*"), b"", CLOCK_S)
+        answered_s = time.monotonic()
+        readings = []
+        for data in answers:
+            with contextlib.suppress(WireError):  # of another version: its pictures have no age
+                readings.append(decode(data, ClockReading))
+        self._say(ReadClocks(readings, asked_s, answered_s))
 
     def _ask(self, bus: Bus, request: Request) -> Reply | None:
         """The reply to a request; None: there was none, ask again.

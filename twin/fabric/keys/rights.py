@@ -59,7 +59,7 @@ _STACK = {
 }
 _VIEWER = {
     Act.subscribe: (*_SHOWN, *_keys(topics.EVENT)),
-    Act.ask: _keys(topics.RPC_STATUS, topics.FEED_SCENE),
+    Act.ask: _keys(topics.RPC_STATUS, topics.FEED_SCENE, topics.FEED_CLOCK),
 }
 
 MAY: dict[Role, dict[Act, tuple[str, ...]]] = {
@@ -71,7 +71,9 @@ MAY: dict[Role, dict[Act, tuple[str, ...]]] = {
             *(_ready("stack"), *_TO_RECORDER),
         ),
         Act.ask: _keys(topics.RPC_WORKER, topics.RPC_STATUS, topics.FILES),
-        Act.answer: _keys(topics.CONTROL, topics.VIEW_CONTROL, topics.FEED_SCENE),
+        Act.answer: _keys(
+            *(topics.CONTROL, topics.VIEW_CONTROL, topics.FEED_SCENE, topics.FEED_CLOCK)
+        ),
         Act.announce: _keys(topics.WORKER_ALIVE, topics.SIMULATOR_ALIVE, topics.RECORDER_ALIVE),
         Act.watch: _keys(topics.RECORDER_ALIVE),
     },

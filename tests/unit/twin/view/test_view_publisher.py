@@ -22,6 +22,7 @@ from schemas.wire.view import (
     CameraSample,
     CaseEnd,
     CaseStart,
+    ClockReading,
     PointsSample,
     RecorderBatch,
     SceneMesh,
@@ -571,6 +572,26 @@ def test_the_scene_is_handed_out_on_request(hub):
         red, green, _ = map(int, color.pop())
         assert (green > red) == bool((points[face][:, 2] == 1.0).all()), "only the lid is green"
     view.close(10)
+
+
+def test_a_thumbnail_says_when_it_was_by_a_clock_that_viewers_may_read(hub, clock):
+    listener = Listener(hub, ["view/*/*/thumbnail"])
+    view = ViewPublisher(hub.open(), RIG, ViewMode.live)
+    sim, bus = Sim(), hub.open()
+    (answer,) = bus.gather(topics.FEED_CLOCK.key.format(rig="*"), b"", 10.0)
+    assert decode(answer, ClockReading) == ClockReading(v=1, rig=RIG, clock_s=100.0)
+    sim.begin(view, lease())
+    for _ in range(2):
+        sim.step(view)
+        clock.now_s += 0.5
+    sim.end(view)
+    view.close(10)
+    got = [m for m in listener.wait() if isinstance(m, Thumbnail)]
+    assert [(m.rig, m.at_s, m.outcome) for m in got] == [
+        (RIG, 100.0, ""),
+        (RIG, 100.5, ""),
+        (RIG, 101.0, "verdict"),
+    ]
 
 
 def test_a_case_without_cameras_is_on_the_wall_and_in_full(hub, clock):

@@ -12,7 +12,8 @@ from schemas.wire.codec import ATTACHMENT_BYTES_MAX, decode
 from schemas.wire.view import Thumbnail
 from twin.base.errors import UsageError
 from twin.fabric.zenoh_bus import open_bus
-from viewer.bench.command import BenchOptions, _source, bench, misses
+from viewer.bench import running
+from viewer.bench.command import bench, misses
 from viewer.bench.compare import (
     MODES,
     SHARE_MIN,
@@ -24,6 +25,7 @@ from viewer.bench.compare import (
     window,
 )
 from viewer.bench.course import CampaignCourse
+from viewer.bench.running import BenchOptions
 
 
 def viewer(**changes):
@@ -68,6 +70,7 @@ def test_exactly_at_the_targets_nothing_is_missed():
         (table(first_cpu_s=1.6), "its table in 1.6 s"),
         (table(memory_mb=401.0), "10240 cases take 401.0 MB"),
         (console(lag_max_s=2.1), "pictures lag 2.1 s"),
+        (console(lag_max_s=None), "nobody knows how far"),
         (console(pictures_per_s=0.0), "was given no picture"),
         (simulation(console=runs("console", 103.0, 103.0, cpu=100)), "of the console: 97.1%"),
         (
@@ -166,7 +169,7 @@ def test_every_synthetic_case_is_sent():
         if len(seen) == 4:
             all_seen.set()
 
-    with _source(4) as endpoint:
+    with running.source(4) as endpoint:
         bus = open_bus("client", connect=[endpoint])
         bus.subscribe(topics.VIEW_THUMBNAIL.key.format(campaign="*", case="*"), receive)
         assert all_seen.wait(PATIENCE_S)
@@ -181,6 +184,7 @@ def test_synthetic_cases_are_measured(capsys, monkeypatch):
     figures = json.loads(capsys.readouterr().out)
     assert figures["console"]["cases"] == 4
     assert figures["console"]["memory_mb"] > 20
+    assert figures["console"].keys() >= {"lag_max_s", "lag_median_s"}
     table = figures["table"]
     assert table["cases"] >= 200
     assert table["first_cpu_s"] > 0

@@ -358,3 +358,17 @@ def test_a_silent_conductor_is_asked_for_no_explanation(run):
         console.live.watch.status_s = time.monotonic() - SILENCE_S - 1
         (row,) = console.live.workers("demo")["quarantine"]
         assert (row["charge"], row["explain"]) == ("rig_died", [])
+
+
+def test_a_damaged_run_is_listed_and_its_workers_are_told(run):
+    with served(run) as console:
+        console.live.watch.charged["demo"] = {CASES[0]: "rig_died"}
+        (run / "outcomes.json").write_bytes(bytes(100))
+        (row,) = json.loads(console.ask("/data/runs.json")[1])["runs"]
+        assert row["state"] == "damaged"
+        assert "outcomes.json: damaged" in row["error"]
+        answer, data = console.ask("/data/runs/demo/table.json")
+        assert (answer.status, data.decode()) == (404, row["error"])
+        found = json.loads(console.ask("/data/runs/demo/workers.json")[1])
+        assert [lease["case"] for lease in found["leases"]] == [CASES[0]]
+        assert [row["case"] for row in found["quarantine"]] == [CASES[0]]

@@ -1,6 +1,7 @@
 """What the console answers of finished campaigns: the same addresses, served or written."""
 
 import json
+import shlex
 
 import numpy as np
 import pytest
@@ -64,7 +65,8 @@ def test_a_case_page_says_null_where_nothing_was_recorded(run):
     assert page["film"]["picture"] == [64, 36]
     assert page["links"]["recording"] == f"recording/demo/{CASES[0]}.rrd"
     assert page["links"]["in_full"] == f"view?run=demo&case={CASES[0]}#when=sim_time@+0.05s"
-    assert page["neighbours"]["weather"]["after"]["case"] == CASES[1]
+    after = page["neighbours"]["weather"]["after"]
+    assert (after["case"], after["index"], after["state"]) == (CASES[1], 1, "ended")
     assert page["log"]["lines"] == [f"case {CASES[0]}", "all is well"]
     bare = read(site, f"runs/demo/cases/{CASES[3]}/case.json")
     assert bare["film"] is None
@@ -76,11 +78,19 @@ def test_a_case_page_says_null_where_nothing_was_recorded(run):
         site.answer(f"runs/demo/cases/{CASES[3]}/moment.webp")
 
 
-def test_the_repeat_command_is_safe_in_a_shell(tmp_path):
+def test_the_repeat_command_is_safe_in_a_shell_and_can_be_run_where_its_reader_is(tmp_path):
     run = a_run(tmp_path / "de mo; rm -rf x", recorded=())
-    (name,) = site_of(run).runs
-    page = read(site_of(run), f"runs/{name}/cases/{CASES[0]}/case.json")
-    assert page["repeat"].startswith("conductor run 'de mo; rm -rf x/campaign.yaml' --case a-1300")
+    site = site_of(run)
+    ((name, shown),) = site.runs.items()
+    address = f"runs/{name}/cases/{CASES[0]}/case.json"
+    start = ["conductor", "run", str(run / "campaign.yaml"), "--case", CASES[0]]
+    assert shlex.split(read(site, address)["repeat"])[:5] == start
+    shown.portable = True
+    start[2] = "de mo; rm -rf x/campaign.yaml"
+    assert shlex.split(read(site, address)["repeat"])[:5] == start
+    shown.portable = False
+    (run / "campaign.yaml").unlink()
+    assert str(tmp_path) not in read(site, address)["repeat"], "there is no such file"
 
 
 def test_text_of_a_stack_stays_text(run):

@@ -45,6 +45,7 @@ def test_static_equals_served(run, tmp_path):
         data = site.answer(address).data
         if address.endswith("/case.json"):
             assert json.loads(data)["links"]["incomplete"] is not True
+            assert str(tmp_path) not in json.loads(data)["repeat"], "it is read elsewhere"
             data = without_links(data)
         if address.endswith(".json"):
             script = (out / "data" / f"{address}.js").read_text()

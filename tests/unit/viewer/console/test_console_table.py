@@ -66,19 +66,22 @@ def test_changes_are_cells():
 
 
 def test_neighbours_differ_on_one_axis():
+    passed = {"state": "ended", "verdict": "pass"}
+    waits = {"state": "waiting", "verdict": None}
     table = console_table(
-        rows(*[{}] * 5),
+        rows({"outcome": "verdict", "verdict": "pass"}, *[{"outcome": ""}] * 4),
         axes(
             ("a", "clear"), ("b", "clear"), ("a", "heavy_fog"), ("c", "clear"), ("c", "heavy_fog")
         ),
     )
     assert neighbours(table, 1) == {
         "model": {
-            "before": {"case": "c0", "value": "a"},
-            "after": {"case": "c3", "value": "c"},
+            "before": {"case": "c0", "value": "a", "index": 0} | passed,
+            "after": {"case": "c3", "value": "c", "index": 3} | waits,
         }
     }, "in heavy fog there is no b"
-    assert neighbours(table, 2)["weather"]["before"] == {"case": "c0", "value": "clear"}
+    before = neighbours(table, 2)["weather"]["before"]
+    assert before == {"case": "c0", "value": "clear", "index": 0} | passed
 
 
 @pytest.mark.parametrize(
@@ -87,6 +90,9 @@ def test_neighbours_differ_on_one_axis():
         ("scenario.ego_start_m", "Ego start", "m"),
         ("latency_ms", "Latency", "ms"),
         ("model", "Perception model", ""),
+        ("nearest_ttc_s", "Nearest TTC", "s"),
+        ("accel_mps2", "Accel", "m/s²"),
+        ("storyboard.ego.speed_kmh", "Ego speed", "km/h"),
         ("_m", "_m", "m"),
     ],
 )

@@ -8,13 +8,14 @@ from unit.viewer.console.console_runs import CASES, a_run, ended, outcomes
 from view_messages import thumbnail
 
 from schemas.wire.codec import encode
+from schemas.wire.view import ClockReading
 from twin.base.errors import UnreachableError
 from twin.fabric.bus import Sample
 from viewer.console.run_folder import find_runs
 from viewer.console.site import ConsoleSite
 from viewer.console.stream import EventStream
-from viewer.console.watch import PICTURE_BYTES_MAX, SILENCE_S, LiveWatch
-from viewer.live.link import ConductorEvent, LinkEnded, Said, Status
+from viewer.console.watch import CLOCKS_S, PICTURE_BYTES_MAX, SILENCE_S, LiveWatch
+from viewer.live.link import ConductorEvent, LinkEnded, ReadClocks, Said, Status
 
 
 class Heard:
@@ -115,11 +116,69 @@ def test_pictures_are_told_with_their_age():
     heard.events("picture")
     heard.picture("c2", b"first", sim_time_ns=1_500_000_000)
     (event,) = heard.events("picture")
-    assert event == {"run": "demo", "pictures": [[1, 1, 1.5, 0.0]]}
+    assert event == {"run": "demo", "pictures": [[1, 1, 1.5, 0.0]]} | {
+        "from": "console",
+        "within_s": None,
+    }
     assert heard.site.answer("runs/demo/cases/c2/moment.webp").data == b"first"
     assert heard.site.answer("runs/demo/cases/c2/moment.webp").media_type == "image/jpeg"
     assert heard.events("picture") == []
     assert heard.read("runs/demo/pictures/atlas.json")["has"] == [False, True]
+
+
+def test_age_counts_from_the_simulator_where_its_clock_is_known():
+    heard = Heard()
+    heard.status(running=["c1", "c2"])
+    asked = []
+    heard.watch.link.read_clocks = lambda: asked.append(heard.now_s)
+    heard.picture("c1", rig="r1", at_s=500.0)
+    (event,) = heard.events("picture")
+    assert (event["from"], event["within_s"], len(asked)) == ("console", None, 1)
+    # The clock of the rig is 470 s ahead of ours, known within 0.1 s.
+    answer = [ClockReading(v=1, rig="r1", clock_s=500.0)]
+    heard.watch.take(ReadClocks(answer, 29.9, 30.1), 30.1)
+    heard.picture("c1", rig="r1", at_s=529.0, sim_time_ns=2_000_000_000)
+    (event,) = heard.events("picture")
+    assert event["pictures"] == [[0, 2, 2.0, 1.0]]
+    assert (event["from"], event["within_s"]) == ("simulator", pytest.approx(0.1, abs=0.01))
+    heard.picture("c1", rig="r1", at_s=559.0)
+    heard.picture("c2")
+    (event,) = heard.events("picture")
+    assert event["from"] == "console", "of one it is not known"
+    assert [round(row[3]) for row in event["pictures"]] == [1, 0]
+
+
+def test_pictures_that_lag_are_said_once_and_their_end_too():
+    heard = Heard()
+    heard.status(running=["c1"])
+    heard.watch.take(ReadClocks([ClockReading(v=1, rig="r1", clock_s=0.0)], 0.0, 0.0), 0.0)
+    heard.events("log")
+    told = []
+    for lag_s in (0.3, 2.4, 7.0, 1.5, 0.4):
+        heard.picture("c1", rig="r1", at_s=heard.now_s + 30.0 - lag_s)
+        told.append([(event["level"], event["text"]) for event in heard.events("log")])
+    assert told == [
+        [],
+        [("warn", "pictures lag 2.4 s behind the simulators")],
+        [],
+        [],
+        [("info", "pictures are up to date with the simulators")],
+    ]
+
+
+def test_clocks_are_read_now_and_then_and_only_while_somebody_looks():
+    heard = Heard()
+    asked = []
+    heard.watch.link.read_clocks = lambda: asked.append(heard.now_s)
+    heard.status(running=["c1"])
+    for _ in range(3):
+        heard.events("picture")
+    assert asked == [30.0, 60.0, 90.0]
+    heard.watch.turn(heard.now_s + CLOCKS_S - 0.1)
+    assert len(asked) == 3
+    heard.stream.followers = 0
+    heard.events("picture")
+    assert len(asked) == 3
 
 
 def test_an_attempt_that_is_over_shows_nothing_more():

@@ -12,7 +12,7 @@ from schemas import SCHEMA_VERSION
 from schemas.wire import topics
 from schemas.wire.codec import decode, encode
 from schemas.wire.control import Explain, Reply, Request
-from schemas.wire.view import SceneMesh
+from schemas.wire.view import ClockReading, SceneMesh
 from twin.base.errors import UnreachableError, UsageError
 from twin.fabric.discovery import Target
 from twin.fabric.keys.authority import make_keys
@@ -20,7 +20,15 @@ from twin.fabric.keys.key_file import load_key
 from twin.fabric.keys.roles import Role
 from twin.fabric.zenoh_bus import open_bus
 from viewer.live import link as linking
-from viewer.live.link import ConductorEvent, Link, LinkEnded, Said, SentWorld, Status
+from viewer.live.link import (
+    ConductorEvent,
+    Link,
+    LinkEnded,
+    ReadClocks,
+    Said,
+    SentWorld,
+    Status,
+)
 from viewer.live.slots import LatestSlots
 from viewer.playback import native
 
@@ -239,6 +247,20 @@ def test_worlds_and_events_come_as_they_are(opened, port):
     conductor.bus.publish(topics.EVENT.key, b"nonsense")
     conductor.bus.publish(topics.EVENT.key, encode(Reply(v=SCHEMA_VERSION, epoch=7)))
     assert hear(link, ConductorEvent).fact["epoch"] == 7
+
+
+def test_clocks_of_all_rigs_are_read_at_once(opened, port):
+    conductor = serve(opened, port)
+    for rig, answer in (("a", ClockReading(1, "a", 5.0)), ("b", ClockReading(1, "b", 7.0))):
+        key = topics.FEED_CLOCK.key.format(rig=rig)
+        conductor.bus.serve(key, lambda _, r, answer=answer: r(encode(answer)))
+    conductor.bus.serve(topics.FEED_CLOCK.key.format(rig="c"), lambda _, r: r(b"nonsense"))
+    link = connect(opened, port)
+    hear(link, Status)
+    link.read_clocks()
+    read = hear(link, ReadClocks)
+    assert sorted((r.rig, r.clock_s) for r in read.readings) == [("a", 5.0), ("b", 7.0)]
+    assert read.asked_s < read.answered_s <= time.monotonic()
 
 
 def test_another_key_is_the_end(opened, port, tmp_path):

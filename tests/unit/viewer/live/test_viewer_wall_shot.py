@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from twin.base.errors import UnreachableError
-from viewer.bench.command import _source
+from viewer.bench import running
 from viewer.live.command import LiveOptions
 from viewer.live.wall_shot import WallShot, shoot_wall
 from viewer.playback import native
@@ -19,7 +19,7 @@ pytestmark = pytest.mark.skipif(
 @pytest.mark.slow
 def test_all_running_cases_are_on_the_picture(tmp_path):
     out = tmp_path / "wall.png"
-    with _source(9) as endpoint:
+    with running.source(9) as endpoint:
         found = shoot_wall(LiveOptions(connect=endpoint), out, (1280, 720), 60.0)
     assert found == WallShot(9, 9)
     picture = cv2.imread(str(out))

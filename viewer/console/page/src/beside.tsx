@@ -1,7 +1,7 @@
 // Two cases, or one case of two runs, side by side at the same sim time.
 import type { JSX } from "preact";
 import { useMemo } from "preact/hooks";
-import { extentOf, marksOf, pathOf } from "./case";
+import { extentOf, KpiName, marksOf, pathOf } from "./case";
 import { type Clock, useClock } from "./clock";
 import { type CaseInfo, type Series, statusOf, type Value } from "./data";
 import { firstDifference } from "./differ";
@@ -12,7 +12,7 @@ import { type Mark, Player } from "./player";
 import { type Overlay, SeriesPlots } from "./plots";
 import { type Route, toCase } from "./route";
 import { TopView } from "./topview";
-import { at, number, plain, text } from "./words";
+import { at, called, number, text } from "./words";
 
 interface Side {
   run: string;
@@ -63,7 +63,7 @@ function Beside({ left, right, start }: { left: Side; right: Side; start: string
       <p class="box notice" role="status">
         {!both ? "One of the drives has no rows, so nothing is compared tick by tick."
         : differs === null ? "Both drives are the same, at every tick."
-        : `They differ first at ${at(differs.t)}: ${plain(differs.what)} is ${text(differs.left, differs.unit)} on the left, ${text(differs.right, differs.unit)} on the right${closely(differs.left, differs.right, differs.unit)}.`}
+        : `They differ first at ${at(differs.t)}: ${called(differs.what).title} is ${text(differs.left, differs.unit)} on the left, ${text(differs.right, differs.unit)} on the right${closely(differs.left, differs.right, differs.unit)}.`}
       </p>
       <Player clock={clock} tick={tick} marks={marks} />
       <div class="sides">
@@ -90,7 +90,7 @@ function SideView({ side, clock, label }: { side: Side; clock: Clock; label: str
         <a href={toCase(run, info.case)}>{info.case}</a>
       </h2>
       <p>
-        <Chip verdict={statusOf(info)} />: {info.reasons.join("; ")} <span class="dim">({run})</span>
+        <Chip verdict={statusOf(info)} /> <span class="reason">{info.reasons.join("; ")}</span> <span class="dim">in {run}</span>
       </p>
       <FilmView run={run} info={info} series={series} clock={clock} label={`the ${label} case`} />
       {series !== null && <TopView series={series} clock={clock} label={`The ${label} case`} />}
@@ -114,7 +114,9 @@ function Kpis({ left, right }: { left: CaseInfo; right: CaseInfo }): JSX.Element
           <tbody>
             {left.kpis.map((kpi) => (
               <tr key={kpi.name} class={kpi.value === value(right, kpi.name) ? "" : "differs"}>
-                <th scope="row">{kpi.title || plain(kpi.name)}</th>
+                <th scope="row">
+                  <KpiName kpi={kpi} />
+                </th>
                 <td class="n">{text(kpi.value, kpi.unit)}</td>
                 <td class="n">{text(value(right, kpi.name), kpi.unit)}</td>
               </tr>

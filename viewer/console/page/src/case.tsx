@@ -6,13 +6,14 @@ import { type Clock, useClock, useTime } from "./clock";
 import { type Beside, type CaseInfo, file, type Runs, type Series, STATIC, statusOf } from "./data";
 import { useData, useEvents } from "./hooks";
 import { FilmView } from "./film";
-import { Chip, Command, Figure, Waiting } from "./parts";
+import { Chip, Command, Figure, VerdictSign, Waiting } from "./parts";
+import { late, lagWords, useLag } from "./lag";
 import { type Mark, Player } from "./player";
 import { SeriesPlots } from "./plots";
 import { toBeside, toCase, toWall } from "./route";
 import { safe } from "./runs";
 import { TopView } from "./topview";
-import { at, count, plain, text } from "./words";
+import { at, called, capital, count, plain, text } from "./words";
 
 interface Inputs {
   run: string;
@@ -21,32 +22,32 @@ interface Inputs {
   runs: Runs;
 }
 
+/** Cases beside this one in the matrix. */
+const besides = (info: CaseInfo): Beside[] =>
+  Object.values(info.neighbours).flatMap(({ before, after }) => [before, after].filter((one) => one !== null));
+
 export const pathOf = (run: string, name: string): string => `runs/${run}/cases/${name}`;
 
 export function CaseView({ run, name, query, runs }: Inputs): JSX.Element {
   const [version, setVersion] = useState(0);
   const [changes, setChanges] = useState(0);
-  const [lag, setLag] = useState<number | null>(null);
   const info = useData<CaseInfo>(`${pathOf(run, name)}/case.json`, changes);
   const series = useData<Series | null>(`${pathOf(run, name)}/series.json`, changes);
   useEvents("picture", (event) => {
     if (event.run !== run) return;
-    for (const [index, picture, , age] of event.pictures) {
-      if (index !== info.data?.index) continue;
-      setVersion(picture);
-      setLag(age);
-    }
+    for (const [index, picture] of event.pictures) if (index === info.data?.index) setVersion(picture);
   });
   useEvents("table", (event) => {
     if (event.run !== run || info.data === null) return;
-    if (event.reset || event.rows?.[String(info.data.index)] !== undefined) setChanges((before) => before + 1);
+    const shown = [info.data, ...besides(info.data)];
+    if (event.reset || shown.some(({ index }) => event.rows?.[String(index)] !== undefined)) setChanges((before) => before + 1);
   });
   if (info.data === null) return <Waiting error={info.error} what={`case ${name}`} />;
   const running = info.data.state === "running";
   return (
     <>
       <Why run={run} info={info.data} runs={runs} />
-      {running && <Live run={run} info={info.data} version={version} lag={lag} runs={runs} />}
+      {running && <Live run={run} info={info.data} version={version} runs={runs} />}
       <Recorded run={run} info={info.data} series={series.data} start={query.get("t")} />
       <Rest run={run} info={info.data} />
     </>
@@ -63,24 +64,54 @@ function Why({ run, info, runs }: { run: string; info: CaseInfo; runs: Runs }): 
       <p class="verdict">
         <Chip verdict={statusOf(info)} /> <span class="reason">{info.reasons.join("; ") || (info.outcome === null ? "It has not ended." : "No reason was given.")}</span>
       </p>
+      <Axes info={info} />
       <h2 class="small">Repeat it</h2>
       <Command text={info.repeat} label="Command that repeats this case" />
+      {relative(info.repeat) && (
+        <p class="dim note">
+          In a terminal, in the folder that holds <code>{run}</code>.
+        </p>
+      )}
     </div>
+  );
+}
+
+/** Whether a command names a file that is only found from one folder. */
+const relative = (command: string): boolean => /^conductor run '?[^/'\s]/.test(command) && /campaign\.yaml/.test(command);
+
+/** What the case is: its values on the axes of the matrix. */
+function Axes({ info }: { info: CaseInfo }): JSX.Element | null {
+  const axes = Object.entries(info.axes).filter(([, value]) => value !== null);
+  if (axes.length === 0) return null;
+  return (
+    <dl class="facts axes">
+      {axes.map(([name, value]) => (
+        <div key={name}>
+          <dt>{called(name).title}</dt>
+          <dd>{text(value, called(name).unit)}</dd>
+        </div>
+      ))}
+    </dl>
   );
 }
 
 const WEATHERS = ["clear", "cloudy", "light_fog", "heavy_fog", "light_rain", "heavy_rain", "light_snow", "heavy_snow"];
 
-function Live({ run, info, version, lag, runs }: {
-  run: string; info: CaseInfo; version: number; lag: number | null; runs: Runs;
+function Live({ run, info, version, runs }: {
+  run: string; info: CaseInfo; version: number; runs: Runs;
 }): JSX.Element {
+  const lag = useLag(run, info.index);
   const [weather, setWeather] = useState("");
   const [hour, setHour] = useState("");
   return (
     <div class="panel">
+      <h2>Now</h2>
       <img class="live" src={file(`${pathOf(run, info.case)}/moment.webp`, version)} alt={`What the camera of ${info.case} sees now`} width="640" height="360" />
-      <p role="status" class={lag !== null && lag > 2 ? "box notice" : "dim"}>
-        {lag === null ? "Waiting for a picture." : lag > 2 ? `The picture lags ${lag.toFixed(1)} s behind the simulator.` : `Live; the picture is ${lag.toFixed(1)} s old.`}
+      <p role="status" class={late(lag) ? "box notice" : "dim"}>
+        {late(lag) ? lagWords(lag)
+        : lag !== null && lag.age_s !== null ? `Live; the picture is ${lag.age_s.toFixed(1)} s old.`
+        : version ? "Live."
+        : "Waiting for a picture."}
       </p>
       {mayAct(runs.roles) && (
         <>
@@ -118,10 +149,14 @@ export function extentOf(info: CaseInfo, series: Series | null): [number, number
   return [0, 0, 0.05];
 }
 
+const MOMENTS: Record<string, string> = {
+  impact: "the impact", closest: "the closest approach", trigger: "the trigger of emergency braking", end: "the end",
+};
+
 export function marksOf(info: CaseInfo): Mark[] {
   const marks: Mark[] = info.events.map((event) => ({ t: event.t, what: plain(event.what), kind: "event" }));
   if (info.moment !== null && info.moment.t !== null) {
-    marks.push({ t: info.moment.t, what: plain(info.moment.what), kind: "moment" });
+    marks.push({ t: info.moment.t, what: MOMENTS[info.moment.what] ?? plain(info.moment.what), kind: "moment" });
   }
   return marks;
 }
@@ -170,11 +205,27 @@ function Events({ info, clock }: { info: CaseInfo; clock: Clock }): JSX.Element 
             <button type="button" class="link" onClick={() => clock.to(event.t)}>
               {at(event.t)}
             </button>{" "}
-            <strong>{plain(event.what)}</strong> {event.detail}
+            <EventKind what={event.what} /> {event.detail}
           </li>
         ))}
       </ol>
     </Figure>
+  );
+}
+
+const KINDS: Record<string, [string, string]> = { warn: ["▲", "warning"], error: ["✕", "failure"], info: ["•", ""] };
+
+/** Levels of a log as signs, with a name for who does not see them. */
+function EventKind({ what }: { what: string }): JSX.Element {
+  const [sign, name] = KINDS[what] ?? ["", ""];
+  if (!sign) return <strong>{plain(what)}</strong>;
+  return (
+    <>
+      <span class={`eventkind ${what}`} aria-hidden="true">
+        {sign}
+      </span>
+      {name && <span class="away">{name}: </span>}
+    </>
   );
 }
 
@@ -192,15 +243,15 @@ function Kpis({ info }: { info: CaseInfo }): JSX.Element {
           <tbody>
             {info.kpis.map((kpi) => (
               <tr key={kpi.name}>
-                <th scope="row" title={kpi.doc}>
-                  {kpi.title || plain(kpi.name)}
+                <th scope="row">
+                  <KpiName kpi={kpi} />
                 </th>
                 <td class="n">{text(kpi.value, kpi.unit)}</td>
               </tr>
             ))}
             {Object.entries(info.names).map(([name, value]) => (
               <tr key={name}>
-                <th scope="row">{plain(name)}</th>
+                <th scope="row">{capital(called(name).title)}</th>
                 <td class="n">{value}</td>
               </tr>
             ))}
@@ -211,12 +262,21 @@ function Kpis({ info }: { info: CaseInfo }): JSX.Element {
   );
 }
 
+/** What a KPI says, and the name by which filters and files know it. */
+export function KpiName({ kpi }: { kpi: { name: string; title: string; doc?: string } }): JSX.Element {
+  return (
+    <>
+      {kpi.doc || kpi.title || capital(called(kpi.name).title)} <code class="dim">{kpi.name}</code>
+    </>
+  );
+}
+
 /** Rerun's viewer at the same moment, in a frame; it is large, so it comes when it is asked for. */
 function InFull({ info, clock }: { info: CaseInfo; clock: Clock }): JSX.Element {
   const [address, setAddress] = useState("");
   const { in_full: full, recording, video, incomplete } = info.links;
   return (
-    <Figure title="In full">
+    <Figure title="In full, in 3D">
       <p class="line">
         {full ? (
           <button type="button" onClick={() => setAddress(`${safe(full.split("#")[0]!)}#when=sim_time@+${clock.t.toFixed(3)}s`)}>
@@ -254,13 +314,14 @@ function Rest({ run, info }: { run: string; info: CaseInfo }): JSX.Element {
         <Figure title="Neighbours in the matrix">
           {axes.map(([axis, { before, after }]) => (
             <div key={axis} class="neighbours">
-              <h3>{plain(axis)}</h3>
+              <h3>{capital(called(axis).title)}</h3>
               <ul>
-                {before !== null && <Neighbour run={run} info={info} to={before} sign="←" />}
+                {before !== null && <Neighbour run={run} info={info} to={before} sign="←" axis={axis} />}
                 <li aria-current="true">
-                  <strong>{text(info.axes[axis])}</strong>
+                  <VerdictSign verdict={statusOf(info)} /> <strong>{text(info.axes[axis], called(axis).unit)}</strong>
+                  <span class="away"> (this case)</span>
                 </li>
-                {after !== null && <Neighbour run={run} info={info} to={after} sign="→" />}
+                {after !== null && <Neighbour run={run} info={info} to={after} sign="→" axis={axis} />}
               </ul>
             </div>
           ))}
@@ -272,13 +333,14 @@ function Rest({ run, info }: { run: string; info: CaseInfo }): JSX.Element {
   );
 }
 
-function Neighbour({ run, info, to, sign }: { run: string; info: CaseInfo; to: Beside; sign: string }): JSX.Element {
+function Neighbour({ run, info, to, sign, axis }: { run: string; info: CaseInfo; to: Beside; sign: string; axis: string }): JSX.Element {
   return (
     <li>
+      {to.verdict !== undefined && <VerdictSign verdict={to.verdict ?? to.state ?? "waiting"} />}{" "}
       <a href={toCase(run, to.case)}>
-        {sign} {text(to.value)}
+        <span aria-hidden="true">{sign}</span> {text(to.value, called(axis).unit)}
       </a>{" "}
-      <a href={toBeside(run, info.case, run, to.case)} aria-label={`Side by side with ${to.case}`} title="side by side">
+      <a class="button" href={toBeside(run, info.case, run, to.case)} aria-label={`Side by side with ${to.case}`} title="Both cases side by side">
         ⇄
       </a>
     </li>
@@ -296,14 +358,13 @@ function Attempts({ info }: { info: CaseInfo }): JSX.Element | null {
         {device && ` (${device})`}
         {wall !== null && ` for ${text(wall)} s`}.
       </p>
-      <ul class="plain">
-        {charges.map((charge, place) => (
-          <li key={place}>{charge}</li>
-        ))}
-        {steered.map((words, place) => (
-          <li key={`steered${place}`}>{words}</li>
-        ))}
-      </ul>
+      {charges.length + steered.length > 0 && (
+        <ul class="plain">
+          {[...charges, ...steered].map((words, place) => (
+            <li key={place}>{words}</li>
+          ))}
+        </ul>
+      )}
     </Figure>
   );
 }

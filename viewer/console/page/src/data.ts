@@ -14,6 +14,8 @@ export interface RunSummary {
   name: string;
   state: string;
   paused?: boolean;
+  /** Why it cannot be read; its numbers mean nothing then. */
+  error?: string | null;
   cases: number;
   done: number;
   verdicts: Record<string, number>;
@@ -77,6 +79,9 @@ export interface Film {
 export interface Beside {
   case: string;
   value: Value;
+  index?: number;
+  state?: string;
+  verdict?: string | null;
 }
 
 export interface CaseInfo {
@@ -222,9 +227,15 @@ function fromScript(path: string): Promise<unknown> {
   });
 }
 
+/** A line that is cut without a word answers nothing and breaks nothing: after so long it is given up [ms]. */
+export const PATIENCE_MS = 60_000;
+/** A comparison is made when it is asked for, which may take ten minutes [ms]. */
+const COMPARE_MS = 660_000;
+
 async function fromServer(path: string): Promise<unknown> {
   const headers: HeadersInit = token() ? { "X-Steer-Token": token() } : {};
-  const answer = await fetch(`data/${inAddress(path)}`, { cache: "no-cache", headers });
+  const signal = AbortSignal.timeout(path.startsWith("compare/") ? COMPARE_MS : PATIENCE_MS);
+  const answer = await fetch(`data/${inAddress(path)}`, { cache: "no-cache", headers, signal });
   if (answer.ok) return answer.json();
   const words = (await answer.text()).slice(0, 400).trim();
   if (answer.status >= 500) throw new Error(words || `the server says ${answer.status}`);

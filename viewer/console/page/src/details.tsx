@@ -13,10 +13,12 @@ interface Inputs {
   index: number;
   version: number;
   chosen: boolean;
+  /** There is a picture of it. */
+  pictured: boolean;
   onChoose: () => void;
 }
 
-export function Details({ run, table, index, version, chosen, onChoose }: Inputs): JSX.Element {
+export function Details({ run, table, index, version, chosen, pictured, onChoose }: Inputs): JSX.Element {
   const name = table.cases[index]!;
   const verdict = table.verdict(index);
   const info = useData<CaseInfo>(`runs/${run}/cases/${name}/case.json`, verdict);
@@ -33,7 +35,7 @@ export function Details({ run, table, index, version, chosen, onChoose }: Inputs
       <h2>
         <a href={toCase(run, name)}>{name}</a>
       </h2>
-      <Picture run={run} name={name} version={verdict === "running" ? version : undefined} />
+      {pictured && <Picture run={run} name={name} version={verdict === "running" ? version : undefined} />}
       <p>
         <strong>{text(table.value("reason", index) ?? "no reason was given")}</strong>
       </p>
@@ -54,7 +56,7 @@ export function Details({ run, table, index, version, chosen, onChoose }: Inputs
       <dl>
         {[...axes, ...kpis].map((column) => (
           <div key={column.name}>
-            <dt>{column.title || plain(column.name)}</dt>
+            <dt title={column.name}>{column.title || plain(column.name)}</dt>
             <dd>{text(table.value(column.name, index), column.unit)}</dd>
           </div>
         ))}

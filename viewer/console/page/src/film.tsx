@@ -2,9 +2,15 @@
 import type { JSX } from "preact";
 import { useEffect, useRef, useState } from "preact/hooks";
 import { type Clock, indexAt } from "./clock";
-import { type Box, type CaseInfo, file, type Film, type Series } from "./data";
+import { type Atlas, type Box, type CaseInfo, file, type Film, type Series } from "./data";
 import { Picture } from "./details";
+import { useData } from "./hooks";
 
+/** Width in which a film is drawn, so that boxes and their names are sharp whatever was recorded [px]. */
+const SHOWN_PX = 960;
+const FONT_PX = 20;
+/** Narrower boxes have no name [px]. */
+const NAMED_PX = 90;
 /** Strips that are kept. */
 const KEPT_MAX = 8;
 
@@ -56,12 +62,18 @@ export function FilmView(inputs: Inputs): JSX.Element {
   if (film === null) {
     return (
       <figure class="film">
-        <Picture run={run} name={info.case} version={undefined} />
+        <KnownPicture run={run} info={info} />
         <figcaption class="dim">No film: the case was not recorded (run it with --view record).</figcaption>
       </figure>
     );
   }
   return <StripFilm {...inputs} film={film} />;
+}
+
+/** The moment of a case without a film, if a picture of it came while it ran. */
+function KnownPicture({ run, info }: { run: string; info: CaseInfo }): JSX.Element | null {
+  const atlas = useData<Atlas>(`runs/${run}/pictures/atlas.json`);
+  return atlas.data?.has[info.index] ? <Picture run={run} name={info.case} version={undefined} /> : null;
 }
 
 /** Frame of the film that stands at a sim time. */
@@ -84,7 +96,8 @@ function StripFilm({ run, info, series, clock, film, label }: Inputs & { film: F
       if (!context) return;
       const frame = frameAt(film, clock.t);
       const strip = strips.get(Math.floor(frame / per));
-      if (strip !== null) context.drawImage(strip, (frame % per) * width, 0, width, height, 0, 0, width, height);
+      const { width: wide, height: high } = canvas.current!;
+      if (strip !== null) context.drawImage(strip, (frame % per) * width, 0, width, height, 0, 0, wide, high);
       canvas.current!.dataset.frame = strip === null ? "" : String(frame);
       const index = indexAt(times, clock.t);
       if (showBoxes.current && index >= 0) paintDetections(context, film, series!.detections[index]!);
@@ -97,23 +110,30 @@ function StripFilm({ run, info, series, clock, film, label }: Inputs & { film: F
   useEffect(() => drawn.current(), [boxes]);
   return (
     <figure class="film">
-      <canvas ref={canvas} width={film.size[0]} height={film.size[1]} role="img" aria-label={`Camera film of ${label}`} />
+      <canvas ref={canvas} width={SHOWN_PX} height={Math.round((SHOWN_PX * film.size[1]) / film.size[0])} role="img" aria-label={`Camera film of ${label}`} />
       <figcaption>
         <label>
           <input type="checkbox" checked={boxes} onChange={() => setBoxes(!boxes)} /> detections
         </label>
+        {boxes && (
+          <span class="dim">
+            {" "}
+            <i class="swatch detected" aria-hidden="true" /> seen by the stack <i class="swatch truth" aria-hidden="true" /> really there{" "}
+            <i class="swatch trigger" aria-hidden="true" /> why it braked
+          </span>
+        )}
       </figcaption>
     </figure>
   );
 }
 
 function paintDetections(context: CanvasRenderingContext2D, film: Film, seen: Series["detections"][number]): void {
-  const [width, height] = film.size;
-  const scale = width / (film.picture ?? film.size)[0];
-  context.font = `${Math.max(10, Math.round(height / 26))}px system-ui, "DejaVu Sans", sans-serif`;
+  const scale = SHOWN_PX / (film.picture ?? film.size)[0];
+  context.font = `${FONT_PX}px system-ui, "DejaVu Sans", sans-serif`;
   context.textBaseline = "bottom";
   for (const box of seen.truth) paintBox(context, box, scale, "#35e0ff", 1, "");
-  for (const box of seen.boxes) paintBox(context, box, scale, "#ff9f1c", 2, box.label);
+  // The name of a small box would hide what is beside it.
+  for (const box of seen.boxes) paintBox(context, box, scale, "#ff9f1c", 2, box.w * scale < NAMED_PX ? "" : box.label);
   if (seen.trigger !== null) paintBox(context, seen.trigger, scale, "#ffe600", 4, `${seen.trigger.label} trigger`);
 }
 
@@ -124,7 +144,7 @@ function paintBox(context: CanvasRenderingContext2D, box: Box, scale: number, st
   context.strokeRect(x, y, box.w * scale, box.h * scale);
   if (!words) return;
   const wide = context.measureText(words).width + 6;
-  const line = Math.max(12, Math.round(context.canvas.height / 22));
+  const line = FONT_PX + 5;
   context.fillStyle = "#000000b8";
   context.fillRect(x, Math.max(0, y - line), wide, line);
   context.fillStyle = "#ffffff";

@@ -19,11 +19,20 @@ export function useData<T>(path: string | null, again: unknown = 0): Answer<T> {
     if (path === null) return;
     let over = false;
     let timer = 0;
+    let asked = 0;
+    let answered = false;
     const ask = (tries: number): void => {
+      const mine = ++asked;
+      clearTimeout(timer);
       read<T>(path).then(
-        (data) => !over && setAnswer({ data, error: "", path }),
+        (data) => {
+          if (over || mine !== asked) return;
+          answered = true;
+          setAnswer({ data, error: "", path });
+        },
         (error: unknown) => {
-          if (over) return;
+          if (over || mine !== asked) return;
+          answered = error instanceof Missing;
           const words = error instanceof Missing ? error.message : "No answer from the server; asking again.";
           setAnswer((before) => ({ data: before.path === path ? before.data : null, error: words, path }));
           if (STATIC || error instanceof Missing) return;
@@ -32,9 +41,13 @@ export function useData<T>(path: string | null, again: unknown = 0): Answer<T> {
       );
     };
     ask(0);
+    // A question that was on the line when it was cut may never be answered.
+    const healed = (): void => void (answered || ask(0));
+    live.addEventListener("healed", healed);
     return () => {
       over = true;
       clearTimeout(timer);
+      live.removeEventListener("healed", healed);
     };
   }, [path, again, epoch]);
   return answer.path === path ? answer : { data: null, error: "" };

@@ -13,7 +13,13 @@ export interface Events {
   /** What changed in a table; `reset`: it has other columns or another order. */
   table: { run: string; version: string; reset?: boolean; rows?: Record<string, Record<string, Value>>; cases?: string[] };
   /** Of each new picture its case by number, version, sim time [s] and age [s]. */
-  picture: { run: string; pictures: [number, number, number | null, number | null][] };
+  picture: {
+    run: string;
+    pictures: [number, number, number | null, number | null][];
+    /** From where ages count, and how far they may be off [s]. */
+    from?: "simulator" | "console";
+    within_s?: number | null;
+  };
   workers: { draining: boolean };
   log: LogLine;
   /** The conductor cannot be reached. */
@@ -56,6 +62,9 @@ class Live extends EventTarget {
     else this.open();
     setInterval(() => this.look(), 1000);
     addEventListener("online", () => this.reopen());
+    // A page that was frozen, or that the browser kept when somebody left it, had no timers.
+    addEventListener("pageshow", () => this.look());
+    document.addEventListener("resume", () => this.look());
     document.addEventListener("visibilitychange", () => {
       if (document.visibilityState === "hidden") this.sleep();
       else if (this.asleep) this.wake();
@@ -107,7 +116,10 @@ class Live extends EventTarget {
     this.tries = 0;
     const id = event instanceof MessageEvent ? event.lastEventId : "";
     if (id) this.last = id;
-    if (this.line === "lost") this.dispatchEvent(new Event("healed"));
+    if (this.line === "lost") {
+      forget();
+      this.dispatchEvent(new Event("healed"));
+    }
     this.say("open");
   }
 

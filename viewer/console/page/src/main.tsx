@@ -4,11 +4,12 @@ import type { JSX } from "preact";
 import { useEffect, useMemo, useRef, useState } from "preact/hooks";
 import { BesideView } from "./beside";
 import { CaseView } from "./case";
-import { type Runs, STATIC, takeToken } from "./data";
+import { type RunInfo, type Runs, STATIC, takeToken } from "./data";
 import { useData, useSignal } from "./hooks";
 import { live } from "./live";
 import { ComparePage, RulebookView, SearchView } from "./pages";
 import { knowKinds, Waiting } from "./parts";
+import { ReportView } from "./report";
 import { address, parse, type Route, toRun, toWall } from "./route";
 import { RunsView, RunView } from "./runs";
 import { Theme } from "./theme";
@@ -53,26 +54,33 @@ function LineState({ isLive }: { isLive: boolean }): JSX.Element {
   useSignal(live, "line");
   const gone = live.gone;
   const words =
-    STATIC ? "as it was saved"
-    : !isLive ? "from files"
+    STATIC ? "saved copy"
+    : !isLive ? "not live"
     : live.line === "lost" ? "no connection; trying again"
     : gone ? `conductor: ${gone}`
     : live.line === "open" ? "live"
     : "connecting";
   const bad = isLive && (live.line === "lost" || gone !== "");
   return (
-    <span class={`online ${bad ? "bad" : ""}`} role="status">
+    <span class={`online ${bad ? "bad" : ""}`} role="status" title={isLive || STATIC ? undefined : "Read from files; viewer web --run follows what runs."}>
       {words}
     </span>
   );
 }
 
-function Head({ route, isLive, single }: { route: Route; isLive: boolean; single: boolean }): JSX.Element {
+const TABS: [keyof RunInfo["links"], string][] = [["report", "Report"], ["search", "Search"], ["rulebook", "Rulebook"]];
+
+function Head({ route, runs }: { route: Route; runs: Runs | null }): JSX.Element {
   const { run, view } = route;
-  const tabs: [string, string, boolean][] = run
+  const known = runs?.runs.some((one) => one.id === run && !one.error) ?? false;
+  const info = useData<RunInfo>(known && view !== "compare" ? `runs/${run}/run.json` : null);
+  const tabs: [string, string, boolean][] = known && view !== "compare"
     ? [
         [toRun(run), "Summary", view === "run"],
         [toWall(run), "Wall", view === "wall"],
+        ...TABS.filter(([name]) => info.data?.links[name]).map(([name, label]): [string, string, boolean] => [
+          address(["run", run, String(name)]), label, view === name,
+        ]),
         [address(["run", run, "workers"]), "Workers", view === "workers"],
       ]
     : [];
@@ -82,20 +90,26 @@ function Head({ route, isLive, single }: { route: Route; isLive: boolean; single
         To the content
       </a>
       <nav aria-label="Views">
-        <a href="#/" aria-current={view === "runs" ? "page" : undefined}>
-          {single ? "Campaign" : "Campaigns"}
-        </a>
+        {only(runs) === null && (
+          <a href="#/" aria-current={view === "runs" ? "page" : undefined}>
+            Campaigns
+          </a>
+        )}
         {tabs.map(([link, label, here]) => (
           <a key={label} href={link} aria-current={here ? "page" : undefined}>
             {label}
           </a>
         ))}
+        {only(runs) !== null && tabs.length === 0 && <a href="#/">Summary</a>}
       </nav>
-      <LineState isLive={isLive} />
+      <LineState isLive={runs?.live ?? false} />
       <Theme />
     </header>
   );
 }
+
+/** The only campaign, which is opened at once; null: there are more, or none. */
+const only = (runs: Runs | null): string | null => (runs?.runs.length === 1 ? runs.runs[0]!.id : null);
 
 function skip(event: Event): void {
   event.preventDefault();
@@ -119,6 +133,8 @@ function View({ route, runs }: { route: Route; runs: Runs }): JSX.Element {
       return <SearchView key={run} run={run} />;
     case "rulebook":
       return <RulebookView key={run} run={run} />;
+    case "report":
+      return <ReportView key={run} run={run} />;
     case "workers":
       return <WorkersView key={run} run={run} runs={runs} />;
     case "compare":
@@ -138,6 +154,12 @@ function View({ route, runs }: { route: Route; runs: Runs }): JSX.Element {
 function Page(): JSX.Element {
   const route = useRoute();
   const { runs, error } = useRuns();
+  const single = route.view === "runs" ? only(runs) : null;
+  useEffect(() => {
+    if (single === null) return;
+    history.replaceState(null, "", toRun(single));
+    dispatchEvent(new Event("requery"));
+  }, [single]);
   const place = `${route.view}/${route.run}/${route.case}`;
   const main = useRef<HTMLElement>(null);
   const before = useRef(place);
@@ -152,9 +174,9 @@ function Page(): JSX.Element {
   }, [place]);
   return (
     <>
-      <Head route={route} isLive={runs?.live ?? false} single={runs?.runs.length === 1} />
-      <main id="main" ref={main} tabIndex={-1} class={route.view}>
-        {runs === null ? <Waiting error={error} what="campaigns" /> : <View route={route} runs={runs} />}
+      <Head route={route} runs={runs} />
+      <main id="main" ref={main} tabIndex={-1} class={`of-${route.view}`}>
+        {runs === null || single !== null ? <Waiting error={error} what="campaigns" /> : <View route={route} runs={runs} />}
       </main>
     </>
   );

@@ -1,7 +1,7 @@
 // Draws what is seen of a wall.
 import { type Cell, caseAt, cornerOf, type Layout, PICTURE_MIN, type Spot } from "./layout";
 import { colorOf, inkOn, kinds, symbolOf, wordsOf } from "./parts";
-import type { Table } from "./table";
+import { headOf, type Table } from "./table";
 import { color } from "./theme";
 import type { Thumbs } from "./thumbs";
 import { plain } from "./words";
@@ -242,6 +242,7 @@ function paintHeads(context: CanvasRenderingContext2D, scene: Scene, ink: Ink): 
   context.textBaseline = "middle";
   context.font = 'bold 12px system-ui, "DejaVu Sans", sans-serif';
   const value = (name: string | undefined, text: string): string => (name === "verdict" ? wordsOf(text) : plain(text));
+  const titles = groups.axes.map((name) => headOf(scene.table.column(name) ?? { name, title: "", unit: "", kind: "axis", better: null }));
   if (side) {
     context.fillStyle = ink.paper;
     context.fillRect(left, top, side, height);
@@ -267,5 +268,5 @@ function paintHeads(context: CanvasRenderingContext2D, scene: Scene, ink: Ink): 
   context.fillRect(left, top, side, head);
   context.fillStyle = ink.dim;
   context.font = '11px system-ui, "DejaVu Sans", sans-serif';
-  context.fillText(fitted(context, `${plain(groups.axes[1]!)} ↓ ${plain(groups.axes[0]!)} →`, side - 8), left + 6, top + head / 2);
+  context.fillText(fitted(context, `${titles[1]} ↓`, side - 8), left + 6, top + head / 2);
 }

@@ -2,7 +2,7 @@
 import type { ComponentChildren, JSX } from "preact";
 import { useState } from "preact/hooks";
 import type { VerdictKind } from "./data";
-import { plain } from "./words";
+import { capital, plain } from "./words";
 
 /** Kinds of verdicts by name; filled by the first answer that has them. */
 export const kinds = new Map<string, VerdictKind>([
@@ -33,6 +33,16 @@ export function Icon({ verdict }: { verdict: string }): JSX.Element {
     <b class="icon" style={{ background: fill, color: inkOn(fill) }} aria-hidden="true">
       {symbolOf(verdict)}
     </b>
+  );
+}
+
+/** An icon that stands alone: who does not see it hears the verdict. */
+export function VerdictSign({ verdict }: { verdict: string }): JSX.Element {
+  return (
+    <span title={wordsOf(verdict)}>
+      <Icon verdict={verdict} />
+      <span class="away">{wordsOf(verdict)}: </span>
+    </span>
   );
 }
 
@@ -70,7 +80,7 @@ export function byRank(verdicts: Record<string, number>): [string, number][] {
 export function Waiting({ error, what }: { error: string; what: string }): JSX.Element {
   return error ? (
     <p class="box notice" role="status">
-      {what}: {error}
+      {capital(what)}: {error}
     </p>
   ) : (
     <p class="dim" role="status">
@@ -80,18 +90,17 @@ export function Waiting({ error, what }: { error: string; what: string }): JSX.E
 }
 
 /** A command, and a button that copies it. */
-export function Command({ text, label }: { text: string; label: string }): JSX.Element {
+export function Command({ text, label, plain: quiet = false }: { text: string; label: string; plain?: boolean }): JSX.Element {
   const [said, setSaid] = useState("");
   const copy = async (): Promise<void> => {
     setSaid((await copied(text)) ? "Copied" : "Select it and copy it yourself");
-    setTimeout(() => setSaid(""), 4000);
   };
   return (
     <div class="command">
       <pre tabIndex={0} aria-label={label}>
         {text}
       </pre>
-      <button type="button" class="main" onClick={() => void copy()}>
+      <button type="button" class={quiet ? "" : "main"} aria-label={quiet ? `Copy: ${label}` : undefined} onClick={() => void copy()}>
         Copy
       </button>
       <span role="status">{said}</span>
@@ -126,7 +135,7 @@ export function save(name: string, text: string, type: string): void {
   setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
 }
 
-export function Figure({ title, children }: { title: string; children: ComponentChildren }): JSX.Element {
+export function Figure({ title, children }: { title: ComponentChildren; children: ComponentChildren }): JSX.Element {
   return (
     <section class="panel">
       <h2>{title}</h2>

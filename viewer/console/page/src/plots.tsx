@@ -5,7 +5,7 @@ import type { Clock } from "./clock";
 import type { Series } from "./data";
 import { useSignal } from "./hooks";
 import { color, colors } from "./theme";
-import { plain } from "./words";
+import { called, capital } from "./words";
 
 interface Axis {
   _offset: number;
@@ -51,8 +51,8 @@ function themed(layout: Record<string, unknown>): Record<string, unknown> {
   return {
     ...layout,
     ...axes,
-    paper_bgcolor: color("paper"),
-    plot_bgcolor: color("paper"),
+    paper_bgcolor: color("panel"),
+    plot_bgcolor: color("panel"),
     font: { color: color("ink"), family: 'system-ui, "DejaVu Sans", sans-serif', size: 12 },
   };
 }
@@ -144,12 +144,13 @@ export function SeriesPlots({ overlays, clock, marks }: {
   const names = [...new Set(overlays.flatMap(({ series }) => Object.keys(series.series)))].filter((name) =>
     overlays.some(({ series }) => varies(series.series[name]?.v ?? [])),
   );
+  const theme = useSignal(colors, "change");
   const made = useRef<{ key: string; data: unknown[]; layout: Record<string, unknown> } | null>(null);
   if (names.length === 0) return null;
-  const key = `${names.join()} ${overlays.map(({ label, series }) => `${label}${series.t.length}`).join()} ${marks.map((m) => m.t).join()}`;
+  const key = `${theme} ${names.join()} ${overlays.map(({ label, series }) => `${label}${series.t.length}`).join()} ${marks.map((m) => m.t).join()}`;
   if (made.current?.key !== key) made.current = { key, ...figure(names, overlays, marks) };
   const { data, layout } = made.current;
-  const label = `Over sim time: ${names.map(plain).join(", ")}`;
+  const label = `Over sim time: ${names.map((name) => titleOf(overlays, name)).join(", ")}`;
   return <Plot data={data} layout={layout} label={label} height={ROW_PX * names.length + 40} clock={clock} />;
 }
 
@@ -160,7 +161,7 @@ function varies(values: (number | null)[]): boolean {
 }
 
 function figure(names: string[], overlays: Overlay[], marks: { t: number; what: string }[]): { data: unknown[]; layout: Record<string, unknown> } {
-  const hues = ["#0072B2", "#D55E00"];
+  const hues = [color("plot"), color("plot2")];
   const data = names.flatMap((name, row) =>
     overlays.flatMap(({ label, series, dash }, at) => {
       const one = series.series[name];
@@ -186,19 +187,31 @@ function figure(names: string[], overlays: Overlay[], marks: { t: number; what: 
       x: 0, y: 1 - row / names.length - 0.02 / names.length, xanchor: "left", yanchor: "top", font: { size: 12 },
     })),
   };
-  names.forEach((_, row) => {
+  names.forEach((name, row) => {
     const top = 1 - row / names.length;
     layout[row ? `yaxis${row + 1}` : "yaxis"] = {
+      ...rangeOf(name, overlays),
       domain: [Math.max(0, top - 1 / names.length + gap / 2), top - gap], fixedrange: true, nticks: 4, zeroline: false,
     };
   });
   return { data, layout };
 }
 
+/** Times to a collision that are longer say nothing, and hide those that do [s]. */
+const TTC_SHOWN_S = 10;
+
+/** The range of a plot where not all of its values are worth seeing. */
+function rangeOf(name: string, overlays: Overlay[]): { range?: [number, number] } {
+  if (!name.includes("ttc")) return {};
+  const values = overlays.flatMap(({ series }) => series.series[name]?.v ?? []).filter((value) => value !== null);
+  const [least, most] = [Math.min(...values), Math.max(...values)];
+  return most <= TTC_SHOWN_S ? {} : { range: [0, Math.max(TTC_SHOWN_S, 1.5 * least)] };
+}
+
 const titleOf = (overlays: Overlay[], name: string): string =>
-  (overlays.map(({ series }) => series.series[name]?.title).find(Boolean) ?? plain(name)).replace(/ ?\[[^\]]*\]$/, "").replaceAll("<", "");
+  capital(overlays.map(({ series }) => series.series[name]?.title).find(Boolean) ?? called(name).title).replace(/ ?\[[^\]]*\]$/, "").replaceAll("<", "");
 
 function unitOf(overlays: Overlay[], name: string): string {
-  const unit = overlays.map(({ series }) => series.series[name]?.unit).find(Boolean) ?? "";
-  return unit ? ` [${unit.replaceAll("<", "")}]` : "";
+  const unit = overlays.map(({ series }) => series.series[name]?.unit).find(Boolean) ?? called(name).unit;
+  return unit ? ` [${unit.replaceAll("<", "").replace("^2", "²")}]` : "";
 }

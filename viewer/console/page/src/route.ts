@@ -1,7 +1,7 @@
 // Addresses of views: everything that a view shows stands behind the `#`, so that it can be shared.
 
 export interface Route {
-  view: "runs" | "run" | "wall" | "case" | "beside" | "search" | "rulebook" | "workers" | "compare" | "lost";
+  view: "runs" | "run" | "wall" | "case" | "beside" | "search" | "rulebook" | "report" | "workers" | "compare" | "lost";
   run: string;
   case: string;
   run2: string;
@@ -38,7 +38,7 @@ export function parse(hash: string): Route {
     return { ...route, view: "beside", case: name, run2, case2 };
   }
   if (view === "case" && name) return { ...route, view: "case", case: name };
-  if (view === "wall" || view === "search" || view === "rulebook" || view === "workers") {
+  if (view === "wall" || view === "search" || view === "rulebook" || view === "report" || view === "workers") {
     return { ...route, view };
   }
   return { ...route, view: "lost" };

@@ -1,11 +1,11 @@
-// The wall as a table: only the rows on the screen exist.
+// The wall as a table: only the rows and columns on the screen exist.
 import type { JSX } from "preact";
 import { useEffect, useState } from "preact/hooks";
 import { useSize } from "./hooks";
 import { Chip } from "./parts";
 import { requery } from "./route";
-import type { Table } from "./table";
-import { plain, text } from "./words";
+import { headOf, type Table } from "./table";
+import { text } from "./words";
 
 const ROW_PX = 30;
 const MORE = 4;
@@ -14,6 +14,7 @@ const CASE_PX = 300;
 const VERDICT_PX = 150;
 const WHY_PX = 380;
 const COLUMN_PX = 150;
+const FIXED_PX = CASE_PX + VERDICT_PX + WHY_PX;
 
 interface Inputs {
   table: Table;
@@ -27,12 +28,20 @@ interface Inputs {
 }
 
 export function Rows({ table, order, active, chosen, sort, onActive, onChoose, onOpen }: Inputs): JSX.Element {
-  const [frame, , height] = useSize<HTMLDivElement>();
+  const [frame, width, height] = useSize<HTMLDivElement>();
   const [top, setTop] = useState(0);
+  const [left, setLeft] = useState(0);
   const from = Math.max(0, Math.floor(top / ROW_PX) - MORE);
-  const to = Math.min(order.length, Math.ceil((top + height) / ROW_PX) + MORE);
-  const columns = table.columns.filter((column) => column.name !== "verdict" && column.name !== "reason");
+  const to = Math.min(order.length, Math.ceil((top + height) / ROW_PX) + 1 + MORE);
+  const columns = table.columns.filter((column) => column.name !== "verdict" && column.name !== "reason" && column.name !== "state");
+  const shown = (px: number): number => Math.min(columns.length, Math.max(0, Math.floor((px - FIXED_PX) / COLUMN_PX)));
+  const [begin, end] = [shown(left - COLUMN_PX), Math.min(columns.length, shown(left + width) + 2)];
   const place = order.indexOf(active);
+  // Whole rows and columns: a smaller move changes nothing of what exists.
+  const onScroll = (): void => {
+    setTop(Math.floor(frame.current!.scrollTop / ROW_PX) * ROW_PX);
+    setLeft(Math.floor(frame.current!.scrollLeft / COLUMN_PX) * COLUMN_PX);
+  };
   useEffect(() => frame.current?.scrollTo(0, 0), [sort]);
   const move = (event: KeyboardEvent): void => {
     const step = { ArrowDown: 1, ArrowUp: -1, PageDown: 20, PageUp: -20 }[event.key];
@@ -51,8 +60,8 @@ export function Rows({ table, order, active, chosen, sort, onActive, onChoose, o
     if (y + 2 * ROW_PX > box.scrollTop + box.clientHeight) box.scrollTop = y + 2 * ROW_PX - box.clientHeight;
   };
   return (
-    <div ref={frame} class="rows" tabIndex={0} role="region" aria-label="Cases as rows; arrows move, Enter opens, space selects" onScroll={() => setTop(frame.current!.scrollTop)} onKeyDown={move}>
-      <table aria-rowcount={order.length + 1} style={{ width: `${CASE_PX + VERDICT_PX + WHY_PX + columns.length * COLUMN_PX}px` }}>
+    <div ref={frame} class="rows" tabIndex={0} role="region" aria-label="Cases as rows; arrows move, Enter opens, space selects" onScroll={onScroll} onKeyDown={move}>
+      <table aria-rowcount={order.length + 1} aria-colcount={columns.length + 3} style={{ width: `${FIXED_PX + columns.length * COLUMN_PX}px` }}>
         <colgroup>
           {[CASE_PX, VERDICT_PX, WHY_PX, ...columns.map(() => COLUMN_PX)].map((width, at) => (
             <col key={at} style={{ width: `${width}px` }} />
@@ -64,7 +73,7 @@ export function Rows({ table, order, active, chosen, sort, onActive, onChoose, o
             <Title name="verdict" title="verdict" sort={sort} />
             <th scope="col">why</th>
             {columns.map((column) => (
-              <Title key={column.name} name={column.name} title={`${column.title || plain(column.name)}${column.unit ? ` [${column.unit}]` : ""}`} sort={sort} />
+              <Title key={column.name} name={column.name} title={headOf(column)} sort={sort} />
             ))}
           </tr>
         </thead>
@@ -78,14 +87,16 @@ export function Rows({ table, order, active, chosen, sort, onActive, onChoose, o
                 <Chip verdict={table.verdict(index)} />
               </td>
               <td title={text(table.value("reason", index))}>{text(table.value("reason", index))}</td>
-              {columns.map((column) => {
+              {begin > 0 && <td key="before" colSpan={begin} />}
+              {columns.slice(begin, end).map((column, at) => {
                 const value = table.value(column.name, index);
                 return (
-                  <td key={column.name} class={typeof value === "number" ? "n" : ""}>
+                  <td key={begin + at} aria-colindex={begin + at + 4} class={typeof value === "number" ? "n" : ""}>
                     {text(value)}
                   </td>
                 );
               })}
+              {end < columns.length && <td key="after" colSpan={columns.length - end} />}
             </tr>
           ))}
           <tr class="pad" style={{ height: `${(order.length - to) * ROW_PX}px` }} aria-hidden="true" />

@@ -1,25 +1,35 @@
 // All campaigns, and the first page of one.
 import type { JSX } from "preact";
-import { useMemo } from "preact/hooks";
+import { useMemo, useState } from "preact/hooks";
 import { actsOnRun, Acts, mayAct } from "./acts";
-import type { RunSummary, Runs } from "./data";
-import { byRank, Chip, Command, Figure, Icon, kinds, Shares, Waiting, wordsOf } from "./parts";
+import type { Atlas, RunInfo, RunSummary, Runs } from "./data";
+import { Picture } from "./details";
+import { useData } from "./hooks";
+import { byRank, Chip, Command, Figure, kinds, Shares, VerdictSign, Waiting, wordsOf } from "./parts";
 import { address, toCase, toRun, toWall } from "./route";
-import { ordered, WORST } from "./table";
+import { ordered, type Table, WORST } from "./table";
 import { useTable } from "./tables";
-import { count, hour, number, plain, span, text } from "./words";
+import { count, hour, number, span, text } from "./words";
+
+/** Cases below the worst one that are shown with a picture. */
+const NEXT_MAX = 8;
+/** Axes with more values make no heat map that anybody reads. */
+const HEAT_VALUES_MAX = 12;
 
 function Facts({ run }: { run: RunSummary }): JSX.Element {
+  const over = run.state === "finished";
   const facts: [string, string][] = [];
   const add = (name: string, value: number | null, shown: (value: number) => string): void => {
     if (value !== null && value !== undefined) facts.push([name, shown(value)]);
   };
-  add("time so far", run.elapsed_s, span);
-  if (run.state !== "finished") add("expected end", run.eta_s, (s) => `in ${span(s)}, at ${hour(s)}`);
+  add(over ? "took" : "time so far", run.elapsed_s, span);
+  if (!over) add("expected end", run.eta_s, (s) => `in ${span(s)}, at ${hour(s)}`);
   add("cases per minute", run.per_minute, number);
   add("workers", run.workers, number);
-  add("GPUs", run.gpus, number);
-  add("cost so far", run.device_hours, (hours) => `${number(hours)} device hours`);
+  if (run.gpus) add("GPUs", run.gpus, number);
+  add(over ? "cost" : "cost so far", run.device_hours, (hours) =>
+    hours < 1 ? `${span(hours * 3600)} on devices` : `${number(hours)} device hours`,
+  );
   return (
     <dl class="facts">
       {facts.map(([name, value]) => (
@@ -53,10 +63,13 @@ function Progress({ run }: { run: RunSummary }): JSX.Element {
   );
 }
 
+const nameOf = (run: RunSummary): string => (run.name === run.id || !run.name ? run.id : `${run.name} (${run.id})`);
+
 export function RunsView({ runs }: { runs: Runs }): JSX.Element {
   const states = ["running", "paused", "waiting", "finished"];
   const place = (state: string): number => (states.indexOf(state) + states.length + 1) % (states.length + 1);
   const sorted = [...runs.runs].sort((a, b) => place(a.state) - place(b.state));
+  const readable = sorted.filter((run) => !run.error);
   return (
     <>
       <h1>Campaigns</h1>
@@ -64,37 +77,61 @@ export function RunsView({ runs }: { runs: Runs }): JSX.Element {
       <ul class="cards">
         {sorted.map((run) => (
           <li key={run.id} class="panel">
-            <h2>
-              <a href={toRun(run.id)}>{run.name === run.id || !run.name ? run.id : `${run.name} (${run.id})`}</a> <span class={`state ${run.state}`}>{run.state}</span>
-            </h2>
-            <Progress run={run} />
-            <Facts run={run} />
-            <p class="line">
-              <a class="button main" href={toWall(run.id)}>
-                Open the wall
-              </a>
-              <a class="button" href={toRun(run.id)}>
-                Summary
-              </a>
-            </p>
+            {run.error ? <Damaged run={run} /> : <Card run={run} />}
           </li>
         ))}
       </ul>
-      {sorted.length > 1 && <Others runs={sorted} />}
+      {readable.length > 1 && <Others runs={readable} />}
+    </>
+  );
+}
+
+function Card({ run }: { run: RunSummary }): JSX.Element {
+  return (
+    <>
+      <h2>
+        <a href={toRun(run.id)}>{nameOf(run)}</a> <span class={`state ${run.state}`}>{run.state}</span>
+      </h2>
+      <Progress run={run} />
+      <Facts run={run} />
+      <p class="line">
+        <a class="button main" href={toRun(run.id)}>
+          Summary<span class="away"> of {nameOf(run)}</span>
+        </a>
+        <a class="button" href={toWall(run.id)}>
+          Open the wall<span class="away"> of {nameOf(run)}</span>
+        </a>
+      </p>
+    </>
+  );
+}
+
+/** A campaign that cannot be read: why, and nothing to open. */
+function Damaged({ run }: { run: RunSummary }): JSX.Element {
+  return (
+    <>
+      <h2>
+        {run.id} <span class="state damaged">damaged</span>
+      </h2>
+      <p class="box alarm">{run.error}</p>
+      <p class="dim">It cannot be shown until that is mended. Nothing else here depends on it.</p>
     </>
   );
 }
 
 function Others({ runs }: { runs: RunSummary[] }): JSX.Element {
+  const [chosen, setChosen] = useState<[string, string]>(["", ""]);
+  const known = (id: string): boolean => runs.some((run) => run.id === id);
+  const left = known(chosen[0]) ? chosen[0] : runs[0]!.id;
+  const right = known(chosen[1]) ? chosen[1] : runs[1]!.id;
   const compare = (event: Event): void => {
     event.preventDefault();
-    const form = new FormData(event.target as HTMLFormElement);
-    location.hash = address(["compare", String(form.get("left")), String(form.get("right"))]);
+    location.hash = address(["compare", left, right]);
   };
-  const choice = (name: string, label: string, chosen: number): JSX.Element => (
+  const choice = (label: string, value: string, choose: (id: string) => void): JSX.Element => (
     <label>
       {label}{" "}
-      <select name={name} defaultValue={runs[chosen]?.id ?? ""}>
+      <select value={value} onChange={(event) => choose((event.target as HTMLSelectElement).value)}>
         {runs.map((run) => (
           <option key={run.id} value={run.id}>
             {run.id}
@@ -104,25 +141,32 @@ function Others({ runs }: { runs: RunSummary[] }): JSX.Element {
     </label>
   );
   return (
-    <form class="controls panel" onSubmit={compare}>
-      {choice("left", "Compare", 1)}
-      {choice("right", "with", 0)}
-      <button type="submit">Compare</button>
+    <form class="controls panel" aria-label="Compare two runs of one campaign" onSubmit={compare}>
+      {choice("Compare", left, (id) => setChosen([id, right]))}
+      {choice("with", right, (id) => setChosen([left, id]))}
+      <button type="submit" disabled={left === right}>Compare</button>
+      <span class="dim">Two runs of the same cases, as of two versions of a stack.</span>
     </form>
   );
 }
 
-const LINKS: Record<string, string> = { report: "Report", search: "Search", rulebook: "Rulebook" };
-
 export function RunView({ run, runs }: { run: string; runs: Runs }): JSX.Element {
-  const { info, table, version, error } = useTable(run);
-  const worst = useMemo(
-    () => (table === null ? [] : ordered(table, (index) => failed(table.verdict(index)), WORST).slice(0, 8)),
-    [table, version],
-  );
+  const listed = runs.runs.find((one) => one.id === run);
+  const { info, table, version, error } = useTable(listed?.error ? "" : run);
+  // Which cases have a picture is asked anew with every twentieth of the campaign: it is a question to the disk.
+  const share = listed && listed.cases ? Math.floor((20 * listed.done) / listed.cases) : 0;
+  const atlas = useData<Atlas>(info === null ? null : `runs/${run}/pictures/atlas.json`, share);
+  const worst = useMemo(() => (table === null ? [] : worstOf(table)), [table, version]);
+  if (listed?.error) {
+    return (
+      <div class="panel">
+        <Damaged run={listed} />
+      </div>
+    );
+  }
   if (info === null || table === null) return <Waiting error={error} what={`campaign ${run}`} />;
-  const summary = { ...info, ...runs.runs.find((one) => one.id === run) };
-  const worstOne = worst[0];
+  const summary = { ...info, ...listed };
+  const has = (index: number): boolean => atlas.data?.has[index] ?? false;
   return (
     <>
       <h1>
@@ -135,59 +179,121 @@ export function RunView({ run, runs }: { run: string; runs: Runs }): JSX.Element
         <Progress run={summary} />
         <Facts run={summary} />
         <p class="line">
-          <a class="button main" href={toWall(run)}>
-            Open the wall
+          <a class="button" href={toWall(run)}>
+            Open the wall: all {count(summary.cases, "case")} as pictures, worst first
           </a>
-          {worstOne !== undefined && (
-            <a class="button" href={toCase(run, table.cases[worstOne]!)}>
-              Open the worst case
-            </a>
-          )}
         </p>
       </div>
-      <Figure title="The worst cases">
-        {worst.length === 0 ? (
-          <p class="dim">No case has failed.</p>
-        ) : (
-          <ol class="worst">
-            {worst.map((index) => (
-              <li key={index}>
-                <Icon verdict={table.verdict(index)} /> <a href={toCase(run, table.cases[index]!)}>{table.cases[index]}</a>
-                <br />
-                <span class="dim">
-                  {wordsOf(table.verdict(index))}: {text(table.value("reason", index))}
-                </span>
-              </li>
-            ))}
-          </ol>
-        )}
-      </Figure>
-      <Figure title="More">
-        <ul class="plain">
-          {Object.entries(info.links ?? {}).map(([name, link]) => link !== null && Own({ run, name, link }))}
-          <li>
-            <a href={address(["run", run, "workers"])}>Workers, leases, resources</a>
-          </li>
-          {groupsOf(info.axes.filter((axis) => axis.values.length > 1).map((axis) => axis.name)).map(([a, b]) => (
-            <li key={`${a},${b}`}>
-              <a href={toWall(run, [["group", `${a},${b}`]])}>
-                The wall as a heat map: {plain(a)} across, {plain(b)} down
-              </a>
-            </li>
-          ))}
-        </ul>
-        {info.fingerprint && <Command text={info.fingerprint} label="Fingerprint of the results" />}
-      </Figure>
+      <Worst run={run} table={table} worst={worst} has={has} over={summary.state === "finished"} />
+      <More run={run} info={info} />
     </>
   );
 }
 
-function Own({ run, name, link }: { run: string; name: string; link: string }): JSX.Element {
-  const own = name === "search" || name === "rulebook";
+/** Cases that somebody wants to look into: those that did not pass, else those that came closest to it; worst first. */
+function worstOf(table: Table): number[] {
+  const bad = ordered(table, (index) => failed(table.verdict(index)), WORST);
+  if (bad.length > 0) return bad.slice(0, NEXT_MAX + 1);
+  return ordered(table, (index) => !UNENDED.includes(table.verdict(index)), WORST).slice(0, 4);
+}
+
+function Worst({ run, table, worst, has, over }: {
+  run: string; table: Table; worst: number[]; has: (index: number) => boolean; over: boolean;
+}): JSX.Element {
+  const [first, ...rest] = worst;
+  if (first === undefined) {
+    return (
+      <Figure title="The worst case">
+        <p class="dim">No case has ended yet.</p>
+      </Figure>
+    );
+  }
+  const bad = failed(table.verdict(first));
+  const title = bad ? "The worst case" : over ? "No case failed; this one came closest" : "No case has failed so far; this one came closest";
+  const name = table.cases[first]!;
   return (
-    <li key={name}>
-      <a href={own ? address(["run", run, name]) : safe(link)}>{LINKS[name] ?? plain(name)}</a>
-    </li>
+    <>
+      <Figure title={title}>
+        <div class="hero">
+          {has(first) && (
+            <a href={toCase(run, name)} tabIndex={-1} aria-hidden="true">
+              <Picture run={run} name={name} version={undefined} />
+            </a>
+          )}
+          <div>
+            <p class="verdict">
+              <Chip verdict={table.verdict(first)} />
+            </p>
+            <p class="reason">{text(table.value("reason", first) ?? "No reason was given.")}</p>
+            <p class="dim">{name}</p>
+            <p class="line">
+              <a class="button main" href={toCase(run, name)}>
+                {bad ? "See why, and repeat it" : "Look at it"}
+              </a>
+            </p>
+          </div>
+        </div>
+      </Figure>
+      {rest.length > 0 && (
+        <Figure title={bad ? "The next worst" : "The next"}>
+          <ol class="worst" start={2}>
+            {rest.map((index) => (
+              <li key={index}>
+                {has(index) && <Picture run={run} name={table.cases[index]!} version={undefined} />}
+                <div>
+                  <VerdictSign verdict={table.verdict(index)} /> <a href={toCase(run, table.cases[index]!)}>{table.cases[index]}</a>
+                  <br />
+                  <span class="dim">{text(table.value("reason", index) ?? wordsOf(table.verdict(index)))}</span>
+                </div>
+              </li>
+            ))}
+          </ol>
+        </Figure>
+      )}
+    </>
+  );
+}
+
+function More({ run, info }: { run: string; info: RunInfo }): JSX.Element {
+  const axes = info.axes.filter((axis) => axis.values.length > 1 && axis.values.length <= HEAT_VALUES_MAX);
+  const { report, search, rulebook } = info.links ?? {};
+  return (
+    <Figure title="More">
+      <ul class="plain">
+        {report && (
+          <li>
+            <a href={address(["run", run, "report"])}>Report: tables, plots and what they mean</a>
+          </li>
+        )}
+        {search && (
+          <li>
+            <a href={address(["run", run, "search"])}>Search: which values lead to failures</a>
+          </li>
+        )}
+        {rulebook && (
+          <li>
+            <a href={address(["run", run, "rulebook"])}>Rulebook: what was asked, and what was met</a>
+          </li>
+        )}
+        <li>
+          <a href={address(["run", run, "workers"])}>Workers, leases, resources</a>
+        </li>
+        {pairsOf(axes).map(([across, down]) => (
+          <li key={`${across.name},${down.name}`}>
+            <a href={toWall(run, [["group", `${across.name},${down.name}`]])}>
+              Heat map: {across.title || across.name} across, {down.title || down.name} down
+            </a>
+          </li>
+        ))}
+      </ul>
+      {info.fingerprint && (
+        <>
+          <h3>Fingerprint of the results</h3>
+          <p class="dim">Runs with the same results have the same one.</p>
+          <Command text={info.fingerprint} label="Fingerprint of the results" plain />
+        </>
+      )}
+    </Figure>
   );
 }
 
@@ -197,8 +303,8 @@ export function safe(link: string): string {
   return url.protocol === location.protocol && url.host === location.host ? url.href : "#/";
 }
 
-const groupsOf = (axes: string[]): [string, string][] =>
-  axes.slice(0, 3).flatMap((a, at) => axes.slice(at + 1, 3).map((b): [string, string] => [a, b]));
+const pairsOf = <T,>(axes: T[]): [T, T][] =>
+  axes.slice(0, 3).flatMap((a, at) => axes.slice(at + 1, 3).map((b): [T, T] => [a, b]));
 
 const UNENDED = ["running", "waiting"];
 /** Whether a verdict is one that somebody wants to look into. */

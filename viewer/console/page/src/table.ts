@@ -1,6 +1,6 @@
 // The table of a run: filter, order and groups. Nothing here knows the screen.
 import type { Column, RunInfo, TableData, Value, VerdictKind } from "./data";
-import { plain } from "./words";
+import { plain, titled } from "./words";
 
 export const WORST = "worst";
 /** Most values by which cases are grouped; the others are one group. */
@@ -232,6 +232,16 @@ const place = (places: Map<string, number>, value: string): number => places.get
 
 const groupOf = (table: Table, name: string, index: number): string =>
   name === "verdict" ? table.verdict(index) : String(table.value(name, index) ?? "–");
+
+/** What stands above a column: its title with its unit. */
+export const headOf = (column: Column): string =>
+  column.title ? `${column.title}${column.unit ? ` [${column.unit.replace("^2", "²")}]` : ""}` : titled(column.name);
+
+/** Title of an axis by its name. */
+export function axisTitle(info: RunInfo | null, name: string): string {
+  const column = info?.columns.find((one) => one.name === name);
+  return column === undefined ? titled(name) : headOf(column);
+}
 
 /** Axes and texts with few values: what cases can be grouped by. */
 export function groupable(info: RunInfo | null): string[] {

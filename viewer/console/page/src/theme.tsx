@@ -47,11 +47,11 @@ export function Theme(): JSX.Element {
   }, [choice]);
   return (
     <label class="theme">
-      <span class="away">Colours</span>
+      <span class="colours">Colours</span>{" "}
       <select value={choice} onChange={(event) => setChoice((event.target as HTMLSelectElement).value as Choice)}>
         {CHOICES.map((one) => (
           <option key={one} value={one}>
-            {one === "system" ? "light or dark" : one}
+            {one === "system" ? "as the system" : one}
           </option>
         ))}
       </select>

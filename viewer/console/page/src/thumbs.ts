@@ -1,5 +1,5 @@
 // Pictures of cases, loaded only while they are seen, in a bounded memory.
-import { type Atlas, file } from "./data";
+import { type Atlas, file, PATIENCE_MS } from "./data";
 
 /** Most pixels that are kept of pictures; four bytes each. */
 const PIXELS_MAX = 12e6;
@@ -36,7 +36,7 @@ interface Wish {
 /** What a bitmap is made of. A blob leaves nothing in the browser's caches of decoded pictures; from a disk it is refused. */
 async function source(url: string): Promise<ImageBitmapSource> {
   if (location.protocol !== "file:") {
-    const answer = await fetch(url);
+    const answer = await fetch(url, { signal: AbortSignal.timeout(PATIENCE_MS) });
     if (!answer.ok) throw new Error(String(answer.status));
     return answer.blob();
   }
@@ -74,6 +74,11 @@ export class Thumbs {
   /** A new picture of a case, or of one that has ended: from now on it is not that of the sheet. */
   renew(index: number, version?: number): void {
     this.versions.set(index, version ?? (this.versions.get(index) ?? 0) + 1);
+  }
+
+  /** Whether a picture of the case came while the page looked. */
+  heard(index: number): boolean {
+    return this.versions.has(index);
   }
 
   /** Begin a drawing of tiles `width` px of the screen wide. */

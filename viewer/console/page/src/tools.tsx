@@ -4,8 +4,7 @@ import { useEffect, useState } from "preact/hooks";
 import type { RunInfo } from "./data";
 import { byRank, Chip } from "./parts";
 import { requery } from "./route";
-import { groupable, type Table, WORST } from "./table";
-import { plain } from "./words";
+import { axisTitle, groupable, headOf, type Table, WORST } from "./table";
 
 interface Inputs {
   table: Table;
@@ -17,6 +16,8 @@ interface Inputs {
   asRows: boolean;
   zoom: number;
   counts: string;
+  /** Nobody has looked at a case yet. */
+  hint: boolean;
   onFit: () => void;
 }
 
@@ -28,7 +29,7 @@ export function Tools(inputs: Inputs): JSX.Element {
     <div class="tools">
       <Search {...inputs} />
       <Order {...inputs} />
-      <Group label="Across" name={axes[0] ?? ""} info={info} onChange={(name) => requery({ group: [name, axes[1] ?? ""].filter(Boolean).join(",") })} />
+      <Group label="Group across" name={axes[0] ?? ""} info={info} onChange={(name) => requery({ group: [name, axes[1] ?? ""].filter(Boolean).join(",") })} />
       {axes.length > 0 && (
         <Group label="Down" name={axes[1] ?? ""} info={info} onChange={(name) => requery({ group: [axes[0]!, name].filter(Boolean).join(",") })} />
       )}
@@ -40,10 +41,10 @@ export function Tools(inputs: Inputs): JSX.Element {
             onInput={(event) => requery({ zoom: (event.target as HTMLInputElement).value })}
           />
         </label>
-        <button type="button" disabled={asRows} onClick={inputs.onFit}>
+        <button type="button" disabled={asRows} title="All cases on the screen" onClick={inputs.onFit}>
           Fit
         </button>
-        <button type="button" aria-pressed={asRows} onClick={() => requery({ as: asRows ? "" : "rows" })}>
+        <button type="button" aria-pressed={asRows} title="As a table" onClick={() => requery({ as: asRows ? "" : "rows" })}>
           Rows
         </button>
       </span>
@@ -61,7 +62,7 @@ function Search({ asked, error, counts }: Inputs): JSX.Element {
     return () => clearTimeout(timer);
   }, [typed]);
   return (
-    <span class="search">
+    <span class="finder">
       <label>
         <span class="away">Filter by a word or by a column, as in weather=heavy_fog or impact_speed_mps&gt;3</span>
         <input
@@ -89,7 +90,7 @@ function Order({ table, sort }: Inputs): JSX.Element {
           <option value="case">case number</option>
           {table.columns.map((column) => (
             <option key={column.name} value={column.name}>
-              {column.title || plain(column.name)}
+              {headOf(column)}
             </option>
           ))}
         </select>
@@ -113,7 +114,7 @@ function Group({ label, name, info, onChange }: {
         <option value="">–</option>
         {groupable(info).map((axis) => (
           <option key={axis} value={axis}>
-            {plain(axis)}
+            {axisTitle(info, axis)}
           </option>
         ))}
       </select>
@@ -122,7 +123,7 @@ function Group({ label, name, info, onChange }: {
 }
 
 /** How many there are of each verdict; a click filters by it, or no longer. */
-function Verdicts({ table, asked }: Inputs): JSX.Element {
+function Verdicts({ table, asked, hint }: Inputs): JSX.Element {
   const counts: Record<string, number> = {};
   for (let index = 0; index < table.size; index++) {
     const verdict = table.verdict(index);
@@ -134,6 +135,7 @@ function Verdicts({ table, asked }: Inputs): JSX.Element {
     requery({ filter: (words.includes(rule) ? rest : [...rest, rule]).join(" ") });
   };
   return (
+    <>
     <span class="line verdicts" role="group" aria-label="Verdicts">
       {byRank(counts).map(([name, n]) => (
         <button key={name} type="button" aria-pressed={asked.split(/\s+/).includes(`verdict=${name}`)} onClick={() => toggle(`verdict=${name}`)}>
@@ -141,5 +143,7 @@ function Verdicts({ table, asked }: Inputs): JSX.Element {
         </button>
       ))}
     </span>
+    {hint && <span class="dim hint">Click a case to see why it ended so.</span>}
+    </>
   );
 }

@@ -69,7 +69,10 @@ export function TopView({ series, clock, label }: { series: Series; clock: Clock
       context.fillRect(0, 0, width, height);
       paintLines(context, view, series.road?.lines ?? [], ink.road, 1);
       for (const hull of series.road?.hulls ?? []) paintHull(context, view, hull, ink.line, ink.dim);
-      series.actors.forEach((actor, number) => paintActor(context, view, actor, number, at, ego === actor, ink.ink));
+      const labels: Label[] = [];
+      series.actors.forEach((actor, number) => paintActor(context, view, actor, number, at, ego === actor, ink.ink, labels));
+      for (const hull of series.road?.hulls ?? []) if (hull.kind === "obstacle") labels.push(labelOf(view, hull));
+      paintLabels(context, labels, ink.ink);
       paintScale(context, view, ink.dim);
     };
     draw();
@@ -164,7 +167,7 @@ function paintTrail(context: CanvasRenderingContext2D, view: View, actor: Actor,
 }
 
 function paintActor(
-  context: CanvasRenderingContext2D, view: View, actor: Actor, number: number, at: number, isEgo: boolean, ink: string,
+  context: CanvasRenderingContext2D, view: View, actor: Actor, number: number, at: number, isEgo: boolean, ink: string, labels: Label[],
 ): void {
   const fill = isEgo ? "#F0C419" : HUES[number % HUES.length]!;
   const count = actor.x.length;
@@ -205,11 +208,33 @@ function paintActor(
   context.globalAlpha = 0.55;
   context.fill();
   context.restore();
+  labels.push({ words: isEgo ? "ego" : actor.name, x: left, y: top - Math.max(wide, 8) / 2 - 4 });
+}
+
+interface Label {
+  words: string;
+  x: number;
+  y: number;
+}
+
+function labelOf(view: View, hull: Hull): Label {
+  const [x, y] = toScreen(view, hull.x, hull.y);
+  return { words: "obstacle", x, y: y - (hull.size[1] * view.scale) / 2 - 4 };
+}
+
+/** Names of bodies; one that would stand on another is left out. */
+function paintLabels(context: CanvasRenderingContext2D, labels: Label[], ink: string): void {
   context.fillStyle = ink;
   context.font = '11px system-ui, "DejaVu Sans", sans-serif';
   context.textAlign = "center";
   context.textBaseline = "bottom";
-  context.fillText(isEgo ? "ego" : actor.name, left, top - Math.max(wide, 8) / 2 - 4);
+  const placed: { x: number; y: number; half: number }[] = [];
+  for (const { words, x, y } of labels) {
+    const half = context.measureText(words).width / 2 + 2;
+    if (placed.some((one) => Math.abs(one.y - y) < 12 && Math.abs(one.x - x) < one.half + half)) continue;
+    placed.push({ x, y, half });
+    context.fillText(words, x, y);
+  }
 }
 
 function paintScale(context: CanvasRenderingContext2D, view: View, style: string): void {

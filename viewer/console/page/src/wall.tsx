@@ -6,6 +6,7 @@ import type { Atlas, RunInfo } from "./data";
 import { Details } from "./details";
 import { useClosed, useData, useEvents, useSize } from "./hooks";
 import { fitting, layOut, TILE_MAX, TILE_MIN } from "./layout";
+import { late, lagWords, useLag } from "./lag";
 import { live } from "./live";
 import { copied, save, Waiting } from "./parts";
 import { requery, toBeside, toCase } from "./route";
@@ -28,6 +29,9 @@ export function WallView({ run, query }: Inputs): JSX.Element {
   return <Wall run={run} query={query} info={info} table={table} version={version} />;
 }
 
+/** Few cases are not shown larger than so by themselves [px]. */
+const WIDE_MAX = 300;
+
 /** Zoom as it stands in the address: the logarithm of a tile's width, 0 to 100. */
 const tileOf = (zoom: number): number => Math.round(TILE_MIN * (TILE_MAX / TILE_MIN) ** (zoom / 100));
 const zoomOf = (tile: number): number => (Math.log(tile / TILE_MIN) / Math.log(TILE_MAX / TILE_MIN)) * 100;
@@ -41,7 +45,7 @@ interface WallInputs extends Omit<Inputs, "isLive"> {
 function Wall({ run, query, info, table, version }: WallInputs): JSX.Element {
   const [frame, width, height] = useSize<HTMLDivElement>();
   const [redraw, setRedraw] = useState(0);
-  const [lag, setLag] = useState<number | null>(null);
+  const lag = useLag(run);
   const atlas = useData<Atlas>(`runs/${run}/pictures/atlas.json`);
   const thumbs = useClosed(
     () => new Thumbs(run, (index) => table.cases[index]!, () => setRedraw((n) => n + 1)),
@@ -58,7 +62,7 @@ function Wall({ run, query, info, table, version }: WallInputs): JSX.Element {
   const groups = useMemo(() => grouped(table, info, order, axes), [order, axes.join()]);
   const fit = useMemo(() => (width && height ? fitting(groups, width, height) : 60), [groups, width, height]);
   const zoomed = query.get("zoom") ?? "";
-  const tile = zoomed === "" ? Math.min(200, Math.max(width > 600 ? 60 : 44, fit)) : tileOf(Number(zoomed) || 0);
+  const tile = zoomed === "" ? Math.min(WIDE_MAX, Math.max(width > 600 ? 60 : 44, fit)) : tileOf(Number(zoomed) || 0);
   const layout = useMemo(() => layOut(groups, Math.max(1, width), tile), [groups, width, tile]);
   const chosen = useMemo(() => chosenOf(table, query.get("sel") ?? ""), [table, query.get("sel")]);
   const active = table.index(query.get("at") ?? "");
@@ -66,7 +70,6 @@ function Wall({ run, query, info, table, version }: WallInputs): JSX.Element {
   useEvents("picture", (event) => {
     if (event.run !== run) return;
     for (const [index, picture] of event.pictures) thumbs.renew(index, picture);
-    setLag(Math.max(...event.pictures.map(([, , , age]) => age ?? 0)));
     setRedraw((n) => n + 1);
   });
   useEvents("table", (event) => {
@@ -99,7 +102,7 @@ function Wall({ run, query, info, table, version }: WallInputs): JSX.Element {
       <h1 class="away">The wall of {info.name}</h1>
       <Tools
         table={table} info={info} asked={asked} error={lets.error} sort={sort} axes={axes} asRows={asRows}
-        zoom={zoomOf(tile)} onFit={() => zoomTo.current(fit)} counts={`${order.length} of ${table.size}`}
+        zoom={zoomOf(tile)} onFit={() => zoomTo.current(fit)} counts={`${order.length} of ${table.size}`} hint={active < 0 && table.size > 0}
       />
       <div class={`wallbody ${active >= 0 ? "withdetails" : ""}`}>
         {asRows ? (
@@ -111,16 +114,16 @@ function Wall({ run, query, info, table, version }: WallInputs): JSX.Element {
             frame={frame} width={width} height={height}
           />
         )}
-        {active >= 0 && <Details key={active} run={run} table={table} index={active} version={version + redraw} chosen={chosen.has(active)} onChoose={() => choose([active], "toggle")} />}
+        {active >= 0 && <Details key={active} run={run} table={table} index={active} version={version + redraw} chosen={chosen.has(active)} pictured={(atlas.data?.has[active] ?? false) || thumbs.heard(active)} onChoose={() => choose([active], "toggle")} />}
       </div>
       {order.length === 0 && (
         <p class="box notice" role="status">
           No case passes the filter. <button type="button" onClick={() => requery({ filter: "" })}>Clear it</button>
         </p>
       )}
-      {lag !== null && lag > 2 && (
+      {late(lag) && (
         <p class="box notice lag" role="status">
-          The picture lags {lag.toFixed(1)} s behind the simulator.
+          {lagWords(lag)}
         </p>
       )}
       {chosen.size > 0 && <Chosen run={run} table={table} chosen={[...chosen]} />}

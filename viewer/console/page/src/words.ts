@@ -14,13 +14,33 @@ export function number(value: number): string {
 export function text(value: Value | undefined, unit = ""): string {
   if (value === null || value === undefined) return "–";
   const shown = typeof value === "number" ? number(value) : String(value).replaceAll("_", " ");
-  return unit ? `${shown} ${unit}` : shown;
+  return unit ? `${shown} ${unit.replace("^2", "²")}` : shown;
+}
+
+const UNITS: Record<string, string> = {
+  _mps2: "m/s²", _mps: "m/s", _kmh: "km/h", _deg: "°", _rad: "rad", _ms: "ms", _kg: "kg", _hz: "Hz", _m: "m", _s: "s",
+};
+const SHORT = /\b(aeb|dtc|ttc|kpi|gps|gnss|imu)\b/g;
+
+/** What a name in a campaign file means, and its unit: `storyboard.ego.speed_kmh` is `ego speed` in `km/h`. */
+export function called(name: string): { title: string; unit: string } {
+  const suffix = Object.keys(UNITS).find((one) => name.endsWith(one)) ?? "";
+  const bare = name.slice(0, name.length - suffix.length).replace(/^(scenario|storyboard|environment|autonomy|axis|actors)\./, "").replace(/^actors\./, "");
+  const title = bare.replaceAll(/[_.]/g, " ").trim().replaceAll(SHORT, (word) => word.toUpperCase());
+  return { title: title || plain(name), unit: UNITS[suffix] ?? "" };
+}
+
+/** A name of a campaign file with its unit in brackets. */
+export function titled(name: string): string {
+  const { title, unit } = called(name);
+  return unit ? `${title} [${unit}]` : title;
 }
 
 /** A length of time. */
 export function span(seconds: number | null | undefined): string {
   if (seconds === null || seconds === undefined) return "–";
   const whole = Math.max(0, Math.round(seconds));
+  if (seconds > 0 && seconds < 10) return `${seconds.toFixed(1)} s`;
   if (whole < 60) return `${whole} s`;
   if (whole < 3600) return `${Math.floor(whole / 60)} min ${whole % 60} s`;
   if (whole < 86400) return `${Math.floor(whole / 3600)} h ${Math.floor((whole % 3600) / 60)} min`;
@@ -34,5 +54,6 @@ export function hour(seconds: number): string {
 }
 
 export const plain = (name: string): string => name.replaceAll("_", " ");
+export const capital = (text: string): string => text.charAt(0).toUpperCase() + text.slice(1);
 export const at = (t: number): string => `${t.toFixed(2)} s`;
 export const count = (n: number, one: string, many = `${one}s`): string => `${n} ${n === 1 ? one : many}`;
