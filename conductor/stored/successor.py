@@ -10,7 +10,7 @@ from pathlib import Path
 
 from conductor.core.facts import Committed
 from conductor.core.state import CampaignState, State
-from conductor.journal.written import Written
+from conductor.journal.store import write_journal
 from conductor.records.attempts import attempt_folder
 from conductor.stored.replica import read_head, read_replica
 from conductor.stored.seals import StoreSeal
@@ -43,11 +43,12 @@ AGAIN_MAX_S = 60.0
 _log = logging.getLogger(__name__)
 
 
-def read_journal_of(store: ResultStore, seal: StoreSeal, claim: int) -> Written | None:
-    """The journal of the latest claim up to ``claim`` whose owner has written one; None: none has.
+def bring_journal(store: ResultStore, seal: StoreSeal, claim: int, folder: Path) -> bool:
+    """Write the journal of the latest claim up to ``claim`` whose owner has kept one into
+    ``folder``; False: none has.
 
     Raises:
-        TwinError: it cannot be believed or read.
+        TwinError: it cannot be believed, read or written.
     """
     for number in range(claim, 0, -1):
         for tries_left in reversed(range(HEAD_TRIES)):
@@ -55,11 +56,12 @@ def read_journal_of(store: ResultStore, seal: StoreSeal, claim: int) -> Written 
             if head is None:
                 break
             try:
-                return read_replica(store, head)
+                write_journal(folder, head.chain, read_replica(store, head))
+                return True
             except MissingObjectError:  # an owner that still lives has written another head
                 if not tries_left:
                     raise
-    return None
+    return False
 
 
 def found_results(store: ResultStore, state: State) -> list[Sealed]:
