@@ -176,6 +176,7 @@ class Journal:
             if self.mirror is not None:
                 self.mirror.check()
             self._connection.execute("COMMIT")
+            self.rows.chain = chain
         except BaseException as error:  # whatever it is, the next call begins a transaction
             self._rollback()
             if not isinstance(error, sqlite3.Error):
@@ -183,7 +184,6 @@ class Journal:
             raise JournalError(
                 f"storage: {self.path}: {escape(str(error))}; free some space, then retry"
             ) from None
-        self.rows.chain = chain
         self.rows.cuts += self._changes.cut
         if self.mirror is not None:
             self.mirror.committed(self._changes)

@@ -130,6 +130,12 @@ class StoreApart:
         line = self._line
         return line.child.pid if line is not None and not line.is_over else 0
 
+    @property
+    def under_way(self) -> int:
+        """Calls that the process has not answered yet."""
+        line = self._line
+        return len(line.asked) if line is not None else 0
+
     def close(self) -> None:
         """End the process; a later call starts another."""
         with self._lock:
@@ -174,7 +180,7 @@ class _Line:
         self.is_over = False
         """Whether it answers no more."""
         self._count = 0
-        self._asked: dict[int, Future[tuple[Any, bytes]]] = {}
+        self.asked: dict[int, Future[tuple[Any, bytes]]] = {}
         self._lock, self._sending = threading.Lock(), threading.Lock()
         threading.Thread(target=self._listen, name="store answers", daemon=True).start()
 
@@ -187,7 +193,7 @@ class _Line:
                 return answer
             self._count += 1
             number = self._count
-            self._asked[number] = answer
+            self.asked[number] = answer
         # What cannot be sent fails with the process: it has no other way to stop listening.
         with self._sending, contextlib.suppress(OSError):
             _send(self._socket, [number, *header], data)
@@ -204,7 +210,7 @@ class _Line:
             while (message := _receive(self._socket)) is not None:
                 (number, error, value), data = message
                 with self._lock:
-                    answer = self._asked.pop(number)
+                    answer = self.asked.pop(number)
                 if error:
                     answer.set_exception(_ERRORS.get(error, StoreError)(value))
                 else:
@@ -213,7 +219,7 @@ class _Line:
             pass  # it speaks no more, as if it had ended
         with self._lock:
             self.is_over = True
-            asked, self._asked = self._asked, {}
+            asked, self.asked = self.asked, {}
         self.child.kill()
         self.child.communicate()
         self._socket.close()

@@ -344,9 +344,6 @@ def test_while_the_store_is_away_nothing_is_kept_but_where_it_stands(
     for turn in range(9):
         (lease,) = first.leased(1, "w1", seq=2 * turn + 1)
         first.ask(next_of("w1", 2 * turn + 2, 0, results=[result(lease)]))
-    changes = first.replicator._changes
-    assert changes is not None
-    assert changes.workers == {"w1"}
     rows = sum(1 for _ in first.journal.rows.facts(first.journal.rows.point(None), 0, 1))
     site.wires[0].down = False
     assert first.kept()

@@ -56,7 +56,7 @@ def test_a_process_that_is_killed_fails_its_calls_and_the_next_one_starts_anothe
     os.kill(first, signal.SIGSTOP)
     asking = threading.Thread(target=ask)
     asking.start()
-    wait_for(lambda: store._line is not None and store._line._asked, "a call under way")
+    wait_for(lambda: store.under_way == 1, "a call under way")
     os.kill(first, signal.SIGKILL)
     asking.join()
     assert "has ended; it will be tried again" in errors[0]
