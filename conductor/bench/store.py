@@ -42,7 +42,7 @@ K = 256
 DURABLE_SHARE = 20
 """Replies wait for the store in a campaign of one case in so many."""
 PATIENCE_S = 300.0
-"""Longest wait for a takeover [s]."""
+"""Longest wait for a takeover, or for a submission [s]: machines may have other work."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,7 +196,7 @@ def _run(state: Path, cases: int, *store: str, puts: bool = False) -> ConductorR
     """
     with serving(state, *store) as (endpoint, pid):
         with ConductorClient(endpoint, None, "bench") as client:
-            client.submit(large_campaign(cases), "")
+            client.submit(large_campaign(cases), "", patience_s=PATIENCE_S)
             wall_s = (
                 work(endpoint, cases, K, "stored", store[0])
                 if puts
