@@ -23,7 +23,8 @@ from msgspec import Struct
 from conductor.journal.chain import Chain
 from conductor.journal.written import JournalPart, Reply, Row
 from conductor.stored.seals import StoreSeal
-from twin.stores.objects import get_object, put_object
+from twin.stores.apart import put_content
+from twin.stores.objects import get_object
 from twin.stores.protocol import DamagedObjectError, MissingObjectError, ResultStore
 
 HEAD_BYTES_MAX = 1 << 24
@@ -95,7 +96,7 @@ def read_head(store: ResultStore, seal: StoreSeal, claim: int) -> ReplicaHead | 
         head = msgspec.msgpack.decode(content, type=ReplicaHead)
     except MissingObjectError:
         return None
-    except msgspec.MsgspecError:
+    except (msgspec.MsgspecError, UnicodeDecodeError):
         raise DamagedObjectError(f"{store.url}/{name}: damaged") from None
     if head.claim != claim:
         raise DamagedObjectError(f"{store.url}/{name}: of another claim")
@@ -104,12 +105,12 @@ def read_head(store: ResultStore, seal: StoreSeal, claim: int) -> ReplicaHead | 
 
 def put_pack_of(store: ResultStore, images: list[tuple[str, bytes]]) -> str:
     """Put images; their digest."""
-    return put_object(store, msgspec.msgpack.encode(ImagePack(images)))
+    return put_content(store, msgspec.msgpack.encode(ImagePack(images)))
 
 
 def put_part(store: ResultStore, facts: list[Row], replies: Sequence[Reply]) -> str:
     """Put a part of the tail; its digest."""
-    return put_object(store, msgspec.msgpack.encode(TailPart(facts, list(replies))))
+    return put_content(store, msgspec.msgpack.encode(TailPart(facts, list(replies))))
 
 
 def merged_part(store: ResultStore, digests: Sequence[str]) -> str:
@@ -151,5 +152,5 @@ def read_replica(store: ResultStore, head: ReplicaHead) -> Iterator[JournalPart]
 def _read(store: ResultStore, digest: str, type_: type[S]) -> S:
     try:
         return msgspec.msgpack.decode(get_object(store, digest, PART_BYTES_MAX), type=type_)
-    except msgspec.MsgspecError:
+    except (msgspec.MsgspecError, UnicodeDecodeError):
         raise DamagedObjectError(f"{store.url}: object {digest} is no part of a journal") from None

@@ -28,6 +28,7 @@ import msgspec
 from schemas.files.regular_file import read_regular
 from twin.base.errors import InfrastructureError, TwinError, UsageError, storage_error
 from twin.base.process import PARENT_VARIABLE, leave_signals_to_the_parent, spawn
+from twin.stores.objects import put_object
 from twin.stores.opening import kind_of, open_store
 from twin.stores.protocol import (
     SMALL_BYTES_MAX,
@@ -81,6 +82,11 @@ def put_file(store: ResultStore, name: str, path: Path, size_max: int) -> None:
         store.put(name, read_regular(path, size_max))
 
 
+def put_content(store: ResultStore, data: bytes) -> str:
+    """As :func:`twin.stores.objects.put_object`; a store that runs apart computes the digest."""
+    return store.put_object(data) if isinstance(store, StoreApart) else put_object(store, data)
+
+
 class StoreApart:
     """See :class:`twin.stores.protocol.ResultStore`.
 
@@ -114,6 +120,10 @@ class StoreApart:
     def delete(self, name: str) -> None:
         """See the protocol."""
         self._ask("delete", name)
+
+    def put_object(self, data: bytes) -> str:
+        """Put a content, which the process names; its digest."""
+        return str(self._ask("put_object", "", data)[0])
 
     def put_file(self, name: str, path: Path, size_max: int) -> None:
         """Write an object with the content of a file, which the process reads.
@@ -304,6 +314,8 @@ def _done(
         case "put":
             store.put(name, data)
             return None, b""
+        case "put_object":
+            return put_object(store, data), b""
         case "put_file":
             store.put(name, read_regular(Path(os.fsdecode(data)), size_max))
             return None, b""

@@ -13,8 +13,9 @@ import pytest
 from waiting import wait_for
 
 from twin.stores import apart
-from twin.stores.apart import StoreApart, open_apart, put_file
+from twin.stores.apart import StoreApart, open_apart, put_content, put_file
 from twin.stores.folder import FolderStore
+from twin.stores.objects import get_object, sha256_of
 from twin.stores.protocol import MissingObjectError, StoreError
 
 
@@ -97,6 +98,14 @@ def test_a_file_is_read_by_the_process(store: StoreApart, tmp_path: Path) -> Non
             put_file(made, "file", path, 4)
         with pytest.raises(OSError, match=r"file"):
             put_file(made, "file", tmp_path / "no file", 5)
+
+
+def test_contents_are_named_by_the_process(store: StoreApart, tmp_path: Path) -> None:
+    plain = FolderStore(tmp_path / "plain")
+    for data in (b"", b"12345"):
+        assert put_content(store, data) == put_content(plain, data) == sha256_of(data)
+        assert get_object(store, sha256_of(data)) == data
+    assert len(store.names("objects/")) == 1
 
 
 def test_only_what_is_large_runs_apart(tmp_path: Path) -> None:
