@@ -179,13 +179,16 @@ def _say(line: str) -> None:
 def _take_over(folder: Path, url: str) -> tuple[float, int]:
     """Time until a successor answers [s], and how many cases it has to run again; it runs them."""
     started_s = time.perf_counter()
-    with serving(folder, url, "local", start_s=PATIENCE_S) as (endpoint, _):
-        with ConductorClient(endpoint, None, "bench") as client:
-            left = _left(client, started_s + PATIENCE_S)
-            takeover_s = time.perf_counter() - started_s
+    with (
+        serving(folder, url, "local", start_s=PATIENCE_S) as (endpoint, _),
+        ConductorClient(endpoint, None, "bench") as client,
+    ):
+        left = _left(client, started_s + PATIENCE_S)
+        takeover_s = time.perf_counter() - started_s
+        if left:
             work(endpoint, left, K, "stored", url, names="v")
-            if client.status()["left"]:
-                raise InfrastructureError("cases are left after the takeover")
+        if _left(client, time.perf_counter() + PATIENCE_S):
+            raise InfrastructureError("cases are left after the takeover")
     return takeover_s, left
 
 

@@ -144,9 +144,11 @@ class Fabric:
             # Whoever submitted was told that it is kept, so replies wait for the store.
             serve = (*serve, "--store", f"s3://{BUCKET}/faults", "--durable", "store")
         self.roles["conductor"] = Role(serve, here)
-        place, port, hidden = here.addresses[0], PORT, None
+        place, port = here.addresses[0], PORT
+        # Without a file system that the hosts share.
+        hidden = self.state if self.extras & {"relay", "store"} else None
         if "relay" in self.extras:
-            port, hidden = RELAY_PORT, self.state
+            port = RELAY_PORT
             relay = ("conductor", "relay", "--listen", f"tls/{place}:{port}", *state)
             self.roles["relay"] = Role(relay, here)
         if "names" in self.extras:

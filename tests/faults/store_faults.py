@@ -60,7 +60,8 @@ def _lost(fabric: Fabric, dice: random.Random, shares: dict[str, float]) -> Iter
     with suppress(psutil.NoSuchProcess):
         victim.kill()
     role.child.wait()
-    shutil.rmtree(fabric.state)
+    for path in fabric.state.iterdir():  # the folder itself is where workers have one of theirs
+        shutil.rmtree(path) if path.is_dir() else path.unlink()
     fabric.break_store(shares)
     role.held -= 1
     yield f"SIGKILL conductor {victim.pid}, its folder removed {shares or ''}".rstrip()

@@ -74,7 +74,7 @@ from schemas.files.kpi import KPI_COLUMNS
 from schemas.files.yaml_file import dump_yaml
 from schemas.messages import Command, Detection
 from schemas.wire.codec import encode
-from schemas.wire.control import Sealed
+from schemas.wire.control import Result, Sealed
 from schemas.wire.delivery import SeenFolder
 from schemas.wire.interventions import (
     JournalEnd,
@@ -225,7 +225,7 @@ def _stores(folder: Path) -> None:
     for number, name in enumerate(dict.fromkeys(objects)):
         kind = "tail" if name in tail else "pack"
         _write(f"store-{kind}", f"object-{number}", {**tail, **store.objects}[name])
-    done = msgspec.structs.replace(result(), campaign=CASE[0], case=CASE[1], manifest_sha256=MARK)
+    done = Result(*CASE, 1, "verdict", "pass", manifest_sha256=MARK)
     (folder / "log.txt").write_bytes(b"a log\n")
     put_attempt(store, folder, done, 1)
     _write("store-attempt", "log", store.objects[attempt_name(*CASE, MARK)])

@@ -25,6 +25,7 @@ from conductor.stored.replica import (
 )
 from conductor.stored.seals import StoreSeal
 from conductor.stored.successor import bring_back, bring_journal
+from schemas.files.judging import attempt_digest
 from schemas.wire.control import Result
 from twin.base.errors import TwinError
 from twin.stores.objects import attempt_name, get_attempt, get_pack, put_object, sha256_of
@@ -32,7 +33,7 @@ from twin.stores.protocol import DamagedObjectError, MissingObjectError
 
 CASE = ("alpha", "repeat_0")
 """Campaign and case of the attempts that are read."""
-MARK = "ab" * 32
+MARK = attempt_digest("", b"a log\n", b"")
 
 
 class MemoryStore:
