@@ -28,7 +28,13 @@ from conductor.stored.replica import HEAD_BYTES_MAX, head_name, read_head
 from conductor.stored.replicator import Replicator
 from conductor.stored.run_files import RunFiles
 from conductor.stored.seals import StoreSeal
-from conductor.stored.successor import bring_back_all, bring_journal, found_results, lacking
+from conductor.stored.successor import (
+    JournalAhead,
+    bring_back_all,
+    bring_journal,
+    found_results,
+    lacking,
+)
 from schemas.files.regular_file import read_regular
 from schemas.wire.control import Sealed
 from schemas.words import counted
@@ -224,7 +230,10 @@ class StoreLink:
     def _take_over(self, number: int, found: StoreOwner) -> None:
         began_s = time.monotonic()
         head = read_head(self._store, self._seal, found.claim)
+        ahead = None
         if not (head is not None and head.released) and not restarted(found.owner, this_process()):
+            if head is not None:
+                ahead = JournalAhead(self._store, head, self._folder)
             await_silence(
                 lambda: self._seen(found.claim),
                 f"{self._store.url}: in use by another conductor (pid {found.owner.pid} on "
@@ -233,7 +242,8 @@ class StoreLink:
                 time.monotonic,
             )
         self._own = self._claims.claim(number + 1, found.epoch + 1, this_process(), self._lease())
-        bring_journal(self._store, self._seal, found.claim, self._folder)
+        if ahead is None or not ahead.take(read_head(self._store, self._seal, found.claim)):
+            bring_journal(self._store, self._seal, found.claim, self._folder)
         self.taken_over_s = time.monotonic() - began_s
         _log.warning("%s: %s", self._store.url, taken_by(self._own))
 

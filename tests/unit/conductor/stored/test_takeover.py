@@ -15,6 +15,7 @@ from waiting import PATIENCE_S, wait_for
 
 from conductor.core.state import Config
 from conductor.journal.owner import TakenOverError
+from conductor.journal.store import FILE_NAME as JOURNAL_NAME
 from conductor.journal.store import Journal
 from conductor.serve.engine import ConductorEngine, IncomingRequest
 from conductor.stored import link as link_module
@@ -22,6 +23,7 @@ from conductor.stored import replicator as replicator_module
 from conductor.stored.link import StoreLink, StoreOptions
 from conductor.stored.replica import head_name
 from conductor.stored.seals import OtherKeyError
+from conductor.stored.successor import AHEAD_FOLDER
 from schemas.wire.codec import decode, encode
 from schemas.wire.control import Lease, Reply, Request, Result, Sealed
 from twin.base.errors import TwinError, UsageError
@@ -191,6 +193,44 @@ def open_on_second(site: Site, node: Node) -> ResultStore:
     """The store by a way that is not cut."""
     wire = site._stack.enter_context(broken_wire(site._port))
     return open_on(wire, node.store.url)
+
+
+def test_a_journal_is_fetched_while_its_owner_is_watched(
+    site: Site, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first = site.node("a")
+    first.ask(submit())
+    assert first.kept()
+    first.close()
+    asked = []
+
+    def silence(*_: object) -> None:
+        wait_for(lambda: (site._folder / "b" / AHEAD_FOLDER / JOURNAL_NAME).exists(), "it")
+        asked.append(len(site.wires[1].asked))
+
+    monkeypatch.setattr(link_module, "await_silence", silence)
+    second = site.node("b")
+    assert second.engine.state.left == 4
+    later = [path for method, path in site.wires[1].asked[asked[0] :] if method == "GET"]
+    assert not [path for path in later if "/objects/" in path]
+    assert not (site._folder / "b" / AHEAD_FOLDER).exists()
+
+
+def test_a_journal_that_was_fetched_too_early_is_fetched_again(
+    site: Site, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first = site.node("a")
+    first.ask(submit())
+    assert first.kept()
+
+    def silence(*_: object) -> None:
+        wait_for(lambda: (site._folder / "b" / AHEAD_FOLDER / JOURNAL_NAME).exists(), "it")
+        first.leased(3)
+        assert first.kept()
+        first.close()
+
+    monkeypatch.setattr(link_module, "await_silence", silence)
+    assert len(site.node("b").engine.state.leases) == 3
 
 
 def test_a_reply_that_waits_for_the_store_never_leaves_without_it(site: Site) -> None:
