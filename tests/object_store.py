@@ -32,13 +32,13 @@ server.serve_forever()
 """
 
 
-def environment(port: int) -> dict[str, str]:
+def environment(port: int, address: str = "127.0.0.1") -> dict[str, str]:
     """Variables by which a process reaches the store at ``port``."""
     return {
         "AWS_ACCESS_KEY_ID": "tester",
         "AWS_SECRET_ACCESS_KEY": "not-to-be-told",
         "AWS_DEFAULT_REGION": "us-east-1",
-        "AWS_ENDPOINT_URL": f"http://127.0.0.1:{port}",
+        "AWS_ENDPOINT_URL": f"http://{address}:{port}",
     }
 
 
@@ -68,7 +68,9 @@ class Wire:
     ``faults``: name -> share of the requests that it befalls, where it can.
     """
 
-    def __init__(self, to_port: int, seed: int = 0) -> None:
+    def __init__(
+        self, to_port: int, seed: int = 0, address: str = "127.0.0.1", port: int = 0
+    ) -> None:
         self.faults: dict[str, float] = {}
         self.done: Counter[str] = Counter()
         """Faults that befell requests."""
@@ -78,6 +80,8 @@ class Wire:
         """Whether nothing is answered at all."""
         self.before: Callable[[str, str], None] = lambda method, path: None
         """Called before a request is passed on."""
+        self.first: Callable[[str, str], None] = lambda method, path: None
+        """Called before it is drawn what befalls a request."""
         self.stale: tuple[int, list[tuple[str, str]], bytes] | None = None
         """What a stale listing answers; None: what the same one has answered first."""
         self._listings: dict[str, tuple[int, list[tuple[str, str]], bytes]] = {}
@@ -97,7 +101,7 @@ class Wire:
 
             do_GET = do_PUT = do_HEAD = do_DELETE = do_POST = handle_any  # noqa: N815
 
-        self._server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+        self._server = ThreadingHTTPServer((address, port), Handler)
         self._server.daemon_threads = True
         self.port = self._server.server_port
         threading.Thread(target=self._server.serve_forever, daemon=True).start()
@@ -111,6 +115,7 @@ class Wire:
         """Pass one request on, or do to it what the dice say."""
         method, path = handler.command, handler.path
         body = handler.rfile.read(int(handler.headers.get("Content-Length") or 0))
+        self.first(method, path)
         fault = self._drawn(method, path)
         if self.down:
             self._cut(handler)

@@ -9,6 +9,7 @@ import pytest
 from object_store import Wire, broken_wire, reached_by, s3_server
 
 from twin.stores import url as url_module
+from twin.stores.apart import StoreApart
 from twin.stores.opening import open_store
 from twin.stores.protocol import ResultStore
 
@@ -29,11 +30,16 @@ def wire(s3_port: int, monkeypatch: pytest.MonkeyPatch) -> Iterator[Wire]:
         yield made
 
 
-@pytest.fixture(params=["folder", "s3"])
+@pytest.fixture(params=["folder", "s3", "apart"])
 def store(request: pytest.FixtureRequest, tmp_path: Path, s3_port: int) -> Iterator[ResultStore]:
     """An empty store."""
     if request.param == "folder":
         yield open_store(str(tmp_path / "store"))
+        return
+    if request.param == "apart":
+        made = StoreApart(str(tmp_path / "store"))
+        yield made
+        made.close()
         return
     with reached_by(s3_port) as url:
         yield open_store(f"{url}/{tmp_path.name}")

@@ -28,6 +28,8 @@ from twin.fabric.zenoh_bus import join
 CONNECT_TIMEOUT_S = 5.0
 TRIES = 3
 """Requests are idempotent: an unanswered one is sent again."""
+SUBMIT_S = 30.0
+"""Longest wait for a submission to be on disk, before it is sent again [s]."""
 
 
 def client_of(conductor: ConductorOptions, role: Role = Role.admin) -> ConductorClient:
@@ -63,8 +65,17 @@ class ConductorClient:
     ) -> None:
         self._bus.close()
 
-    def submit(self, campaign: Campaign, out: str, priority: int = 0) -> str:
-        """Submit; returns the campaign folder, as the conductor sees it."""
+    def submit(
+        self,
+        campaign: Campaign,
+        out: str,
+        priority: int = 0,
+        patience_s: float = SUBMIT_S,
+    ) -> str:
+        """Submit; returns the campaign folder, as the conductor sees it.
+
+        ``patience_s``: before it is asked again [s].
+        """
         request = Submit(
             v=SCHEMA_VERSION,
             campaign=msgspec.to_builtins(campaign),
@@ -72,7 +83,7 @@ class ConductorClient:
             out=out,
             priority=priority,
         )
-        self._ask(request, timeout_s=30.0)
+        self._ask(request, timeout_s=patience_s)
         return str(self.status()["campaigns"][campaign.campaign]["out"])
 
     def status(self, *, running: bool = False) -> ConductorStatus:

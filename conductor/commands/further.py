@@ -95,6 +95,9 @@ def bench_store_command(
         str, typer.Option(metavar="URL", help="Result store; what is put there stays there.")
     ],
     cases: Annotated[int, typer.Option(min=32, help="No-op cases; a multiple of 32.")] = 100_000,
+    rounds: Annotated[
+        int, typer.Option(min=1, help="Pairs of runs, without a store and with one.")
+    ] = 3,
     folder: JournalsOption = Path("runs"),
     check: CheckOption = False,
     output: OutputOption = Output.human,
@@ -103,7 +106,7 @@ def bench_store_command(
     from conductor.bench.store import bench_store
 
     as_json = output is Output.json
-    raise typer.Exit(bench_store(cases, store, folder, as_json=as_json, check=check))
+    raise typer.Exit(bench_store(cases, rounds, store, folder, as_json=as_json, check=check))
 
 
 def bench_tls_command(

@@ -11,7 +11,7 @@ import contextlib
 import shutil
 import sqlite3
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import repeat
 from pathlib import Path
 from typing import Any
@@ -35,7 +35,8 @@ from conductor.journal.owner import (
     TakenOverError,
     this_process,
 )
-from conductor.journal.written import JournalMirror, Written
+from conductor.journal.rows import JournalRows
+from conductor.journal.written import Changes, JournalMirror, JournalPart
 from schemas.escape import escape
 from schemas.wire.codec import WireError, decode, encode
 from twin.base.errors import InfrastructureError, TwinError, UsageError
@@ -102,16 +103,14 @@ class Journal:
             JournalError: storage error.
         """
         self.path = folder / FILE_NAME
-        self.chain = Chain()
-        """Where it stands: as of the last commit."""
         self._images: dict[str, bytes] | None = None
         """Digests of the images of the snapshot; None: not looked at yet."""
         self._replies: dict[str, bytes] = {}
         """Digests of the replies that this process has written, by worker."""
         self.mirror: JournalMirror | None = None
         """Keeps a copy of what is written; None: there is none."""
-        self._news = Written()
-        """What the transaction has written so far, if there is a mirror."""
+        self._changes = Changes()
+        """What the transaction has changed so far."""
         self._claim = FolderClaim(folder, owner or this_process(), stale_s)
         obstacle = self._claim.obstacle()
         if obstacle:
@@ -161,10 +160,14 @@ class Journal:
         if not durable:
             if self._claim.due():
                 self._claim.check()
-            self._tell_mirror(None)
+            if self.mirror is not None:
+                self.mirror.check()
             return
-        now_s = time.time()
-        self._news = Written()
+        with self.rows.lock:
+            self._append(durable, time.time())
+
+    def _append(self, durable: Sequence[Fact], now_s: float) -> None:
+        self._changes = Changes()
         try:
             self._connection.execute("BEGIN IMMEDIATE")
             chain = self._write(durable, now_s)
@@ -173,7 +176,7 @@ class Journal:
             if self.mirror is not None:
                 self.mirror.check()
             self._connection.execute("COMMIT")
-            self.chain = chain
+            self.rows.chain = chain
         except BaseException as error:  # whatever it is, the next call begins a transaction
             self._rollback()
             if not isinstance(error, sqlite3.Error):
@@ -181,31 +184,14 @@ class Journal:
             raise JournalError(
                 f"storage: {self.path}: {escape(str(error))}; free some space, then retry"
             ) from None
-        news, self._news = self._news, Written()  # which may be as large as a snapshot
-        self._tell_mirror(news)
+        self.rows.cuts += self._changes.cut
+        if self.mirror is not None:
+            self.mirror.committed(self._changes)
 
-    def _tell_mirror(self, news: Written | None) -> None:
-        """Hand over what was committed, or all there is if the copy begins anew.
-
-        Raises:
-            TakenOverError: another conductor owns the copy now.
-        """
-        if self.mirror is None:
-            return
-        self.mirror.check()
-        if self.mirror.wants_all():
-            self.mirror.committed(self._everything())
-        elif news is not None:
-            news.chain = self.chain
-            self.mirror.committed(news)
-
-    def _everything(self) -> Written:
-        execute = self._connection.execute
-        facts = execute("SELECT unix_s, fact, chain FROM facts ORDER BY id").fetchall()
-        images = execute("SELECT key, image FROM snapshot").fetchall()
-        rows = execute("SELECT worker, seq, reply FROM replies")
-        replies: dict[str, tuple[int, bytes] | None] = {w: (seq, reply) for w, seq, reply in rows}
-        return Written(facts, images, replies, cut=True, whole=True, chain=self.chain)
+    @property
+    def chain(self) -> Chain:
+        """Where it stands: as of the last commit."""
+        return self.rows.chain
 
     def probe(self) -> None:
         """Write something that changes nothing.
@@ -254,7 +240,8 @@ class Journal:
         version = _version(self._connection)
         if version != str(VERSION):
             raise _unknown_version(self.path, version)
-        self.chain = _read_chain(self._connection, self.path)
+        self.rows = JournalRows(self._connection, self.path)
+        self.rows.chain = _read_chain(self._connection, self.path)
         self._claim_folder()
 
     def _claim_folder(self) -> None:
@@ -302,8 +289,6 @@ class Journal:
         rows = zip(repeat(now_s), links, heads, strict=False)
         query = "INSERT INTO facts (unix_s, fact, chain) VALUES (?, ?, ?)"
         self._connection.executemany(query, rows)
-        if self.mirror is not None:
-            self._news.facts += zip(repeat(now_s), links, heads, strict=False)
         return chain
 
     def _write_snapshot(self, fact: Snapshot, now_s: float, chain: Chain) -> Chain:
@@ -312,10 +297,8 @@ class Journal:
             ((image.key, image.data) for image in fact.images),
         )
         self._connection.execute("DELETE FROM facts")
-        if self.mirror is not None:
-            self._news.facts.clear()
-            self._news.images += ((image.key, image.data) for image in fact.images)
-            self._news.cut = True
+        self._changes.images |= {image.key for image in fact.images}
+        self._changes.cut = True
         if self._images is None:
             self._images = _image_digests(self._connection, self.path)
         self._images.update((image.key, image_digest(image.data)) for image in fact.images)
@@ -325,8 +308,7 @@ class Journal:
         row = (fact.worker, fact.seq, encode(fact))
         old = self._reply_digest_of(fact.worker)
         self._connection.execute(_PUT_REPLY, row)
-        if self.mirror is not None:
-            self._news.replies[fact.worker] = (fact.seq, row[2])
+        self._changes.workers.add(fact.worker)
         self._replies[fact.worker] = digest = reply_digest(*row)
         return chain.replied(old, digest)
 
@@ -334,8 +316,7 @@ class Journal:
         chain = chain.replied(self._reply_digest_of(worker), b"")
         self._replies.pop(worker, None)
         self._connection.execute("DELETE FROM replies WHERE worker = ?", (worker,))
-        if self.mirror is not None:
-            self._news.replies[worker] = None
+        self._changes.workers.add(worker)
         return chain
 
     def _reply_digest_of(self, worker: str) -> bytes:
@@ -368,12 +349,14 @@ class Journal:
         return JournalError(f"storage: {self.path}: {words}")
 
 
-def write_journal(folder: Path, copy: Written) -> None:
-    """Write a journal anew from all of a copy; :meth:`Journal.fold` holds it against its chain.
+def write_journal(folder: Path, chain: Chain, parts: Iterable[JournalPart]) -> None:
+    """Write a journal anew from the parts of a copy; :meth:`Journal.fold` holds it against its
+    chain.
 
     Raises:
         UsageError: the folder has one.
         JournalError: it cannot be written.
+        TwinError: what ``parts`` raises; nothing is left behind.
     """
     path = folder / FILE_NAME
     if path.exists():
@@ -385,20 +368,25 @@ def write_journal(folder: Path, copy: Written) -> None:
             connection.execute("BEGIN")
             for statement in _TABLES.split(";"):
                 connection.execute(statement)
-            put = connection.execute
+            put, many = connection.execute, connection.executemany
             put("INSERT INTO meta VALUES ('version', ?)", (str(VERSION),))
-            put(_PUT_CHAIN, (msgspec.json.encode(copy.chain).decode(),))
-            many = connection.executemany
-            many("INSERT INTO facts (unix_s, fact, chain) VALUES (?, ?, ?)", copy.facts)
-            many("INSERT OR REPLACE INTO snapshot VALUES (?, ?)", copy.images)
-            replies = ((w, *reply) for w, reply in copy.replies.items() if reply)
-            many("INSERT INTO replies VALUES (?, ?, ?)", replies)
-            connection.execute("COMMIT")
+            put(_PUT_CHAIN, (msgspec.json.encode(chain).decode(),))
+            for part in parts:
+                many("INSERT INTO facts (unix_s, fact, chain) VALUES (?, ?, ?)", part.facts)
+                many("INSERT OR REPLACE INTO snapshot VALUES (?, ?)", part.images)
+                for worker, seq, reply in part.replies:
+                    if reply:
+                        put(_PUT_REPLY, (worker, seq, reply))
+                    else:
+                        put("DELETE FROM replies WHERE worker = ?", (worker,))
+            put("COMMIT")
         new.replace(path)
     except (sqlite3.Error, OSError) as error:
         raise JournalError(
             f"storage: {path}: {escape(str(error))}; free some space, then retry"
         ) from None
+    finally:
+        new.unlink(missing_ok=True)
 
 
 def read_journal(path: Path) -> tuple[Chain, Iterator[Fact]]:

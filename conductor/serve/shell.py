@@ -251,7 +251,7 @@ class Conductor:
             self.link.claim if self.link else lambda _: 0,
         )
         if self.link is not None:
-            self._journal.mirror = self.link.begin()
+            self._journal.mirror = self.link.begin(self._journal.rows)
             self._engine.take_found(self.link.found(self._engine.state), time.monotonic_ns())
         self._reopen()
         self._take_key()
@@ -308,10 +308,10 @@ class Conductor:
         self._audit.close()
         if self._deliveries is not None:
             self._deliveries.close()
-        if self._journal is not None:
-            self._journal.close()
         if self.link is not None:
             self.link.close(released=self._in_order)
+        if self._journal is not None:
+            self._journal.close()
 
     def stop(self) -> None:
         """Ask the loop to end now; workers keep their leases and wait for a successor.

@@ -2,14 +2,24 @@
 
 These are the small files of the campaign and the KPI files of committed attempts, and not their
 logs and recordings. What is there already is not fetched again.
+
+Whoever may write the bucket may put any bytes there. So a KPI file is read by a process in the
+sandbox of stacks, as are other files of others, and what lies in the folder is written anew from
+its values; reports hold those against the digests of the outcomes.
 """
 
 from __future__ import annotations
 
 import contextlib
 import re
+import subprocess
+import sys
+import tempfile
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from pathlib import Path
+
+import msgspec
 
 from conductor.records.attempts import attempt_folder
 from conductor.records.outcomes import FILE_NAME as OUTCOMES_FILE
@@ -19,7 +29,7 @@ from conductor.stored.run_files import NAMES
 from conductor.stored.successor import READERS
 from schemas.escape import escape
 from schemas.files.regular_file import RUN_FILE_BYTES_MAX, read_regular
-from twin.base.errors import UsageError, storage_error
+from twin.base.errors import EXIT_USAGE, InfrastructureError, UsageError, storage_error
 from twin.base.files import write_atomic
 from twin.stores.objects import get_attempt, get_object, sha256_of
 from twin.stores.opening import PROBE, is_url, open_store
@@ -27,12 +37,23 @@ from twin.stores.protocol import MissingObjectError, ResultStore
 
 SOURCE_FILE = "store.url"
 """Says from which store a folder was fetched."""
-KPI_NAMES = ("kpi.parquet", "realtime.csv")
-"""Files of an attempt that reports read."""
+KPI_NAME = "kpi.parquet"
+KPI_SOURCE_FILE = "kpi.object"
+"""Beside a KPI file: digest of the object from which it was written."""
 TOLD_MAX = 20
 """Most campaigns of a store that are named in a message."""
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,199}")
+
+
+@dataclass(frozen=True, slots=True)
+class _Fetched:
+    """A KPI file as it lay in the store."""
+
+    raw: Path
+    attempt: Path
+    """Folder of the attempt to which it belongs."""
+    digest: str
 
 
 def fetch_run(url: str, out: Path | None = None) -> Path:
@@ -63,8 +84,12 @@ def fetch_run(url: str, out: Path | None = None) -> Path:
         _write(folder / name, data)
     outcomes = read_outcomes(folder)
     committed = [(case, row) for case, row in outcomes.cases.items() if row.kpi_sha256]
-    with ThreadPoolExecutor(READERS) as pool:
-        list(pool.map(lambda item: _fetch(store, campaign, folder, *item), committed))
+    with tempfile.TemporaryDirectory(prefix=".fetched-", dir=folder) as raw:
+        with ThreadPoolExecutor(READERS) as pool:
+            fetched = list(
+                pool.map(lambda item: _fetch(store, campaign, folder, Path(raw), *item), committed)
+            )
+        _write_anew([item for item in fetched if item is not None])
     return folder
 
 
@@ -124,20 +149,67 @@ def _own(folder: Path, source: str) -> None:
     _write(mark, source.encode() + b"\n")
 
 
-def _fetch(store: ResultStore, campaign: str, folder: Path, case: str, row: CaseOutcome) -> None:
+def _fetch(
+    store: ResultStore, campaign: str, folder: Path, raw: Path, case: str, row: CaseOutcome
+) -> _Fetched | None:
+    """Fetch what is not in the folder yet; the KPI file into ``raw``, None: it is there."""
     attempt = attempt_folder(folder, row.attempt_dir)
     stored = get_attempt(store, campaign, case, row.manifest_sha256)
-    for name in KPI_NAMES:
-        if name not in stored.files:
-            continue
-        path = attempt / name
-        digest = stored.files[name].sha256
-        try:
-            if path.is_file() and sha256_of(read_regular(path, RUN_FILE_BYTES_MAX)) == digest:
-                continue
-        except OSError:
-            pass  # written anew
-        _write(path, get_object(store, digest, RUN_FILE_BYTES_MAX))
+    if times := stored.files.get("realtime.csv"):
+        path = attempt / "realtime.csv"
+        if not _is(path, times.sha256):
+            _write(path, get_object(store, times.sha256, RUN_FILE_BYTES_MAX))
+    if (kpi := stored.files.get(KPI_NAME)) is None or _is_from(attempt, kpi.sha256):
+        return None
+    path = raw / sha256_of(f"{case}".encode())
+    _write(path, get_object(store, kpi.sha256, RUN_FILE_BYTES_MAX))
+    return _Fetched(path, attempt, kpi.sha256)
+
+
+def _is(path: Path, digest: str) -> bool:
+    try:
+        return path.is_file() and sha256_of(read_regular(path, RUN_FILE_BYTES_MAX)) == digest
+    except OSError:
+        return False  # written anew
+
+
+def _is_from(attempt: Path, digest: str) -> bool:
+    """Whether the KPI file was written from the object with this digest."""
+    try:
+        return (attempt / KPI_NAME).is_file() and read_regular(
+            attempt / KPI_SOURCE_FILE, 100
+        ) == digest.encode()
+    except OSError:
+        return False
+
+
+def _write_anew(fetched: list[_Fetched]) -> None:
+    """Write KPI files from the values that a process in a sandbox reads.
+
+    Raises:
+        UsageError: one is no KPI file.
+        InfrastructureError: the process did not start, or the disk refuses.
+    """
+    if not fetched:
+        return
+    for item in fetched:
+        item.attempt.mkdir(parents=True, exist_ok=True)
+    pairs = [(str(item.raw), str(item.attempt / KPI_NAME)) for item in fetched]
+    # Parsers of files of others are the business of `twin`.
+    done = subprocess.run(
+        [sys.executable, "-m", "twin.kpi.foreign"],
+        input=msgspec.json.encode(pairs),
+        capture_output=True,
+        check=False,
+    )
+    if done.returncode:
+        line = escape(done.stderr.decode(errors="replace").strip()[-500:])
+        for item in fetched:  # its name here says nothing to anybody
+            line = line.replace(str(item.raw), str(item.attempt / KPI_NAME))
+        error = UsageError if done.returncode == EXIT_USAGE else InfrastructureError
+        raise error(line or f"KPI files could not be read (exit code {done.returncode})")
+    for item in fetched:
+        _write(item.attempt / KPI_SOURCE_FILE, item.digest.encode())
 
 
 def _write(path: Path, data: bytes) -> None:

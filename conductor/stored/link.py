@@ -14,8 +14,8 @@ from pathlib import Path
 from conductor.core.facts import Committed
 from conductor.core.state import State
 from conductor.journal.owner import this_process
+from conductor.journal.rows import JournalRows
 from conductor.journal.store import FILE_NAME as JOURNAL_NAME
-from conductor.journal.store import write_journal
 from conductor.stored.owner import (
     STALE_S,
     StoreClaims,
@@ -28,14 +28,21 @@ from conductor.stored.replica import HEAD_BYTES_MAX, head_name, read_head
 from conductor.stored.replicator import Replicator
 from conductor.stored.run_files import RunFiles
 from conductor.stored.seals import StoreSeal
-from conductor.stored.successor import bring_back_all, found_results, lacking, read_journal_of
+from conductor.stored.successor import (
+    JournalAhead,
+    bring_back_all,
+    bring_journal,
+    found_results,
+    lacking,
+)
 from schemas.files.regular_file import read_regular
 from schemas.wire.control import Sealed
 from schemas.words import counted
 from twin.base.errors import TwinError, UsageError, storage_error
 from twin.base.files import write_atomic
 from twin.fabric.keys.key_file import MemberKey
-from twin.stores.opening import checked_url, has_winners, open_store
+from twin.stores.apart import open_apart
+from twin.stores.opening import checked_url, has_winners
 from twin.stores.protocol import MissingObjectError, ResultStore
 
 LEASE_FILE = "store.id"
@@ -73,7 +80,7 @@ class StoreLink:
         """How long a takeover took until the journal was here, the watch included; None: there was
         none [s]."""
         self._folder = folder
-        self._store: ResultStore = open_store(options.url)
+        self._store: ResultStore = open_apart(options.url)
         self._seal = StoreSeal(self._store, key)
         self._claims = StoreClaims(self._store, self._seal)
         self._own: StoreOwner | None = None
@@ -122,11 +129,11 @@ class StoreLink:
             self._own = self._claims.claim(number + 1, epoch, this_process(), self._lease())
         return self._own.epoch
 
-    def begin(self) -> Replicator:
-        """Begin the replica; the journal's mirror."""
+    def begin(self, rows: JournalRows) -> Replicator:
+        """Begin the replica of the journal with these rows; its mirror."""
         assert self._own is not None
         self._replicator = Replicator(
-            self._store, self._seal, self._own, eager=self.options.durable
+            self._store, self._seal, self._own, rows, eager=self.options.durable
         )
         self._replicator.start()
         return self._replicator
@@ -223,7 +230,10 @@ class StoreLink:
     def _take_over(self, number: int, found: StoreOwner) -> None:
         began_s = time.monotonic()
         head = read_head(self._store, self._seal, found.claim)
+        ahead = None
         if not (head is not None and head.released) and not restarted(found.owner, this_process()):
+            if head is not None:
+                ahead = JournalAhead(self._store, head, self._folder)
             await_silence(
                 lambda: self._seen(found.claim),
                 f"{self._store.url}: in use by another conductor (pid {found.owner.pid} on "
@@ -232,9 +242,8 @@ class StoreLink:
                 time.monotonic,
             )
         self._own = self._claims.claim(number + 1, found.epoch + 1, this_process(), self._lease())
-        copy = read_journal_of(self._store, self._seal, found.claim)
-        if copy is not None:
-            write_journal(self._folder, copy)
+        if ahead is None or not ahead.take(read_head(self._store, self._seal, found.claim)):
+            bring_journal(self._store, self._seal, found.claim, self._folder)
         self.taken_over_s = time.monotonic() - began_s
         _log.warning("%s: %s", self._store.url, taken_by(self._own))
 

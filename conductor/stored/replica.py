@@ -12,22 +12,29 @@ successor sees (:mod:`conductor.stored.replicator`).
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from itertools import islice
 from typing import TypeVar
 
 import msgspec
 from msgspec import Struct
 
 from conductor.journal.chain import Chain
-from conductor.journal.written import Row, Written
+from conductor.journal.written import JournalPart, Reply, Row
 from conductor.stored.seals import StoreSeal
-from twin.stores.objects import get_object, put_object
+from twin.stores.apart import put_content
+from twin.stores.objects import get_object
 from twin.stores.protocol import DamagedObjectError, MissingObjectError, ResultStore
 
 HEAD_BYTES_MAX = 1 << 24
 """Largest head of a replica [bytes]."""
 PART_BYTES_MAX = 1 << 30
 """Largest object of a replica [bytes]."""
+PIECE_BYTES = 1 << 20
+"""An object of a replica becomes about as large, unless a single fact is larger [bytes]."""
+AHEAD = 4
+"""Objects of a replica that are fetched while earlier ones are written."""
 
 S = TypeVar("S", bound=Struct)
 
@@ -42,8 +49,7 @@ class TailPart(Struct, frozen=True, array_like=True):
     """What was written after the snapshot, a part of it."""
 
     facts: list[Row]
-    replies: list[tuple[str, int, bytes]]
-    """Worker, number and bytes; without bytes: it is forgotten."""
+    replies: list[Reply]
 
 
 class ReplicaHead(Struct, frozen=True, kw_only=True):
@@ -90,7 +96,7 @@ def read_head(store: ResultStore, seal: StoreSeal, claim: int) -> ReplicaHead | 
         head = msgspec.msgpack.decode(content, type=ReplicaHead)
     except MissingObjectError:
         return None
-    except msgspec.MsgspecError:
+    except (msgspec.MsgspecError, UnicodeDecodeError):
         raise DamagedObjectError(f"{store.url}/{name}: damaged") from None
     if head.claim != claim:
         raise DamagedObjectError(f"{store.url}/{name}: of another claim")
@@ -99,50 +105,52 @@ def read_head(store: ResultStore, seal: StoreSeal, claim: int) -> ReplicaHead | 
 
 def put_pack_of(store: ResultStore, images: list[tuple[str, bytes]]) -> str:
     """Put images; their digest."""
-    return put_object(store, msgspec.msgpack.encode(ImagePack(images)))
+    return put_content(store, msgspec.msgpack.encode(ImagePack(images)))
 
 
-def put_part(
-    store: ResultStore, facts: list[Row], replies: dict[str, tuple[int, bytes] | None]
-) -> str:
+def put_part(store: ResultStore, facts: list[Row], replies: Sequence[Reply]) -> str:
     """Put a part of the tail; its digest."""
-    rows = [(worker, *(reply or (0, b""))) for worker, reply in replies.items()]
-    return put_object(store, msgspec.msgpack.encode(TailPart(facts, rows)))
+    return put_content(store, msgspec.msgpack.encode(TailPart(facts, list(replies))))
 
 
-def merged_part(store: ResultStore, digests: Iterable[str]) -> str:
+def merged_part(store: ResultStore, digests: Sequence[str]) -> str:
     """One part instead of several that follow each other; its digest."""
-    whole = Written()
+    facts: list[Row] = []
+    replies: dict[str, Reply] = {}
     for digest in digests:
-        _take_part(whole, _read(store, digest, TailPart))
-    return put_part(store, whole.facts, whole.replies)
+        part = _read(store, digest, TailPart)
+        facts += part.facts
+        # A reply that was forgotten stays named, for the parts before the merged ones.
+        replies.update((reply[0], reply) for reply in part.replies)
+    return put_part(store, facts, list(replies.values()))
 
 
-def read_replica(store: ResultStore, head: ReplicaHead) -> Written:
-    """All of the journal that ``head`` stands for.
+def read_replica(store: ResultStore, head: ReplicaHead) -> Iterator[JournalPart]:
+    """All of the journal that ``head`` stands for, an object at a time.
 
     Raises:
         TwinError: an object is missing or damaged, or the store does not answer.
     """
-    whole = Written(cut=True, whole=True, chain=head.chain)
-    images: dict[str, bytes] = {}
-    for digest in head.packs:
-        images.update(_read(store, digest, ImagePack).images)
-    whole.images = list(images.items())
-    for digest in [head.base] * bool(head.base) + head.tail:
-        _take_part(whole, _read(store, digest, TailPart))
-    return whole
 
+    def read(named: tuple[str, bool]) -> JournalPart:
+        digest, is_pack = named
+        if is_pack:
+            return JournalPart(images=_read(store, digest, ImagePack).images)
+        part = _read(store, digest, TailPart)
+        return JournalPart(part.facts, [], part.replies)
 
-def _take_part(whole: Written, part: TailPart) -> None:
-    whole.facts += part.facts
-    for worker, seq, data in part.replies:
-        # A reply that was forgotten stays named, for the parts before the merged ones.
-        whole.replies[worker] = (seq, data) if data else None
+    tail = [head.base] * bool(head.base) + head.tail
+    names = iter([(digest, True) for digest in head.packs] + [(digest, False) for digest in tail])
+    with ThreadPoolExecutor(AHEAD) as pool:
+        coming = [pool.submit(read, name) for name in islice(names, AHEAD)]
+        while coming:
+            part = coming.pop(0).result()
+            coming += [pool.submit(read, name) for name in islice(names, 1)]
+            yield part
 
 
 def _read(store: ResultStore, digest: str, type_: type[S]) -> S:
     try:
         return msgspec.msgpack.decode(get_object(store, digest, PART_BYTES_MAX), type=type_)
-    except msgspec.MsgspecError:
+    except (msgspec.MsgspecError, UnicodeDecodeError):
         raise DamagedObjectError(f"{store.url}: object {digest} is no part of a journal") from None

@@ -1,5 +1,8 @@
 """Keeps the replica of a journal up to date, on a thread of its own.
 
+Nothing waits in a queue: a round notes where the journal stands, reads what the store has not got
+from the journal itself, a piece at a time, and puts each piece before it reads the next.
+
 The order of a round: objects, head, then the look for a successor's claim. A successor makes its
 claim first and reads the head then. So either it reads what the round has written, or the round
 finds its claim and counts for nothing: a reply that waited for the round is never sent for
@@ -14,12 +17,15 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 
 from conductor.journal.chain import Chain
 from conductor.journal.owner import TakenOverError
-from conductor.journal.written import Written
+from conductor.journal.rows import CutMeanwhileError, JournalRows
+from conductor.journal.written import Changes, JournalPoint
 from conductor.stored.owner import StoreClaims, StoreOwner, taken_by
 from conductor.stored.replica import (
+    PIECE_BYTES,
     ReplicaHead,
     head_name,
     marked_head,
@@ -38,14 +44,28 @@ BEAT_S = 2.0
 """Most time between two rounds: the head is the owner's sign of life [s]."""
 RETRY_S = 1.0
 """Pause after a round that failed [s]."""
-WAITING_BYTES_MAX = 64 << 20
-"""Most that waits for a store that is away [bytes]; beyond it the replica begins anew."""
 TAIL_MAX = 256
-"""Most parts of the tail; then they become one."""
+"""Most parts of the tail; then small ones that follow each other become one."""
 CLOSE_S = 30.0
 """Longest wait for the last round at the end [s]."""
 
 _log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class _Standing:
+    """What the store has of the journal: what the next head says."""
+
+    packs: tuple[tuple[str, frozenset[str]], ...] = ()
+    """Digest of each pack and the keys of its images that no later one has."""
+    base: str = ""
+    tail: tuple[tuple[str, int], ...] = ()
+    """Digest and about the length [bytes] of each part."""
+    tail_max: int = 0
+    """Parts from which on small ones are merged; 0: :data:`TAIL_MAX`."""
+    last: int = 0
+    """Number of the last fact."""
+    chain: Chain = field(default_factory=Chain)
 
 
 class Replicator:
@@ -55,66 +75,56 @@ class Replicator:
         store: the store.
         seal: marks the heads.
         own: our claim.
-        eager: a round begins as soon as something waits, because replies wait for it.
+        rows: of the journal.
+        eager: a round begins as soon as something is committed, because replies wait for it.
     """
 
     def __init__(
-        self, store: ResultStore, seal: StoreSeal, own: StoreOwner, *, eager: bool = False
+        self,
+        store: ResultStore,
+        seal: StoreSeal,
+        own: StoreOwner,
+        rows: JournalRows,
+        *,
+        eager: bool = False,
     ) -> None:
         self.rounds = 0
         """Rounds that have reached the store."""
         self._store, self._seal, self._own, self._eager = store, seal, own, eager
+        self._rows = rows
         self._claims = StoreClaims(store, seal)
         self._changed = threading.Condition()
-        self._waiting: list[Written] = []
-        self._bytes = 0
-        self._thrown_away = 0
-        """How often what waited was thrown away."""
+        self._changes: Changes | None = None
+        """What the store has not got; None: all of the journal."""
         self._given, self._kept = 1, 0
-        """Transactions that were handed over, and that are in the store; what was written before
+        """Transactions that were committed, and that are in the store; what was written before
         the first of them counts as one."""
         self._callbacks: deque[tuple[int, Callable[[], None]]] = deque()
-        self._wants_all = True
-        self._overflowed = False
         self._closing = self._released = False
         self._taken: str = ""
         self._failing = ""
-        # Of the thread alone: what the head says.
-        self._packs: list[tuple[str, set[str]]] = []
-        self._replies: dict[str, tuple[int, bytes]] = {}
-        self._base = ""
-        self._tail: list[str] = []
-        self._chain = Chain()
+        # Of the thread alone.
+        self._standing = _Standing()
         self._beat = 0
-        self._old: set[str] = set()
+        self._beat_s = 0.0
+        """When a head was written last, by the monotonic clock [s]."""
+        self._objects: set[str] = set()
+        """Digests of what was put and is not removed."""
         self._thread = threading.Thread(target=self._run, name="replica", daemon=True)
 
     def start(self) -> None:
-        """Begin; the journal hands over all it has next."""
+        """Begin, with all of the journal."""
         self._thread.start()
 
     # --- called on the journal's thread ---------------------------------------------------------
 
-    def committed(self, written: Written) -> None:
+    def committed(self, changes: Changes) -> None:
         """See the protocol."""
         with self._changed:
             self._given += 1
-            if written.whole:
-                self._waiting, self._bytes = [], 0
-                self._thrown_away += 1
-                self._wants_all = self._overflowed = False
-            if self._overflowed or self._wants_all:
-                return
-            self._waiting.append(written)
-            self._bytes += _counted(written)
-            if self._bytes > WAITING_BYTES_MAX:
-                self._waiting, self._bytes, self._overflowed = [], 0, True
-                self._thrown_away += 1
+            if self._changes is not None:
+                self._changes.add(changes)
             self._changed.notify_all()
-
-    def wants_all(self) -> bool:
-        """See the protocol."""
-        return self._wants_all
 
     def check(self) -> None:
         """See the protocol."""
@@ -127,7 +137,7 @@ class Replicator:
         return bool(self._taken)
 
     def when_kept(self, call: Callable[[], None]) -> None:
-        """Call ``call`` when all that was handed over so far is in the store; at once if it is."""
+        """Call ``call`` when all that was committed so far is in the store; at once if it is."""
         with self._changed:
             if self._kept < self._given:
                 self._callbacks.append((self._given, call))
@@ -136,7 +146,8 @@ class Replicator:
         call()
 
     def close(self, *, released: bool) -> None:
-        """A last round, if the store lets us; ``released``: a successor need not wait."""
+        """A last round, if the store lets us; ``released``: a successor need not wait. The journal
+        must still be open."""
         with self._changed:
             self._closing, self._released = True, released
             self._changed.notify_all()
@@ -147,127 +158,177 @@ class Replicator:
 
     def _run(self) -> None:
         last_s = 0.0
-        with self._changed:
-            # Without all of the journal a head would stand for none.
-            self._changed.wait_for(lambda: self._waiting or self._closing)
-            if not self._waiting:
-                return
         while not self._taken:
             with self._changed:
                 self._changed.wait_for(self._due, BEAT_S)
                 if not (self._closing or self._eager):
                     pause_s = last_s + FLUSH_S - time.monotonic()
                     self._changed.wait_for(lambda: self._closing, max(0.0, pause_s))
-                batch, upto, closing = self._waiting[:], self._given, self._closing
-                overflowed, mark = self._overflowed, self._thrown_away
+                closing = self._closing
             try:
-                self._round(batch, closing)
+                upto = self.round(closing=closing)
             except TwinError as error:
                 if closing:
                     _log.error("the store has not the end of the journal: %s", error)
                     return
-                self._said(str(error))
+                self._said(error)
                 with self._changed:
                     self._changed.wait_for(lambda: self._closing, RETRY_S)
                 continue
             last_s = time.monotonic()
-            self._kept_now(len(batch) if mark == self._thrown_away else 0, upto, overflowed)
+            self._kept_now(upto)
             if closing:
                 return
 
     def _due(self) -> bool:
-        return bool(self._waiting or self._closing)
+        return self._kept < self._given or self._closing
 
-    def _said(self, error: str) -> None:
+    def _said(self, error: TwinError) -> None:
         if not self._failing:
             _log.warning("%s; the journal here goes on, its replica waits", error)
-        self._failing = error
+        self._failing = str(error)
 
-    def _kept_now(self, count: int, upto: int, overflowed: bool) -> None:
+    def _kept_now(self, upto: int) -> None:
         calls = []
         if self._failing:
             _log.warning("%s answers again", self._store.url)
             self._failing = ""
         with self._changed:
             self.rounds += 1
-            del self._waiting[:count]
-            self._bytes = sum(map(_counted, self._waiting))
-            if overflowed:
-                self._wants_all = True  # the store is there again: all of it, at the next turn
-            elif not (self._overflowed or self._wants_all):
-                self._kept = upto
+            self._kept = upto
             while self._callbacks and self._callbacks[0][0] <= self._kept and not self._taken:
                 calls.append(self._callbacks.popleft()[1])
         for call in calls:
             with contextlib.suppress(Exception):  # whoever asked is gone and will ask again
                 call()
 
-    def _round(self, batch: list[Written], closing: bool) -> None:
-        before = (self._packs, self._replies, self._base, self._tail, self._chain)
+    def round(self, *, closing: bool = False) -> int:
+        """Bring what the store has not got; how many transactions it has then.
+
+        Raises:
+            TwinError: the store or the journal does not answer. What was put counts for nothing,
+                and the next round brings it again.
+        """
+        while True:
+            changes, upto, point = self._begun()
+            try:
+                standing = self._brought(changes, point)
+                break
+            except CutMeanwhileError:
+                self._put_back(changes)
+            except BaseException:
+                self._put_back(changes)
+                raise
+        head = self._head(standing, released=closing and self._released)
         try:
-            self._packs, self._replies = list(self._packs), dict(self._replies)
-            self._tail = list(self._tail)
-            self._put(batch)
-            head = self._head(released=closing and self._released)
-            self._store.put(head_name(head.claim), marked_head(self._seal, head))
+            self._write_head(head)
             replaced = self._claims.exists(self._own.claim + 1)
         except BaseException:
-            # The batch comes again, and must not stand in the next head twice.
-            self._packs, self._replies, self._base, self._tail, self._chain = before
+            self._put_back(changes)
             raise
+        self._standing = standing
         if replaced:
             self._taken = self._words_of_successor()
-            return
-        for digest in self._old - head.objects:
+            return upto
+        for digest in self._objects - head.objects:
             with contextlib.suppress(TwinError):  # the round counts; what stays takes room only
                 self._store.delete(object_name(digest))
-        self._old = head.objects
+        self._objects = head.objects
+        return upto
 
-    def _head(self, *, released: bool) -> ReplicaHead:
+    def _begun(self) -> tuple[Changes | None, int, JournalPoint]:
+        """What is to be brought, and up to where; nothing is written meanwhile."""
+        with self._rows.lock, self._changed:
+            changes, upto = self._changes, self._given
+            workers = None if changes is None or changes.cut else changes.workers
+            point = self._rows.point(workers)
+            self._changes = Changes()
+        return changes, upto, point
+
+    def _put_back(self, changes: Changes | None) -> None:
+        with self._changed:
+            if changes is None or self._changes is None:
+                self._changes = None
+            else:
+                changes.add(self._changes)
+                self._changes = changes
+
+    def _brought(self, changes: Changes | None, point: JournalPoint) -> _Standing:
+        """Put all that lies between what the store has and ``point``."""
+        made = replace(self._standing, chain=point.chain, last=point.last)
+        after = self._standing.last
+        replies = point.replies
+        if changes is None or changes.cut:
+            keys = self._rows.image_keys() if changes is None else changes.images
+            kept = () if changes is None else made.packs
+            made = replace(made, packs=self._packs(kept, point, keys), tail=(), tail_max=0, base="")
+            if replies:
+                made = replace(made, base=self._put(put_part(self._store, [], replies)))
+            after, replies = 0, []
+        for facts in self._rows.facts(point, after, PIECE_BYTES):
+            digest = self._put(put_part(self._store, facts, ()))
+            size = sum(len(fact) for _, fact, _ in facts)
+            made = replace(made, tail=(*made.tail, (digest, size)))
+        if replies:
+            # Behind the facts, which they tell of.
+            size = sum(len(reply) for _, _, reply in replies)
+            part = self._put(put_part(self._store, [], replies))
+            made = replace(made, tail=(*made.tail, (part, size)))
+        return self._merged(made)
+
+    def _packs(
+        self, packs: tuple[tuple[str, frozenset[str]], ...], point: JournalPoint, keys: set[str]
+    ) -> tuple[tuple[str, frozenset[str]], ...]:
+        for images in self._rows.images(point, keys, PIECE_BYTES):
+            new = frozenset(key for key, _ in images)
+            left = ((digest, own - new) for digest, own in packs)
+            digest = self._put(put_pack_of(self._store, images))
+            packs = (*((digest, own) for digest, own in left if own), (digest, new))
+        return packs
+
+    def _merged(self, made: _Standing) -> _Standing:
+        """With fewer parts of the tail, if there are many."""
+        if len(made.tail) <= max(TAIL_MAX, made.tail_max):
+            return made
+        groups: list[list[tuple[str, int]]] = []
+        for part in made.tail:
+            if groups and sum(size for _, size in groups[-1]) + part[1] <= PIECE_BYTES:
+                groups[-1].append(part)
+            else:
+                groups.append([part])
+        tail = tuple(
+            group[0]
+            if len(group) == 1
+            else (
+                self._put(merged_part(self._store, [digest for digest, _ in group])),
+                sum(size for _, size in group),
+            )
+            for group in groups
+        )
+        return replace(made, tail=tail, tail_max=2 * len(tail))
+
+    def _put(self, digest: str) -> str:
+        """An object was put; in between the head says that we live."""
+        self._objects.add(digest)
+        if self._beat and time.monotonic() - self._beat_s > BEAT_S:
+            self._write_head(self._head(self._standing, released=False))
+        return digest
+
+    def _head(self, standing: _Standing, *, released: bool) -> ReplicaHead:
         self._beat += 1
         return ReplicaHead(
             claim=self._own.claim,
             beat=self._beat,
-            packs=[digest for digest, _ in self._packs],
-            base=self._base,
-            tail=self._tail,
-            chain=self._chain,
+            packs=[digest for digest, _ in standing.packs],
+            base=standing.base,
+            tail=[digest for digest, _ in standing.tail],
+            chain=standing.chain,
             released=released,
         )
 
-    def _put(self, batch: list[Written]) -> None:
-        """Put what a batch adds; several transactions become one part."""
-        merged = Written()
-        for written in batch:
-            if written.whole:
-                merged, self._packs, self._replies = Written(), [], {}
-            if written.cut:
-                merged.cut, merged.facts = True, []
-            merged.facts += written.facts
-            merged.images += written.images
-            merged.replies.update(written.replies)
-            self._chain = written.chain
-        if not batch:
-            return
-        if merged.images:
-            keys = {key for key, _ in merged.images}
-            kept = [(digest, own - keys) for digest, own in self._packs]
-            self._packs = [(digest, own) for digest, own in kept if own]
-            images = list(dict(merged.images).items())
-            self._packs.append((put_pack_of(self._store, images), keys))
-        for worker, reply in merged.replies.items():
-            if reply is None:
-                self._replies.pop(worker, None)
-            else:
-                self._replies[worker] = reply
-        if merged.cut:
-            self._tail = []
-            self._base = put_part(self._store, [], dict(self._replies)) if self._replies else ""
-            merged.replies = {}
-        if merged.facts or merged.replies:
-            self._tail.append(put_part(self._store, merged.facts, merged.replies))
-        if len(self._tail) > TAIL_MAX:
-            self._tail = [merged_part(self._store, self._tail)]
+    def _write_head(self, head: ReplicaHead) -> None:
+        self._store.put(head_name(head.claim), marked_head(self._seal, head))
+        self._beat_s = time.monotonic()
 
     def _words_of_successor(self) -> str:
         successor = None
@@ -276,8 +337,3 @@ class Replicator:
         return (
             f"{self._store.url}: {taken_by(successor)}; this one ends, workers go on with the other"
         )
-
-
-def _counted(written: Written) -> int:
-    """Bytes of what waits; all of a journal does not count, or one of its size would never fit."""
-    return 0 if written.whole else written.size

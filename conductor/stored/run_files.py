@@ -25,9 +25,10 @@ from conductor.serve.folders import CAMPAIGN_FILE
 from conductor.trust.judge_feed import FILE_NAME as JUDGEMENT_FILE
 from conductor.trust.manifest import RUN_FILE
 from schemas.files.proposals import FILE_NAME as PROPOSED_FILE
-from schemas.files.regular_file import RUN_FILE_BYTES_MAX, read_regular
+from schemas.files.regular_file import RUN_FILE_BYTES_MAX
 from schemas.files.search_result import FILE_NAME as SEARCH_FILE
 from twin.base.errors import TwinError
+from twin.stores.apart import put_file
 from twin.stores.protocol import ResultStore
 
 NAMES = (
@@ -92,12 +93,11 @@ class RunFiles:
                     mark = (status.st_mtime_ns, status.st_size)
                     if self._put.get(path) == mark:
                         continue
-                    data = read_regular(path, RUN_FILE_BYTES_MAX)
+                    if campaign := self._campaign(folder):
+                        put_file(self._store, f"runs/{campaign}/{name}", path, RUN_FILE_BYTES_MAX)
+                        self._put[path] = mark
                 except OSError:
                     continue  # it is not there, or just replaced
-                if campaign := self._campaign(folder):
-                    self._store.put(f"runs/{campaign}/{name}", data)
-                    self._put[path] = mark
 
     def _campaign(self, folder: Path) -> str:
         if folder not in self._names:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import shutil
 import threading
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
@@ -10,13 +11,14 @@ from pathlib import Path
 
 from conductor.core.facts import Committed
 from conductor.core.state import CampaignState, State
-from conductor.journal.written import Written
+from conductor.journal.store import FILE_NAME as JOURNAL_NAME
+from conductor.journal.store import write_journal
 from conductor.records.attempts import attempt_folder
-from conductor.stored.replica import read_head, read_replica
+from conductor.stored.replica import ReplicaHead, read_head, read_replica
 from conductor.stored.seals import StoreSeal
 from schemas.files.judging import RECORD_FILE, attempt_digest
 from schemas.wire.control import Result, Sealed
-from twin.base.errors import InfrastructureError, TwinError
+from twin.base.errors import InfrastructureError, TwinError, storage_error
 from twin.base.files import write_atomic
 from twin.stores.objects import FILES, get_attempt, get_object, get_pack, mark_of, pack_of
 from twin.stores.protocol import (
@@ -31,6 +33,8 @@ READERS = 16
 """Objects that are read at a time."""
 FOUND_MAX = 1_000_000
 """Most results that are taken from a store, as many as a conductor has cases."""
+AHEAD_FOLDER = ".ahead"
+"""In a state folder: a journal that is fetched before it is known to be the last one."""
 HEAD_TRIES = 5
 """How often a replica is read whose owner replaces it meanwhile."""
 
@@ -43,11 +47,12 @@ AGAIN_MAX_S = 60.0
 _log = logging.getLogger(__name__)
 
 
-def read_journal_of(store: ResultStore, seal: StoreSeal, claim: int) -> Written | None:
-    """The journal of the latest claim up to ``claim`` whose owner has written one; None: none has.
+def bring_journal(store: ResultStore, seal: StoreSeal, claim: int, folder: Path) -> bool:
+    """Write the journal of the latest claim up to ``claim`` whose owner has kept one into
+    ``folder``; False: none has.
 
     Raises:
-        TwinError: it cannot be believed or read.
+        TwinError: it cannot be believed, read or written.
     """
     for number in range(claim, 0, -1):
         for tries_left in reversed(range(HEAD_TRIES)):
@@ -55,11 +60,55 @@ def read_journal_of(store: ResultStore, seal: StoreSeal, claim: int) -> Written 
             if head is None:
                 break
             try:
-                return read_replica(store, head)
+                write_journal(folder, head.chain, read_replica(store, head))
+                return True
             except MissingObjectError:  # an owner that still lives has written another head
                 if not tries_left:
                     raise
-    return None
+    return False
+
+
+class JournalAhead:
+    """The journal of an owner, fetched on a thread while it is watched: if its head stands still,
+    it is all there when the watch ends.
+
+    Args:
+        store: the store.
+        head: as it is now.
+        folder: state folder; a folder in it is used and removed again.
+    """
+
+    def __init__(self, store: ResultStore, head: ReplicaHead, folder: Path) -> None:
+        self._store, self._head, self._folder = store, head, folder
+        self._ahead = folder / AHEAD_FOLDER
+        self._thread = threading.Thread(target=self._fetch, name="journal ahead", daemon=True)
+        shutil.rmtree(self._ahead, ignore_errors=True)
+        self._thread.start()
+
+    def take(self, head: ReplicaHead | None) -> bool:
+        """Put the journal into its place, if ``head`` is still the one that was fetched; whether
+        it was.
+
+        Raises:
+            JournalError: it cannot be put there.
+        """
+        if head == self._head:
+            self._thread.join()
+        taken = head == self._head and (self._ahead / JOURNAL_NAME).exists()
+        if taken:
+            try:
+                (self._ahead / JOURNAL_NAME).rename(self._folder / JOURNAL_NAME)
+            except OSError as error:
+                raise storage_error(error, str(self._folder)) from None
+            shutil.rmtree(self._ahead, ignore_errors=True)
+        return taken
+
+    def _fetch(self) -> None:
+        try:
+            self._ahead.mkdir(parents=True)
+            write_journal(self._ahead, self._head.chain, read_replica(self._store, self._head))
+        except (TwinError, OSError) as error:
+            _log.debug("%s; it is fetched again", error)
 
 
 def found_results(store: ResultStore, state: State) -> list[Sealed]:

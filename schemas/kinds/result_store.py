@@ -33,6 +33,8 @@ class ResultStoreKind:
     """``module:attribute`` of what opens it: URL -> :class:`twin.stores.protocol.ResultStore`."""
     example: str
     """How a user names one, for messages and ``--help``."""
+    apart: bool = False
+    """Whether a conductor runs it in a process of its own, because its libraries are large."""
 
 
 KINDS = (
@@ -49,6 +51,7 @@ KINDS = (
         schemes=("s3", "gs", "sftp", "ssh"),
         implementation="twin.stores.url:open_url",
         example="s3://bucket/prefix",
+        apart=True,
     ),
 )
 """The result stores that are shipped."""

@@ -9,20 +9,23 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
 import random
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO
 
 import psutil
 import yaml
+from broken_store import PORT as STORE_PORT
 from fault_campaign import CAMPAIGN, CASES
 from host_files import HostFiles
 from namespaces import Host, hosts_in_a_row
+from object_store import BUCKET, environment
 from processes import Marked, keys_of
 from wire import Wire
 
@@ -35,7 +38,7 @@ INSIDE = {"simulator": "sim", "stack": "host", "recorder": "record"}
 """Kinds of process that a worker starts -> word of their command line."""
 VIEWS = ("live", "none")
 """Campaigns of one of them share no rig with those of the other; what is shown says the worker."""
-EXTRAS = ("viewer", "relay", "recorder", "names", "clock")
+EXTRAS = ("viewer", "relay", "recorder", "names", "clock", "store")
 """What a fabric may have beyond the least."""
 
 
@@ -74,6 +77,8 @@ class Campaign:
         """Read on; whether a case was committed since the last look."""
         try:
             with (self.folder / "timeline.jsonl").open("rb") as file:
+                if file.seek(0, os.SEEK_END) < self.read:
+                    self.read = 0  # a conductor with an empty folder has begun another
                 file.seek(self.read)
                 data = file.read()
         except FileNotFoundError:
@@ -131,10 +136,19 @@ class Fabric:
         key = self.folder / "worker.key"
         state = ("--state", str(self.state))
         serve = ("conductor", "serve", *state, "--ttl-s", str(TTL_S), "--listen", endpoint)
+        if "store" in self.extras:
+            self.break_store({})
+            server = (str(Path(__file__).with_name("broken_store.py")), here.addresses[0])
+            logs = (str(self._breaks), str(self.folder / "s3.log"))
+            self.roles["s3"] = Role((*server, *logs), here)
+            # Whoever submitted was told that it is kept, so replies wait for the store.
+            serve = (*serve, "--store", f"s3://{BUCKET}/faults", "--durable", "store")
         self.roles["conductor"] = Role(serve, here)
-        place, port, hidden = here.addresses[0], PORT, None
+        place, port = here.addresses[0], PORT
+        # Without a file system that the hosts share.
+        hidden = self.state if self.extras & {"relay", "store"} else None
         if "relay" in self.extras:
-            port, hidden = RELAY_PORT, self.state
+            port = RELAY_PORT
             relay = ("conductor", "relay", "--listen", f"tls/{place}:{port}", *state)
             self.roles["relay"] = Role(relay, here)
         if "names" in self.extras:
@@ -143,7 +157,7 @@ class Fabric:
             self.files.resolver.write_text(f"nameserver {place}\noptions timeout:1 attempts:1\n")
             place = NAME
         join: tuple[str, ...] = (*state, "--wait", "60")
-        if self.extras & {"relay", "names"}:
+        if self.extras & {"relay", "names", "store"}:
             join = ("--connect", f"tls/{place}:{port}", "--key", str(key))
         if "recorder" in self.extras:
             join = (*join, "--view", "record")
@@ -154,6 +168,16 @@ class Fabric:
         if "viewer" in self.extras:
             look = ("viewer", "live", "--run", str(self.state), "--no-window")
             self.roles["viewer"] = Role(look, there)
+
+    @property
+    def _breaks(self) -> Path:
+        return self.folder / "store.json"
+
+    def break_store(self, faults: Mapping[str, float]) -> None:
+        """From now on this befalls requests to the store: share by name."""
+        fresh = self._breaks.with_suffix(".new")
+        fresh.write_text(json.dumps(faults))
+        fresh.replace(self._breaks)
 
     def tend(self, feeding: bool) -> bool:
         """Start what has died, submit if it is time; whether a case was committed meanwhile."""
@@ -173,8 +197,8 @@ class Fabric:
     def _may_start(self, name: str) -> bool:
         """All others need a key that the conductor makes."""
         key = keys_of(self.state) / "worker.key"
-        if name in ("conductor", "dns") or not key.exists():
-            return name in ("conductor", "dns")
+        if name in ("conductor", "dns", "s3") or not key.exists():
+            return name in ("conductor", "dns", "s3")
         copy = self.folder / "worker.key"
         if not copy.exists():
             copy.touch(0o600)
@@ -184,6 +208,9 @@ class Fabric:
     def prefix(self, role: Role) -> tuple[str, ...]:
         """Words before the command of ``role``."""
         words = (*role.host.inside, *self.files.inside(role.hidden))
+        if "store" in self.extras:
+            variables = environment(STORE_PORT, self.hosts[0].addresses[0])
+            words = (*words, "env", *(f"{name}={value}" for name, value in variables.items()))
         if "clock" in self.extras:
             words = (*words, *self.files.with_clock(role.host.name))
         return (*words, "env", f"TZ={role.zone}") if role.zone else words
@@ -269,7 +296,7 @@ class Fabric:
 
     def end(self) -> None:
         """SIGTERM to all: workers and viewers before the conductor, as at the end of a job."""
-        for name in sorted(self.roles, key=("dns", "conductor", "relay").__contains__):
+        for name in sorted(self.roles, key=_last):
             child = self.roles[name].child
             if child is not None and child.poll() is None:
                 child.terminate()
@@ -277,16 +304,22 @@ class Fabric:
 
     def close(self) -> None:
         """Kill what is left."""
-        dns = self.roles.get("dns")
-        if dns is not None and dns.child is not None:
-            dns.child.kill()
-            dns.child.wait()
+        for name in ("dns", "s3"):
+            server = self.roles.get(name)
+            if server is not None and server.child is not None:
+                server.child.kill()
+                server.child.wait()
         self.marked.end()
         if self._wire is not None:
             self._wire.close()
         for log in self._logs.values():
             log.close()
         self.files.close()
+
+
+def _last(name: str) -> int:
+    """Which come later at the end of a job."""
+    return {"dns": 1, "conductor": 1, "relay": 1, "s3": 2}.get(name, 0)
 
 
 def _runs(process: psutil.Process) -> bool:

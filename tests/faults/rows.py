@@ -13,7 +13,7 @@ from injection import Injector, Outcome, Plan
 from kinds import FAULTS
 from ledger import Quiet, count
 
-for _module in ("process_faults", "network_faults", "host_faults"):
+for _module in ("process_faults", "network_faults", "host_faults", "store_faults"):
     importlib.import_module(_module)  # which fills the table, in this order
 
 STORM = "storm"

@@ -20,6 +20,7 @@ pytestmark = [pytest.mark.network, pytest.mark.slow]
 
 PAGE = Path(__file__).parents[2] / "docs" / "reliability.md"
 EVERYTHING = frozenset({"viewer", "relay", "recorder", "names"})
+STORE = frozenset({"store"})
 
 
 @pytest.fixture(autouse=True)
@@ -48,10 +49,13 @@ def check(folder, extras, plan, peace, workers=1):
     return injector
 
 
-@pytest.mark.parametrize("extras", [frozenset({"clock"}), EVERYTHING], ids=["least", "all"])
+@pytest.mark.parametrize(
+    "extras", [frozenset({"clock"}), EVERYTHING, STORE], ids=["least", "all", "store"]
+)
 def test_every_fault_once(tmp_path, peace, extras):
-    """First what needs nothing special, then what needs a relay, a viewer, names or a recorder."""
-    if extras == EVERYTHING:
+    """First what needs nothing special, then what needs a relay, a viewer, names or a recorder,
+    then what needs an object store."""
+    if extras != frozenset({"clock"}):
         faults = tuple(f for f in FAULTS.values() if f.extras and f.extras <= extras)
     else:
         faults = tuple(f for f in FAULTS.values() if f.extras <= extras)
@@ -60,8 +64,9 @@ def test_every_fault_once(tmp_path, peace, extras):
     assert set(injector.injected) == {fault.name for fault in faults}
 
 
-def test_every_fault_is_in_one_of_the_two_runs():
-    assert all(f.extras <= EVERYTHING or f.extras <= {"clock"} for f in FAULTS.values())
+def test_every_fault_is_in_one_of_the_runs():
+    runs = (EVERYTHING, STORE, {"clock"})
+    assert all(any(f.extras <= run for run in runs) for f in FAULTS.values())
 
 
 def test_a_storm(tmp_path, peace):

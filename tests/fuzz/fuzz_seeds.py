@@ -42,6 +42,7 @@ from ros2_recordings import (
     write_bag,
 )
 from targets_assets import CFG, small_network
+from targets_stores import CASE, MARK, MemoryStore
 from targets_wire import CONTROL, DRIVE, PART, STEERING, VIEW
 from test_compile_trajectories import follow, vertex
 from tiny_networks import write_dark_spot_detector
@@ -50,6 +51,7 @@ from wire_messages import case, control, drive_plane, result, steering, view_pla
 from conductor.certify.form import encode_certificate
 from conductor.certify.proof import prove
 from conductor.core.facts import EpochRaised
+from conductor.core.snapshot import take
 from conductor.core.state import Config
 from conductor.journal.owner import this_process
 from conductor.journal.store import FILE_NAME as JOURNAL_FILE
@@ -59,6 +61,10 @@ from conductor.report.autodrive.layout import ImportNote
 from conductor.report.reading.cache import Cache
 from conductor.report.reading.resources import RESOURCES_SCHEMA
 from conductor.serve.engine import ConductorEngine, IncomingRequest
+from conductor.stored.owner import StoreClaims
+from conductor.stored.replica import head_name
+from conductor.stored.replicator import Replicator
+from conductor.stored.seals import StoreSeal
 from devkit.darknet.weights import write_weights
 from devkit.detector.integer.network_file import encode_network
 from devkit.detector.integer.steps import IntegerPool
@@ -68,6 +74,7 @@ from schemas.files.kpi import KPI_COLUMNS
 from schemas.files.yaml_file import dump_yaml
 from schemas.messages import Command, Detection
 from schemas.wire.codec import encode
+from schemas.wire.control import Result, Sealed
 from schemas.wire.delivery import SeenFolder
 from schemas.wire.interventions import (
     JournalEnd,
@@ -90,6 +97,7 @@ from twin.ros2.parts import MessageParts
 from twin.ros2.store import type_store
 from twin.ros2.tables import COMMAND_TYPES
 from twin.scenario.storyboard.parsing import ProgramAnswer
+from twin.stores.objects import attempt_name, put_attempt, put_pack
 from twin.worker.spool import pack as spooled
 from twin.world.apart.checks import pack as packed
 from twin.world.apart.frames import write_frame
@@ -189,6 +197,41 @@ def _conductor_files(folder: Path) -> None:
         _write("outcomes", name, encode_outcomes(with_case))
     event = {"at_s": 1.0, "event": "leased", "case": "clear", "worker": "w", "token": 1}
     _write("timeline", "leased", json.dumps(event) + "\n")
+
+
+def _stores(folder: Path) -> None:
+    """Objects of a conductor and of a worker, as they lie in a store."""
+    store = MemoryStore()
+    seal = StoreSeal(store, None)
+    state = folder / "stored"
+    state.mkdir()
+    journal = Journal(state, owner=this_process())
+    engine = ConductorEngine(journal, Config(folder=str(state)), 0)
+    own = StoreClaims(store, seal).claim(1, 1, this_process(), "ab" * 16)
+    journal.mirror = made = Replicator(store, seal, own, journal.rows)
+    hello, next_, *_, submit = control()[:5]
+    for request in (submit, hello, msgspec.structs.replace(next_, results=[], held=[])):
+        engine.turn([IncomingRequest(encode(request), 1)])
+    made.round()
+    tail = dict(store.objects)
+    engine.close()
+    journal.append([take(engine.state)])
+    made.round()
+    journal.close()
+    _write("store-mark", "owner", store.objects["owner/000001"])
+    for kind, name in (("owner", "owner/000001"), ("head", head_name(1))):
+        _write(f"store-{kind}", "written", store.objects[name].partition(b"\n")[2])
+    objects = [name for name in (*tail, *store.objects) if name.startswith("objects/")]
+    for number, name in enumerate(dict.fromkeys(objects)):
+        kind = "tail" if name in tail else "pack"
+        _write(f"store-{kind}", f"object-{number}", {**tail, **store.objects}[name])
+    done = Result(*CASE, 1, "verdict", "pass", manifest_sha256=MARK)
+    (folder / "log.txt").write_bytes(b"a log\n")
+    put_attempt(store, folder, done, 1)
+    _write("store-attempt", "log", store.objects[attempt_name(*CASE, MARK)])
+    put_pack(store, "w1", 1, [Sealed(1, "w1", encode(done), bytes(64))])
+    (name,) = store.names("results/")
+    _write("store-results", "one", store.objects[name])
 
 
 def _result_files(folder: Path) -> None:
@@ -452,6 +495,7 @@ def main() -> None:
         _wire()
         _ros2_wire()
         _conductor_files(folder)
+        _stores(folder)
         _result_files(folder)
         _autodrive()
         _certificates()

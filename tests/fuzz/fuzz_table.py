@@ -9,6 +9,7 @@ import targets_roads
 import targets_ros2
 import targets_ros2_wire
 import targets_scenarios
+import targets_stores
 import targets_wire
 from fuzz_target import Target
 
@@ -21,4 +22,5 @@ TARGETS: dict[str, Target] = {
     **targets_ros2.TARGETS,
     **targets_certificates.TARGETS,
     **targets_scenarios.TARGETS,
+    **targets_stores.TARGETS,
 }

@@ -21,8 +21,10 @@ import msgspec
 from msgspec import Struct
 
 from schemas import SCHEMA_VERSION
+from schemas.files.judging import RECORD_FILE, attempt_digest
 from schemas.wire.codec import WireError, decode, encode
 from schemas.wire.control import Result, Sealed
+from twin.base.errors import InfrastructureError
 from twin.stores.protocol import DamagedObjectError, ResultStore
 
 OBJECT_BYTES_MAX = 1 << 30
@@ -38,6 +40,10 @@ FILES = ("kpi.parquet", "log.txt", "judge.json", "interventions.jsonl", "realtim
 _DIGEST = re.compile(r"[0-9a-f]{64}")
 EMPTY = hashlib.sha256(b"").hexdigest()
 """Name of the content of an empty file, for which there is no object."""
+
+
+class LostFilesError(InfrastructureError):
+    """Files of an attempt are gone before they were put: its result must not be committed."""
 
 
 class StoredFile(Struct, frozen=True):
@@ -119,14 +125,26 @@ def put_attempt(store: ResultStore, folder: Path, result: Result, attempt: int) 
 
     Raises:
         OSError: a file cannot be read.
+        LostFilesError: they are not the ones of the result: nobody could use them.
         StoreError: the store does not answer.
     """
     files = {}
+    proofs = dict.fromkeys(("log.txt", RECORD_FILE), b"")
     for name in FILES:
         path = folder / name
         if path.is_file() and not path.is_symlink():
             data = path.read_bytes()
             files[name] = StoredFile(put_object(store, data), len(data))
+            if name in proofs:
+                proofs[name] = data
+    digest = attempt_digest(result.kpi_sha256, proofs["log.txt"], proofs[RECORD_FILE])
+    if result.manifest_sha256 and (
+        digest != result.manifest_sha256 or (result.kpi_sha256 and "kpi.parquet" not in files)
+    ):
+        raise LostFilesError(
+            f"{folder}: files are missing or changed since case {result.case} has ended; it runs "
+            "again; look who removes them"
+        )
     stored = StoredAttempt(result.campaign, result.case, attempt, result.token, files)
     name = attempt_name(result.campaign, result.case, mark_of(result))
     store.put(name, msgspec.json.encode(stored) + b"\n")

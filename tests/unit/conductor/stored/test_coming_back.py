@@ -8,14 +8,31 @@ import msgspec
 import pytest
 from conductor_bench import Bench, hello, next_of, result, submit
 
+from conductor.records.outcomes import CaseOutcome, Outcomes, encode_outcomes
+from conductor.stored import fetching
 from conductor.stored.fetching import fetch_run
 from conductor.stored.successor import bring_back
 from schemas.files.judging import attempt_digest
+from schemas.files.kpi import KPI_COLUMNS
 from schemas.wire.control import Result
 from twin.base.errors import TwinError, UsageError
+from twin.records.kpi_file import kpi_sha256, kpi_table, read_kpi, write_kpi
 from twin.stores.folder import FolderStore
 from twin.stores.objects import attempt_name, mark_of, object_name, put_attempt, sha256_of
 from twin.stores.protocol import DamagedObjectError, MissingObjectError
+
+TYPES = {"bool": True, "int32": 1, "int64": 1, "float64": 0.5, "name": "one", "detections": []}
+NOTHING = Outcomes(
+    campaign="a",
+    digest="0" * 64,
+    seed=1,
+    simulator="warp",
+    software="0" * 64,
+    device="same",
+    device_classes=[],
+    complete=False,
+    cases={},
+)
 
 
 @pytest.fixture
@@ -104,6 +121,50 @@ def test_a_run_that_is_not_there_is_one_line(
         store.put(name, b"x")
     with pytest.raises(UsageError, match=line.replace("?", r"\?")):
         fetch_run(f"file://{tmp_path}/store{url}", tmp_path / "read")
+
+
+def run_in(store: FolderStore, content: bytes, kpi_sha256: str = "0" * 64) -> None:
+    """A run of one case whose KPI file is ``content``."""
+    result = Result("a", "one", 1, "verdict", "pass", attempt_dir="cases/one/attempt-1")
+    digest = attempt_digest("", b"", b"")
+    done = msgspec.structs.replace(result, manifest_sha256=digest)
+    folder = Path(store.url).with_name("made") / done.attempt_dir
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "kpi.parquet").write_bytes(content)
+    put_attempt(store, folder, done, 1)
+    store.put("runs/a/campaign.yaml", b"campaign: a\n")
+    ended = CaseOutcome(
+        outcome="verdict",
+        verdict="pass",
+        attempt_dir=done.attempt_dir,
+        kpi_sha256=kpi_sha256,
+        manifest_sha256=done.manifest_sha256,
+    )
+    outcomes = msgspec.structs.replace(NOTHING, cases={"one": ended})
+    store.put("runs/a/outcomes.json", encode_outcomes(outcomes))
+
+
+def test_a_kpi_file_is_written_anew_once(
+    tmp_path: Path, store: FolderStore, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rows = {c.name: [None] if c.nullable else [TYPES[c.type]] for c in KPI_COLUMNS}
+    write_kpi(table := kpi_table(rows), tmp_path / "kpi.parquet")
+    content = (tmp_path / "kpi.parquet").read_bytes()
+    run_in(store, content)
+    folder = fetch_run(store.url, tmp_path / "read") / "cases/one/attempt-1"
+    assert kpi_sha256(read_kpi(folder / "kpi.parquet")) == kpi_sha256(table)
+    assert not list((tmp_path / "read").glob(".fetched-*"))
+    monkeypatch.setattr(fetching.subprocess, "run", None)
+    fetch_run(store.url, tmp_path / "read")
+
+
+def test_what_is_no_kpi_file_is_one_line_and_written_nowhere(
+    tmp_path: Path, store: FolderStore
+) -> None:
+    run_in(store, b"PAR1, and code")
+    with pytest.raises(UsageError, match=r"read/cases/one/attempt-1/kpi.parquet: .*Parquet"):
+        fetch_run(store.url, tmp_path / "read")
+    assert not (tmp_path / "read/cases/one/attempt-1/kpi.parquet").exists()
 
 
 def test_a_folder_of_something_else_is_left_alone(tmp_path: Path, store: FolderStore) -> None:

@@ -9,10 +9,10 @@ from typing import Any
 import pytest
 from conductor_bench import Bench, hello, next_of, result, submit
 
-from conductor.core.facts import Committed
-from conductor.journal.chain import Chain
+from conductor.core.facts import Committed, EpochRaised, Snapshot
+from conductor.core.snapshot import take
 from conductor.journal.owner import this_process
-from conductor.journal.written import Written
+from conductor.journal.store import Journal
 from conductor.serve.folders import CAMPAIGN_FILE
 from conductor.stored import successor
 from conductor.stored.link import StoreLink, StoreOptions
@@ -20,7 +20,7 @@ from conductor.stored.owner import StoreClaims
 from conductor.stored.replicator import Replicator
 from conductor.stored.run_files import RunFiles
 from conductor.stored.seals import StoreSeal
-from conductor.stored.successor import bring_back_all, read_journal_of
+from conductor.stored.successor import bring_back_all, bring_journal
 from twin.base.errors import TwinError
 from twin.stores.folder import FolderStore
 from twin.stores.protocol import MissingObjectError, StoreError
@@ -52,49 +52,59 @@ class Failing(FolderStore):
         super().delete(name)
 
 
-def batch_of(chain: Chain, *facts: bytes, cut: bool = False, whole: bool = False) -> Written:
-    chain, heads = chain.facts(facts, 0.0)
-    rows = [(0.0, fact, head) for fact, head in zip(facts, heads, strict=True)]
-    images = [("image", b"of " + facts[-1])] if cut else []
-    return Written(rows, images, {}, cut=cut, whole=whole, chain=chain)
-
-
-def rounds_of(store: Failing) -> tuple[int, Written | None]:
-    """Three batches, each tried until it has reached the store; how many tries failed, and what a
-    successor reads."""
+def rounds_of(store: Failing, folder: Path) -> tuple[int, bytes]:
+    """Three turns of a journal, each brought until it has reached the store; how many rounds
+    failed, and the journal that a successor reads."""
     seal = StoreSeal(store, None)
     own = StoreClaims(store, seal).claim(1, 1, this_process(), "ab" * 16)
-    made = Replicator(store, seal, own)
-    first = batch_of(Chain(), b"one", whole=True)
-    second = batch_of(first.chain, b"two")
-    third = batch_of(second.chain, b"three", cut=True)
-    fourth = batch_of(third.chain, b"four")
+    folder.mkdir()
+    journal = Journal(folder)
+    made = Replicator(store, seal, own, journal.rows)
+    journal.mirror = made
     failed = 0
     store.calls = 0
-    for batch in (first, second, third, fourth):
+    for facts in ([EpochRaised(1)], [EpochRaised(2)], [snapshot(), EpochRaised(3)], [snapshot()]):
+        journal.append(facts)
         while True:
             try:
-                made._round([batch], False)
+                made.round()
                 break
             except TwinError:
                 failed += 1
     store.fails_at = 0
-    return failed, read_journal_of(store, seal, 1)
+    brought = folder / "brought"
+    brought.mkdir()
+    assert bring_journal(store, seal, 1, brought)
+    expected, again = list(journal.fold()), Journal(brought)
+    assert list(again.fold()) == expected, "the chain fits, and so does what it holds"
+    head = again.chain.head
+    again.close()
+    journal.close()
+    return failed, head
 
 
-def test_a_round_that_fails_anywhere_is_repeated_without_a_trace(tmp_path: Path) -> None:
+def snapshot() -> Snapshot:
+    state = Bench().state
+    state.epoch = 7
+    return take(state)
+
+
+def test_a_round_that_fails_anywhere_is_repeated_without_a_trace(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("conductor.journal.store.time.time", lambda: 1.0)
     store = Failing(tmp_path / "whole")
-    failed, expected = rounds_of(store)
+    failed, expected = rounds_of(store, tmp_path / "journal")
     assert failed == 0
-    assert expected is not None
-    assert [fact for _, fact, _ in expected.facts] == [b"three", b"four"]
+    left = len(store.names("objects/"))
     calls, failures = store.calls, 0
     for fails_at in range(1, calls + 1):
         other = Failing(tmp_path / str(fails_at))
         other.fails_at = fails_at
-        failed, found = rounds_of(other)
+        failed, found = rounds_of(other, tmp_path / f"journal-{fails_at}")
         failures += failed
         assert found == expected, f"call {fails_at} of {calls}"
+        assert len(other.names("objects/")) <= left + 1, "what counts for nothing is removed"
     assert failures > 8, "puts and looks for a successor fail a round, deletes do not"
 
 
@@ -118,7 +128,9 @@ def test_a_conductor_that_was_taken_over_leaves_the_files_alone(tmp_path: Path) 
         store.get(name)
     bench = Bench()
     link.claim(bench.state)
-    link.begin().close(released=False)
+    journal = Journal(tmp_path / "a")
+    link.begin(journal.rows).close(released=False)
+    journal.close()
     link.keep_runs([mine])
     assert store.get(name).endswith(b"# mine\n")
     StoreClaims(store, StoreSeal(store, None)).claim(2, 9, this_process(), "cd" * 16)

@@ -15,6 +15,7 @@ from waiting import PATIENCE_S, wait_for
 
 from conductor.core.state import Config
 from conductor.journal.owner import TakenOverError
+from conductor.journal.store import FILE_NAME as JOURNAL_NAME
 from conductor.journal.store import Journal
 from conductor.serve.engine import ConductorEngine, IncomingRequest
 from conductor.stored import link as link_module
@@ -22,6 +23,7 @@ from conductor.stored import replicator as replicator_module
 from conductor.stored.link import StoreLink, StoreOptions
 from conductor.stored.replica import head_name
 from conductor.stored.seals import OtherKeyError
+from conductor.stored.successor import AHEAD_FOLDER
 from schemas.wire.codec import decode, encode
 from schemas.wire.control import Lease, Reply, Request, Result, Sealed
 from twin.base.errors import TwinError, UsageError
@@ -64,7 +66,7 @@ class Node:
             0,
             claim=self.link.claim,
         )
-        self.replicator = self.link.begin()
+        self.replicator = self.link.begin(self.journal.rows)
         self.journal.mirror = self.replicator
         self.engine.take_found(self.link.found(self.engine.state), 0)
 
@@ -97,9 +99,9 @@ class Node:
         }
 
     def close(self) -> None:
-        """As if the process had died, but for its threads."""
-        self.journal.close()
+        """As if the process had died, but for its threads and the end of its replica."""
         self.link.close(released=False)
+        self.journal.close()
 
 
 def open_on(wire: Wire, url: str) -> ResultStore:
@@ -137,6 +139,8 @@ def site(tmp_path: Path, s3_port: int, monkeypatch: pytest.MonkeyPatch) -> Itera
     monkeypatch.setattr(replicator_module, "RETRY_S", 0.02)
     monkeypatch.setattr(replicator_module, "BEAT_S", 0.05)
     monkeypatch.setattr("conductor.stored.owner.LOOK_S", 0.02)
+    # A wire to each node, in this process; test_stores_apart.py has the other.
+    monkeypatch.setattr(link_module, "open_apart", open_store)
     made = Site(tmp_path, s3_port)
     yield made
     made.close()
@@ -191,6 +195,44 @@ def open_on_second(site: Site, node: Node) -> ResultStore:
     return open_on(wire, node.store.url)
 
 
+def test_a_journal_is_fetched_while_its_owner_is_watched(
+    site: Site, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first = site.node("a")
+    first.ask(submit())
+    assert first.kept()
+    first.close()
+    asked = []
+
+    def silence(*_: object) -> None:
+        wait_for(lambda: (site._folder / "b" / AHEAD_FOLDER / JOURNAL_NAME).exists(), "it")
+        asked.append(len(site.wires[1].asked))
+
+    monkeypatch.setattr(link_module, "await_silence", silence)
+    second = site.node("b")
+    assert second.engine.state.left == 4
+    later = [path for method, path in site.wires[1].asked[asked[0] :] if method == "GET"]
+    assert not [path for path in later if "/objects/" in path]
+    assert not (site._folder / "b" / AHEAD_FOLDER).exists()
+
+
+def test_a_journal_that_was_fetched_too_early_is_fetched_again(
+    site: Site, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first = site.node("a")
+    first.ask(submit())
+    assert first.kept()
+
+    def silence(*_: object) -> None:
+        wait_for(lambda: (site._folder / "b" / AHEAD_FOLDER / JOURNAL_NAME).exists(), "it")
+        first.leased(3)
+        assert first.kept()
+        first.close()
+
+    monkeypatch.setattr(link_module, "await_silence", silence)
+    assert len(site.node("b").engine.state.leases) == 3
+
+
 def test_a_reply_that_waits_for_the_store_never_leaves_without_it(site: Site) -> None:
     first = site.node("a", durable=True)
     first.ask(submit())
@@ -221,8 +263,8 @@ def test_after_an_end_in_good_order_nobody_waits(
 ) -> None:
     first = site.node("a")
     first.ask(submit())
-    first.journal.close()
     first.link.close(released=True)
+    first.journal.close()
 
     def watched(*_: object) -> None:
         raise AssertionError("it was watched")
@@ -331,23 +373,48 @@ def test_a_replica_is_the_journal(
     assert head < 25
 
 
-def test_what_does_not_fit_while_the_store_is_away_is_brought_as_a_whole(
+def test_while_the_store_is_away_nothing_is_kept_but_where_it_stands(
     site: Site, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    first = site.node("a")
+    monkeypatch.setattr(replicator_module, "PIECE_BYTES", 500)
+    first = site.node("a", snapshot_facts=30)
     first.ask(submit(cases=40))
     assert first.kept()
     site.wires[0].down = True
-    monkeypatch.setattr(replicator_module, "WAITING_BYTES_MAX", 100)
-    first.leased(9)
-    first.leased(9, "w2")
-    monkeypatch.setattr(replicator_module, "WAITING_BYTES_MAX", 1 << 20)
+    for turn in range(9):
+        (lease,) = first.leased(1, "w1", seq=2 * turn + 1)
+        first.ask(next_of("w1", 2 * turn + 2, 0, results=[result(lease)]))
+    rows = sum(1 for _ in first.journal.rows.facts(first.journal.rows.point(None), 0, 1))
     site.wires[0].down = False
-    wait_for(first.replicator.wants_all, "the store to answer")
-    first.leased(3, "w3")
+    assert first.kept()
+    parts = len(first.store.names("objects/"))
+    first.close()
+    assert rows < 30, "a snapshot was taken meanwhile"
+    assert parts > 3, "a piece at a time"
+    assert site.node("b").ended() == first.ended()
+
+
+def test_a_snapshot_in_the_midst_of_a_round_begins_it_anew(site: Site) -> None:
+    first = site.node("a", snapshot_facts=12)
+    first.ask(submit(cases=40))
+    assert first.kept()
+    turns = list(range(9, 0, -1))
+
+    def another(method: str, path: str) -> None:
+        """A case ends while a piece is put."""
+        if method == "PUT" and "/objects/" in path and turns:
+            turn = turns.pop()
+            (lease,) = first.leased(1, "w1", seq=2 * turn + 1)
+            first.ask(next_of("w1", 2 * turn + 2, 0, results=[result(lease)]))
+
+    cuts = first.journal.rows.cuts
+    site.wires[0].before = another
+    first.leased(1, "w2")
+    wait_for(lambda: not turns, "cases that end")
     assert first.kept()
     first.close()
-    assert len(site.node("b").engine.state.leases) == 21
+    assert first.journal.rows.cuts > cuts
+    assert site.node("b").ended() == first.ended()
 
 
 def test_a_store_in_which_nobody_wins_is_refused(

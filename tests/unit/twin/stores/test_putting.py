@@ -9,11 +9,12 @@ import msgspec
 import pytest
 from conductor_bench import Bench, hello, next_of, result, submit
 
+from schemas.files.judging import attempt_digest
 from schemas.wire.codec import decode
 from schemas.wire.control import Lease, Result
 from twin.fabric.session import is_sealed, seal, signer_of
 from twin.stores.folder import FolderStore
-from twin.stores.objects import EMPTY, get_attempt, get_object, get_pack, pack_of
+from twin.stores.objects import EMPTY, LostFilesError, get_attempt, get_object, get_pack, pack_of
 from twin.stores.protocol import StoreError
 from twin.stores.putting import Storing, meanwhile
 
@@ -36,7 +37,8 @@ def lease(tmp_path: Path) -> Lease:
 @pytest.fixture
 def done(lease: Lease) -> Result:
     """Its result."""
-    return msgspec.structs.replace(result(lease), manifest_sha256="ab" * 32)
+    made = result(lease)
+    return msgspec.structs.replace(made, manifest_sha256=attempt_digest(made.kpi_sha256, b"", b""))
 
 
 def joined(url: Path, lease: Lease) -> Storing:
@@ -51,7 +53,7 @@ def test_files_their_list_and_the_sealed_result(tmp_path: Path, lease: Lease, do
     request = next_of("w1", 2, 1, results=[done])
     told: list[str] = []
     storing.put(request, lambda: told.append("put"))
-    stored = get_attempt(store, "alpha", lease.case.id, "ab" * 32)
+    stored = get_attempt(store, "alpha", lease.case.id, done.manifest_sha256)
     assert (stored.attempt, stored.token) == (1, lease.token)
     assert {n: get_object(store, f.sha256) for n, f in stored.files.items()} == {
         "kpi.parquet": b"rows",
@@ -89,6 +91,27 @@ def test_nothing_is_packed_before_its_files_are_there(
     monkeypatch.undo()
     storing.put(request, lambda: None)
     assert len(store.names("results/")) == 1
+
+
+@pytest.mark.parametrize(
+    ("name", "content"), [("kpi.parquet", None), ("log.txt", None), ("log.txt", b"another")]
+)
+def test_a_result_whose_files_are_lost_is_not_committed(
+    tmp_path: Path, lease: Lease, done: Result, name: str, content: bytes | None
+) -> None:
+    path = tmp_path / "out" / done.attempt_dir / name
+    if name == "log.txt":
+        made = attempt_digest(done.kpi_sha256, b"a log", b"")
+        done = msgspec.structs.replace(done, manifest_sha256=made)
+    if content is None:
+        path.unlink()
+    else:
+        path.write_bytes(content)
+    storing = joined(tmp_path / "s", lease)
+    with pytest.raises(LostFilesError, match="files are missing or changed since case"):
+        storing.put(next_of("w1", 2, 1, results=[done]), lambda: None)
+    store = FolderStore(tmp_path / "s")
+    assert store.names("attempts/") == store.names("results/") == []
 
 
 def test_inherited_results_without_files_are_left_out(

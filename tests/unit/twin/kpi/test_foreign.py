@@ -1,0 +1,93 @@
+"""KPI files that lay where others may write: only what is declared comes out of their reader."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+
+from schemas.files.kpi import KPI_COLUMNS
+from twin.base.errors import EXIT_USAGE, UsageError
+from twin.kpi.foreign import KpiValues, table_of, tables_apart, values_of
+from twin.records.kpi_file import kpi_sha256, kpi_table, read_kpi, write_kpi
+
+VALUES = {
+    "bool": [True, False],
+    "int32": [1, 2],
+    "int64": [1, 2],
+    "float64": [0.5, float("nan")],
+    "name": ["one", "two"],
+    "detections": [[], [{"label": "car", "x_px": 1.0}]],
+}
+
+
+def kpi_file(path: Path, columns: int = len(KPI_COLUMNS)) -> str:
+    """A file of the first columns; digest of its values."""
+    data = {column.name: VALUES[column.type] for column in KPI_COLUMNS}
+    table = kpi_table(data).select([column.name for column in KPI_COLUMNS[:columns]])
+    write_kpi(table, path)
+    return kpi_sha256(table)
+
+
+def answer(columns: object) -> KpiValues:
+    return KpiValues(np.frombuffer(msgspec.msgpack.encode(columns), np.uint8))
+
+
+def test_values_are_written_anew_and_keep_their_digest(tmp_path: Path) -> None:
+    paths = [tmp_path / "one", tmp_path / "two"]
+    digests = [kpi_file(path) for path in paths]
+    asked = json.dumps([(str(path), f"{path}.new") for path in paths]).encode()
+    command = [sys.executable, "-m", "twin.kpi.foreign"]
+    done = subprocess.run(command, input=asked, capture_output=True, check=False)
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert [kpi_sha256(read_kpi(Path(f"{path}.new"))) for path in paths] == digests
+
+
+def test_a_file_of_an_earlier_version_keeps_its_columns(tmp_path: Path) -> None:
+    count = [column.name for column in KPI_COLUMNS].index("detections") + 1
+    digest = kpi_file(tmp_path / "old", count)
+    table = table_of(values_of(tmp_path / "old"), tmp_path / "old")
+    assert (table.num_columns, kpi_sha256(table)) == (count, digest)
+
+
+@pytest.mark.parametrize("content", [b"", b"PAR1 and no more", b"PAR1" * 1000])
+def test_what_is_no_kpi_file_is_one_line(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "noise"
+    path.write_bytes(content)
+    asked = json.dumps([(str(path), f"{path}.new")]).encode()
+    command = [sys.executable, "-m", "twin.kpi.foreign"]
+    done = subprocess.run(command, input=asked, capture_output=True, text=False, check=False)
+    assert done.returncode == EXIT_USAGE
+    assert done.stderr.decode().count("\n") == 1
+    assert str(path) in done.stderr.decode()
+    assert not Path(f"{path}.new").exists()
+
+
+def test_a_pipe_is_no_kpi_file(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(UsageError, match="regular file"):
+        list(tables_apart([tmp_path / "pipe"]))
+
+
+@pytest.mark.parametrize(
+    "columns",
+    [
+        {},
+        {"tick": [1]},
+        {"tick": 1},
+        [1, 2],
+        {column.name: VALUES[column.type] for column in KPI_COLUMNS} | {"unknown": [1, 2]},
+        {column.name: VALUES[column.type] for column in KPI_COLUMNS} | {"tick": [1, 2, 3]},
+        {column.name: VALUES[column.type] for column in KPI_COLUMNS} | {"tick": ["a", "b"]},
+        {column.name: VALUES[column.type] for column in KPI_COLUMNS} | {"tick": [1, 1 << 62]},
+    ],
+)
+def test_an_answer_that_is_none_of_kpis_is_one_line(columns: object) -> None:
+    with pytest.raises(UsageError, match=r"^a: cannot be read as KPIs: its reader answered .+"):
+        table_of(answer(columns), Path("a"))
