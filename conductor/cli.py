@@ -391,7 +391,7 @@ def validate(
 
     Nothing of it is run: a repository's set-up is only told.
     """
-    from conductor.run.source import of_rows
+    from conductor.run.source import of_rows, stack_paths
 
     try:
         plan = of_rows(_checked(campaign, fetch=fetch, weather=weather), rows, quick=quick)
@@ -412,6 +412,7 @@ def validate(
             "records": loaded.recording.drive != "none"
             or (ViewMode(loaded.view).records and loaded.recording.keep != "none"),
             "files": sorted(loaded.files),
+            "paths": stack_paths(loaded),
         }
         print(json.dumps(facts))
         return

@@ -62,6 +62,9 @@ def render(
         Path | None,
         typer.Option(help="Folder to write instead, where a batch system takes several files."),
     ] = None,
+    helm: Annotated[
+        Path | None, typer.Option(help="Or: folder to write a Helm chart into (Kubernetes).")
+    ] = None,
     *,
     options: Options,
 ) -> None:
@@ -74,10 +77,17 @@ def render(
     site = _site(options)
     system = backend(_scheduler_name(options, site))
     facts, request = _checked(campaign, options, site)
-    if into is not None:
-        from hpc.submit import write_files
+    if helm is not None and (into is not None or array):
+        raise UsageError("--helm: writes a chart and nothing else; leave --into and --array away")
+    if into is not None or helm is not None:
+        from hpc.submit import write_chart, write_files
 
-        print("\n".join(map(str, write_files(system, request, into, array=array))))
+        if helm is not None:
+            paths = write_chart(system, request, helm)
+        else:
+            assert into is not None
+            paths = write_files(system, request, into, array=array)
+        print("\n".join(map(str, paths)))
         return
     text = system.render_array(request, facts.cases) if array else system.render(request)
     print(text, end="")
@@ -297,6 +307,7 @@ def _checked(campaign: str, options: Options, site: Site) -> tuple[CampaignFacts
         remote_commands=facts.commands,
         records=facts.records,
         own_files=facts.files,
+        own_paths=(*request.own_paths, *facts.paths),
     )
 
 
@@ -337,6 +348,7 @@ def _request(campaign: str, options: Options, site: Site, *, remote_stacks: bool
         container_runtime=options.container_runtime.value,
         container_binds=tuple(str(path.absolute()) for path in options.container_bind or ()),
         home=str(own_folder()),
+        own_paths=() if options.bin_folder is None else (str(bin_folder),),
         remote_stacks=remote_stacks,
     )
 

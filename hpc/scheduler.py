@@ -98,6 +98,14 @@ class FolderScheduler(Protocol):
 
 
 @runtime_checkable
+class ChartScheduler(Protocol):
+    """A batch system for which Helm installs things."""
+
+    def chart(self, request: JobRequest) -> Mapping[str, str]:
+        """Texts by file name: what ``hpc render --helm FOLDER`` writes."""
+
+
+@runtime_checkable
 class RemoteScheduler(Protocol):
     """A batch system whose jobs do not see the run folder of this machine."""
 
