@@ -115,8 +115,9 @@ def commits(site, url, folder):
 
 
 @pytest.mark.slow
-def test_a_conductor_that_moves_has_an_empty_disk(site, kube, marked, quiet, tmp_path):
+def test_a_conductor_that_moves_has_an_empty_disk(site, kube, marked, quiet, tmp_path, monkeypatch):
     """Killed, then lost with its node: nothing is lost, nothing counts twice."""
+    monkeypatch.setenv("DRIVETWIN_HOME", str(tmp_path / "own"))
     gate = Gate()
     kube.variables["WARP_CACHE_PATH"] = "/kernels"
     kube.image_folders["/kernels"] = with_kernels(kube.folder / "kernels")
@@ -148,7 +149,14 @@ def test_a_conductor_that_moves_has_an_empty_disk(site, kube, marked, quiet, tmp
         pulled = site.hpc("pull", str(site.out), "home")
         assert pulled.returncode == 2
         assert f"its results are in {url}: `conductor report URL --out" in pulled.stderr
-        read = marked.run("conductor", "report", url, "--out", "read", folder=tmp_path)
+        asked = ("conductor", "report", url, "--out", "read")
+        read = marked.run(*asked, folder=tmp_path)
+        assert read.returncode == 3, "the last pod has signed it with a key of its own"
+        (signer,) = re.findall("signed by key ([0-9a-f]{64}), which is not yours", read.stderr)
+        assert f"fingerprint {quiet['fingerprint']}" in kube.logs().decode(), "so it is believed"
+        (tmp_path / "own" / "trusted").mkdir(mode=0o700)
+        (tmp_path / "own" / "trusted" / "pod.pub").write_text(f"{signer}\n")
+        read = marked.run(*asked, folder=tmp_path)
         assert read.returncode == 1, read.stderr
         after = commits(site, url, tmp_path)
         assert (len(after), len(dict(after))) == (CASES, CASES), "each once"

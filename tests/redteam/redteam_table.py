@@ -16,7 +16,7 @@ MODULES = (
         "run_rows",
         "input_rows",
     ),
-    *("scenario_rows", "recording_rows", "certificate_rows", "ros2_rows"),
+    *("scenario_rows", "recording_rows", "certificate_rows", "ros2_rows", "cluster_rows"),
 )
 BEGIN, END = "<!-- redteam: begin -->", "<!-- redteam: end -->"
 HEAD = ("Row", "Attack", "Who", "Rights", "Outcome", "By what")
