@@ -174,6 +174,9 @@ def measured(pairs: int, repeats: int) -> list[dict[str, Row]]:
         marked = Marked()
         try:
             with three_sites(marked, folder) as sites:
+                for way in WAYS:  # whose kernels are compiled then, at every site
+                    warm = repeated_chaos(sites.hub, 1)
+                    at_sites(sites, warm, sites.hub / "runs" / f"warm-{len(way)}", way, cpu)
                 file = repeated_chaos(sites.hub, repeats)
                 for number in range(pairs):
                     row: dict[str, Row] = {}
