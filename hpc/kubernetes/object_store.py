@@ -9,14 +9,14 @@ from __future__ import annotations
 
 import ipaddress
 import re
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 from urllib.parse import urlsplit
 
 from twin.base.errors import UsageError
 from twin.stores.opening import checked_url
 
-if TYPE_CHECKING:
-    from hpc.kubernetes.options import KubernetesOptions
+Part = dict[str, Any]
+"""Part of an object as the API takes it."""
 
 MOUNT = "/store"
 """Folder of the Secret's files in a pod."""
@@ -42,6 +42,34 @@ _VARIABLES = {
     "gs": {"GOOGLE_APPLICATION_CREDENTIALS": f"{MOUNT}/{CREDENTIALS}"},
 }
 """Variables by scheme that say where the files are."""
+
+
+class StoreDirectives(Protocol):
+    """What a job's directives say of a store; one of their options of a job."""
+
+    @property
+    def store(self) -> str:
+        """URL; empty: a claim."""
+
+    @property
+    def store_secret(self) -> str:
+        """Secret of the namespace."""
+
+    @property
+    def store_endpoint(self) -> str:
+        """Server; empty: Amazon's."""
+
+    @property
+    def store_network(self) -> str:
+        """Network of its addresses; empty: any."""
+
+    @property
+    def storage_class(self) -> str:
+        """Of a claim."""
+
+    @property
+    def durable(self) -> str:
+        """What replies wait for; empty: the default."""
 
 
 def check_url(name: str, value: str) -> None:
@@ -101,7 +129,7 @@ def check_durable(name: str, value: str) -> None:
         raise UsageError(f"--{name} {value[:80]!r}: expected one of {', '.join(DURABLE)}")
 
 
-def check_together(options: KubernetesOptions) -> None:
+def check_together(options: StoreDirectives) -> None:
     """What is said of a store belongs together.
 
     Raises:
@@ -128,24 +156,24 @@ def check_together(options: KubernetesOptions) -> None:
         raise UsageError("--store-endpoint: is for s3:// alone; leave it away")
 
 
-def url_of(options: KubernetesOptions, run: str) -> str:
+def url_of(options: StoreDirectives, run: str) -> str:
     """Where the results of a run are: below what was given, since a store belongs to one run."""
     return f"{options.store.rstrip('/')}/{run}"
 
 
-def words(options: KubernetesOptions, run: str) -> list[str]:
+def words(options: StoreDirectives, run: str) -> list[str]:
     """Words of the conductor's command."""
     durable = ["--durable", options.durable] if options.durable else []
     return ["--store", url_of(options, run), *durable]
 
 
-def volume(options: KubernetesOptions) -> dict[str, Any]:
+def volume(options: StoreDirectives) -> Part:
     """The Secret as a volume of a pod; its group may read it."""
     secret = {"secretName": options.store_secret, "defaultMode": 0o440}
     return {"name": "store", "secret": secret}
 
 
-def add_to(container: dict[str, Any], options: KubernetesOptions) -> None:
+def add_to(container: Part, options: StoreDirectives) -> None:
     """Let a container see the Secret's files, and say where they are."""
     variables = dict(_VARIABLES[options.store.partition(":")[0]])
     if options.store_endpoint:
@@ -154,11 +182,11 @@ def add_to(container: dict[str, Any], options: KubernetesOptions) -> None:
     container["volumeMounts"].append({"name": "store", "mountPath": MOUNT, "readOnly": True})
 
 
-def way(options: KubernetesOptions) -> dict[str, Any]:
+def way(options: StoreDirectives) -> Part:
     """Rule of a network policy: the store's port, and its network where that is known."""
     found = _endpoint(options.store_endpoint) if options.store_endpoint else ("", 443)
     assert found is not None
-    rule: dict[str, Any] = {"ports": [{"protocol": "TCP", "port": found[1]}]}
+    rule: Part = {"ports": [{"protocol": "TCP", "port": found[1]}]}
     if options.store_network:
         rule = {"to": [{"ipBlock": {"cidr": options.store_network}}], **rule}
     return rule
