@@ -356,7 +356,7 @@ def validate(
     Nothing of it is run: a repository's set-up is only told.
     """
     from conductor.run.requested import checked_plan
-    from conductor.run.source import of_rows
+    from conductor.run.source import of_rows, stack_paths
 
     try:
         plan = checked_plan(campaign, fetch=fetch, weather=weather)
@@ -378,6 +378,7 @@ def validate(
             "records": loaded.recording.drive != "none"
             or (ViewMode(loaded.view).records and loaded.recording.keep != "none"),
             "files": sorted(loaded.files),
+            "paths": stack_paths(loaded),
         }
         print(json.dumps(facts))
         return

@@ -28,6 +28,8 @@ class CampaignFacts:
     """Whether attempts leave recordings, of the view or of what the stack saw."""
     files: tuple[str, ...] = ()
     """Files beside the campaign file that it names; none for a shipped campaign."""
+    paths: tuple[str, ...] = ()
+    """Absolute paths that its stack names; none for a shipped campaign."""
     commands: bool = False
     """Whether its stack is a command, which hosts on other nodes start only if they are told to."""
 
@@ -57,5 +59,6 @@ def checked(campaign: str) -> CampaignFacts:
         remote_stacks=answer["placement"] == "node",
         records=answer["records"],
         files=tuple(answer["files"]) if is_file else (),
+        paths=tuple(answer["paths"]) if is_file else (),
         commands=answer["commands"],
     )

@@ -59,6 +59,9 @@ def render(
         Path | None,
         typer.Option(help="Folder to write instead, where a batch system takes several files."),
     ] = None,
+    helm: Annotated[
+        Path | None, typer.Option(help="Or: folder to write a Helm chart into (Kubernetes).")
+    ] = None,
     *,
     options: Options,
 ) -> None:
@@ -73,10 +76,17 @@ def render(
     site = load_site(options.site)
     system = backend(scheduler_name(options, site))
     facts, request = checked_request(campaign, options, site)
-    if into is not None:
-        from hpc.submit import write_files
+    if helm is not None and (into is not None or array):
+        raise UsageError("--helm: writes a chart and nothing else; leave --into and --array away")
+    if into is not None or helm is not None:
+        from hpc.submit import write_chart, write_files
 
-        print("\n".join(map(str, write_files(system, request, into, array=array))))
+        if helm is not None:
+            paths = write_chart(system, request, helm)
+        else:
+            assert into is not None
+            paths = write_files(system, request, into, array=array)
+        print("\n".join(map(str, paths)))
         return
     text = system.render_array(request, facts.cases) if array else system.render(request)
     print(text, end="")

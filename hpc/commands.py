@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import os
+import select
+import selectors
 import shlex
 import shutil
 import subprocess
+import time
 from collections.abc import Iterator
 from contextvars import ContextVar
 from dataclasses import dataclass
@@ -15,6 +18,11 @@ from pathlib import Path
 from schemas.escape import escape
 from twin.base.errors import InfrastructureError
 
+OUTPUT_BYTES_MAX = 1 << 26
+"""Most that a program may say on each of its outputs [bytes]; a campaign of a million cases has
+their ids in a third of it."""
+WORDS_CHARS_MAX = 500
+"""Longest line of a program that is told [characters]."""
 TIMEOUT_S = 120.0
 """Longest wait for a program; a busy scheduler and a cold shared file system are slow [s]."""
 
@@ -29,9 +37,9 @@ class ProgramEnd:
 
     @property
     def last_words(self) -> str:
-        """The line that says most about a failure: the last one on standard error."""
+        """The line that says most about a failure: the last one on standard error, escaped."""
         lines = [line for line in (self.err or self.out).splitlines() if line.strip()]
-        return lines[-1].strip() if lines else f"exit code {self.code}"
+        return escape(lines[-1].strip(), WORDS_CHARS_MAX) if lines else f"exit code {self.code}"
 
 
 class UnknownOutcomeError(InfrastructureError):
@@ -159,18 +167,24 @@ def call(
     """
     words, apart = _words(arguments, folder)
     try:
-        done = subprocess.run(
+        with subprocess.Popen(
             words,
-            input=text if text is not None else "",
-            capture_output=True,
-            text=True,
-            errors="replace",
-            timeout=wait_s,
-            check=False,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
             cwd=None if apart else folder,
             # A submission goes on when whoever asked for it is stopped, and its answer is kept.
             start_new_session=apart,
-        )
+        ) as child:
+            try:
+                code, out, err = _heard(child, (text or "").encode(), wait_s)
+            except BaseException:
+                child.kill()
+                raise
+    except _TooMuchError:
+        raise InfrastructureError(
+            f"`{arguments[0]}` says more than {OUTPUT_BYTES_MAX} bytes; ask the site"
+        ) from None
     except subprocess.TimeoutExpired:
         raise InfrastructureError(
             f"`{arguments[0]}` did not answer in {wait_s:.0f} s; try again, or ask the site"
@@ -178,14 +192,68 @@ def call(
     except OSError as error:
         raise InfrastructureError(f"`{arguments[0]}` cannot be run: {error.strerror}") from None
     here = place()
-    if here.reach and done.returncode == UNREACHED:
-        said = ProgramEnd(1, "", done.stderr).last_words
-        raise InfrastructureError(f"{escape(here.reach[-1])}: not reached: {escape(said)}")
-    if here.once and done.returncode == CODE_UNKNOWN and arguments[0] == here.submits:
+    if here.reach and code == UNREACHED:
+        said = ProgramEnd(1, "", err).last_words
+        raise InfrastructureError(f"{escape(here.reach[-1])}: not reached: {said}")
+    if here.once and code == CODE_UNKNOWN and arguments[0] == here.submits:
         raise UnknownOutcomeError(
             "whether the job was taken is not known: its host was lost while it was submitted"
         )
-    return ProgramEnd(done.returncode, done.stdout, done.stderr)
+    return ProgramEnd(code, out, err)
+
+
+class _TooMuchError(Exception):
+    """A program has said more than it may."""
+
+
+def _heard(child: subprocess.Popen[bytes], text: bytes, wait_s: float) -> tuple[int, str, str]:
+    """Exit code and outputs of a program that gets ``text``.
+
+    Raises:
+        _TooMuchError: it says too much.
+        subprocess.TimeoutExpired: it does not end, or does not let go of its outputs.
+    """
+    assert child.stdin is not None
+    until_s = time.monotonic() + wait_s
+    outputs = {child.stdout: bytearray(), child.stderr: bytearray()}
+    left = memoryview(text)
+    with selectors.DefaultSelector() as selector:
+        for stream in outputs:
+            assert stream is not None
+            selector.register(stream, selectors.EVENT_READ)
+        if left:
+            selector.register(child.stdin, selectors.EVENT_WRITE)
+        else:
+            child.stdin.close()
+        while selector.get_map():
+            if (rest_s := until_s - time.monotonic()) <= 0:
+                raise subprocess.TimeoutExpired(child.args, wait_s)
+            for key, _ in selector.select(rest_s):
+                if key.fileobj is child.stdin:
+                    left = _written(key.fd, left)
+                    if not left:
+                        selector.unregister(child.stdin)
+                        with contextlib.suppress(BrokenPipeError):
+                            child.stdin.close()
+                    continue
+                data = os.read(key.fd, 1 << 16)
+                found = outputs[key.fileobj]  # type: ignore[index]  # a stream of ours
+                found += data
+                if len(found) > OUTPUT_BYTES_MAX:
+                    raise _TooMuchError
+                if not data:
+                    selector.unregister(key.fileobj)
+    code = child.wait(max(0.0, until_s - time.monotonic()))
+    out, err = (bytes(found).decode("utf-8", "replace") for found in outputs.values())
+    return code, out, err
+
+
+def _written(descriptor: int, left: memoryview) -> memoryview:
+    """What is left to write; nothing if nobody reads it any more."""
+    try:
+        return left[os.write(descriptor, left[: select.PIPE_BUF]) :]
+    except BrokenPipeError:
+        return left[:0]
 
 
 def _words(arguments: tuple[str, ...], folder: Path | None) -> tuple[tuple[str, ...], bool]:

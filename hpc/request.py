@@ -110,6 +110,8 @@ class JobRequest:
     """Whether the campaign leaves recordings."""
     own_files: tuple[str, ...] = ()
     """Files beside the campaign file that it names."""
+    own_paths: tuple[str, ...] = ()
+    """Absolute paths of this machine that the campaign's stack or an option names."""
     join: str = ""
     """Key file with which workers join a conductor elsewhere, which it names; absolute, as the
     nodes see it. The job is workers then, and queues itself no more. Empty: the conductor runs in

@@ -49,6 +49,7 @@ def checked_request(
         remote_commands=facts.commands,
         records=facts.records,
         own_files=facts.files,
+        own_paths=(*request.own_paths, *facts.paths),
     )
 
 
@@ -95,6 +96,7 @@ def request_of(campaign: str, options: Options, site: Site, *, remote_stacks: bo
         container_runtime=options.container_runtime.value,
         container_binds=tuple(str(path.absolute()) for path in options.container_bind or ()),
         home=str(own_folder()),
+        own_paths=() if options.bin_folder is None else (str(bin_folder),),
         remote_stacks=remote_stacks,
     )
 

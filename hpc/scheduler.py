@@ -2,12 +2,23 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, Protocol, runtime_checkable
 
 from hpc.request import JobRequest
+from schemas.escape import escape
+from schemas.kinds.batch_system import batch_systems
+from twin.base.errors import InfrastructureError
+
+WORDS_CHARS_MAX = 300
+"""Longest text of a batch system that is told [characters]."""
+PARTITIONS_MAX = 1000
+"""Most partitions that are told."""
+JOB_ID_CHARS_MAX = 400
+"""Longest id of a job [characters]."""
 
 State = Literal["pending", "running", "ended", "unknown"]
 
@@ -26,6 +37,9 @@ class JobStatus:
     exit_code: int | None = None
     restarts: int = 0
 
+    def __post_init__(self) -> None:
+        _escape_words(self, "native", "reason", "nodes")
+
 
 @dataclass(frozen=True, slots=True)
 class Partition:
@@ -39,6 +53,9 @@ class Partition:
     """Generic resources, in the scheduler's words."""
     state: str = ""
 
+    def __post_init__(self) -> None:
+        _escape_words(self, "name", "limit", "nodes", "gpus", "state")
+
 
 @dataclass(frozen=True, slots=True)
 class Partitions:
@@ -47,6 +64,27 @@ class Partitions:
     partitions: tuple[Partition, ...] = ()
     trouble: str = ""
     """Why its controller cannot be used; empty: it can."""
+
+
+def job_id(system: str, said: str) -> str:
+    """What a batch system's program has answered to a submission, if it is a job's id.
+
+    Raises:
+        InfrastructureError: it is none, so nobody knows whether the job was taken.
+    """
+    kind = batch_systems().find(system)
+    if len(said) <= JOB_ID_CHARS_MAX and said.isprintable() and re.fullmatch(kind.job_ids, said):
+        return said
+    raise InfrastructureError(
+        f"{kind.title} answered {escape(said, 80)!r} in place of a job's id; see its queue whether "
+        "the job is there before you submit again"
+    )
+
+
+def _escape_words(found: object, *names: str) -> None:
+    """Whoever may name nodes and jobs of a cluster writes on no terminal of ours."""
+    for name in names:
+        object.__setattr__(found, name, escape(getattr(found, name), WORDS_CHARS_MAX))
 
 
 class Scheduler(Protocol):
@@ -95,6 +133,14 @@ class FolderScheduler(Protocol):
 
     def files(self, request: JobRequest) -> Mapping[str, str]:
         """Texts by file name: what ``hpc render --into FOLDER`` writes."""
+
+
+@runtime_checkable
+class ChartScheduler(Protocol):
+    """A batch system for which Helm installs things."""
+
+    def chart(self, request: JobRequest) -> Mapping[str, str]:
+        """Texts by file name: what ``hpc render --helm FOLDER`` writes."""
 
 
 @runtime_checkable

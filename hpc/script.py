@@ -191,17 +191,22 @@ until [ -s "$out/conductor.json" ] && [ "$(cat "$out/conductor.json")" != "$befo
 done"""
 
 
+EARLY_SIGNAL = """
+[ "$signalled" = no ] || end_workers TERM # it came before they could be named"""
+"""Line after the start of workers whose trap may have run already."""
+
 WAIT_FOR_WORKERS = """\
 # --- Wait for the workers. They leave when no case is left (0), or before the time is over (75).
 while :; do
   signalled=no
   wait "$workers"
   code=$?
-  [ "$signalled" = yes ] && kill -0 "$workers" 2>/dev/null || break
+  [ "$signalled" = yes ] && [ "$code" -gt 128 ] || break
 done
 exit "$code"
 """
-"""Lines that end a job of workers alone; the trap of a signal says ``signalled=yes``."""
+"""Lines that end a job of workers alone; the trap of a signal says ``signalled=yes``. What a signal
+interrupts is waited for again, also when it has ended by then: bash keeps its exit code."""
 
 WAIT = """\
 # --- Wait for the conductor. A signal interrupts `wait`; then wait again for its real exit code.

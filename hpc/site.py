@@ -27,19 +27,19 @@ from twin.base.errors import UsageError
 from twin.base.own_folder import own_folder
 
 
-class Site(Struct, frozen=True, forbid_unknown_fields=True):
-    """One site file; what is left out is left to the scheduler."""
+class BatchDefaults(Struct, frozen=True, forbid_unknown_fields=True):
+    """What stays the same for every job of one cluster; what is left out is left to its scheduler.
 
-    scheduler: SchedulerChoice = AUTO
-    """Batch system; ``auto``: the one whose commands are there."""
+    A site file (:class:`Site`) says it of the cluster that one is logged in to, an entry of a sites
+    file (:class:`hpc.sites.file.SiteEntry`) of one among several.
+    """
+
     partition: str = ""
     """Partition or queue."""
     account: str = ""
     """Account to charge."""
     constraint: str = ""
     """Kind of node; see :class:`hpc.request.JobRequest`."""
-    interface: str = ""
-    """Network interface, network or address over which nodes talk."""
     modules: list[str] = []
     """What ``module load`` loads on every node."""
     scratch: str = ""
@@ -48,6 +48,15 @@ class Site(Struct, frozen=True, forbid_unknown_fields=True):
     """CPUs of one worker, 1-1024; default: 4 beside a GPU, else 1."""
     directives: list[str] = []
     """Further options of the scheduler, one per line of the script."""
+
+
+class Site(BatchDefaults, frozen=True, forbid_unknown_fields=True):
+    """One site file."""
+
+    scheduler: SchedulerChoice = AUTO
+    """Batch system; ``auto``: the one whose commands are there."""
+    interface: str = ""
+    """Network interface, network or address over which nodes talk."""
 
 
 def load_site(named: Path | None, environment: Mapping[str, str] = os.environ) -> Site:

@@ -7,12 +7,12 @@ import json
 import math
 import os
 import secrets
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from hpc.request import SIGNAL_SLACK_S, JobRequest, hours_minutes
-from hpc.scheduler import FolderScheduler, Scheduler
+from hpc.scheduler import ChartScheduler, FolderScheduler, Scheduler
 from schemas.kinds.batch_system import batch_systems
 from twin.base.errors import InfrastructureError, TwinError, UsageError, storage_error
 from twin.base.files import write_atomic
@@ -76,14 +76,31 @@ def write_files(
     if array or not isinstance(scheduler, FolderScheduler):
         what = "--array" if array else batch_systems().find(scheduler.name).title
         raise UsageError(f"--into {folder}: {what} takes one script; leave --into away")
-    texts = scheduler.files(request)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise storage_error(error, str(folder)) from None
-    for name, text in texts.items():
-        _write(folder / name, text)
-    return [folder / name for name in texts]
+    return _written(scheduler.files(request), folder)
+
+
+def write_chart(scheduler: Scheduler, request: JobRequest, folder: Path) -> list[Path]:
+    """Write a Helm chart into ``folder``; the paths of its files.
+
+    Raises:
+        UsageError: there is none for this batch system, or a file cannot be written.
+        InfrastructureError: the disk is full or broken.
+    """
+    if not isinstance(scheduler, ChartScheduler):
+        what = batch_systems().find(scheduler.name).title
+        raise UsageError(f"--helm {folder}: {what} is no Kubernetes; leave --helm away")
+    return _written(scheduler.chart(request), folder)
+
+
+def _written(texts: Mapping[str, str], folder: Path) -> list[Path]:
+    paths = {folder / name: text for name, text in texts.items()}
+    for path, text in paths.items():
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise storage_error(error, str(folder)) from None
+        _write(path, text)
+    return [*paths]
 
 
 def check_walltime(request: JobRequest, deadline_s: float, case_s: float | None) -> None:

@@ -12,12 +12,12 @@ PATIENCE_S = 240.0
 no cost where the fact comes true."""
 
 
-def wait_for(look: Callable[[], T], what: str) -> T:
+def wait_for(look: Callable[[], T], what: str, patience_s: float = PATIENCE_S) -> T:
     """Poll until ``look`` returns something true."""
-    until = time.monotonic() + PATIENCE_S
+    until = time.monotonic() + patience_s
     while time.monotonic() < until:
         found = look()
         if found:
             return found
         time.sleep(0.01)
-    raise AssertionError(f"waited {PATIENCE_S:.0f} s in vain for {what}")
+    raise AssertionError(f"waited {patience_s:.0f} s in vain for {what}")

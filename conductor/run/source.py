@@ -219,6 +219,16 @@ def named_paths(campaign: Campaign) -> tuple[list[str], list[str]]:
     return [name for name in sorted(named) if is_path(name)], sorted(models)
 
 
+def stack_paths(campaign: Campaign) -> list[str]:
+    """Absolute paths of this machine that the campaign's stack names: words of its command, its
+    files and image, and parameters that are files."""
+    autonomy = campaign.autonomy
+    named = {*autonomy.command, *autonomy.files, *campaign.stack_identity.named}
+    if autonomy.image is not None:
+        named.add(autonomy.image.path)
+    return sorted(name for name in named if name.startswith("/"))
+
+
 def only_case(plan: Plan, case: str) -> Plan:
     """The plan with this one case.
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from hpc.commands import place
 from hpc.kubernetes.objects import COMPONENT, INSTANCE, Object
+from schemas.escape import escape
 from twin.base.errors import InfrastructureError, TwinError, UsageError
 
 if TYPE_CHECKING:
@@ -25,6 +26,11 @@ POLL_S = 0.2
 """How often it is looked whether it is gone [s]."""
 PODS_MAX = 4200
 """Most pods of a run that are looked at: every worker's, and as many as failed lately."""
+
+ANSWER_BYTES_MAX = 1 << 28
+"""Longest answer of the API [bytes]; 4,200 pods have some tens of MiB."""
+MESSAGE_CHARS_MAX = 500
+"""Most that is told of the API's reason of a refusal [characters]."""
 
 IN_CLUSTER = "in-cluster"
 """Stands for a context where a pod asks the API of its own cluster."""
@@ -102,7 +108,7 @@ class Namespace:
                 "`kubectl config rename-context`"
             )
         configuration.retries = 1
-        self._client: clients.ApiClient = client.ApiClient(configuration)
+        self._client: clients.ApiClient = _bounded(client.ApiClient(configuration))
         self.name = name or usual or "default"
 
     def create(self, found: Object, *, dry_run: bool = False) -> None:
@@ -245,6 +251,15 @@ def refusals(what: str) -> Iterator[None]:
         yield
     except ApiException as error:
         raise _refusal(what, error.status or 0, _message(error)) from None
+    except _TooLongError:
+        raise InfrastructureError(
+            f"{what}: the API server's answer is longer than {ANSWER_BYTES_MAX} bytes"
+        ) from None
+    except (ValueError, TypeError, LookupError, AttributeError, RecursionError) as error:
+        # The client builds objects of whatever it is told.
+        raise InfrastructureError(
+            f"{what}: the API server's answer cannot be read ({type(error).__name__})"
+        ) from None
     except (urllib3.exceptions.HTTPError, OSError) as error:
         raise InfrastructureError(
             f"{what}: the API server does not answer ({type(error).__name__}); check the network "
@@ -267,8 +282,30 @@ def _refusal(what: str, status: int, message: str) -> TwinError:
 
 
 def _message(error: Any) -> str:
-    """What the API says in an answer; it is escaped where it is shown."""
+    """What the API says in an answer, escaped on one line."""
     try:
-        return str(json.loads(error.body)["message"])
-    except (TypeError, ValueError, KeyError):
-        return str(error.reason or f"status {error.status}").splitlines()[0]
+        said = str(json.loads(error.body)["message"])
+    except (TypeError, ValueError, LookupError, RecursionError):
+        said = str(error.reason or "")
+    return escape(said.strip(), MESSAGE_CHARS_MAX) or f"status {error.status}"
+
+
+class _TooLongError(Exception):
+    """An answer is longer than any that makes sense."""
+
+
+def _bounded(found: Any) -> Any:
+    """A client that reads no longer answers than :data:`ANSWER_BYTES_MAX`."""
+    ask = found.call_api
+
+    def call_api(*words: Any, **options: Any) -> Any:
+        response = ask(*words, **options)
+        data = response.response.read(ANSWER_BYTES_MAX + 1, decode_content=True)
+        if len(data) > ANSWER_BYTES_MAX:
+            response.response.close()
+            raise _TooLongError
+        response.data = data
+        return response
+
+    found.call_api = call_api
+    return found

@@ -12,7 +12,9 @@ from typing import Any
 import yaml
 
 from hpc.kubernetes.api import AlreadyThereError, Namespace, NotThereError, component_of
+from hpc.kubernetes.chart import chart_of
 from hpc.kubernetes.copying import copy_run
+from hpc.kubernetes.object_store import CREDENTIALS
 from hpc.kubernetes.objects import (
     CAMPAIGN_BYTES_MAX,
     COMPONENT,
@@ -62,9 +64,16 @@ class Kubernetes:
             "kustomization.yaml": kustomization(request, options.namespace),
         }
 
+    def chart(self, request: JobRequest) -> Mapping[str, str]:
+        """A Helm chart."""
+        return chart_of(request, options_of(request), _campaign_text(request))
+
     def check(self, text: str, request: JobRequest, /) -> None:
         """A dry run on the server: its schemas, quotas and admission see every object."""
-        namespace = Namespace(name=options_of(request).namespace)
+        options = options_of(request)
+        namespace = Namespace(name=options.namespace)
+        if options.store:
+            _check_secret(namespace, options.store_secret)
         for found in _read(text):
             try:
                 namespace.create(found, dry_run=True)
@@ -149,17 +158,35 @@ class Kubernetes:
 
 def _objects(request: JobRequest) -> tuple[KubernetesOptions, list[Object]]:
     options = options_of(request)
+    return options, objects_of(request, options, _campaign_text(request))
+
+
+def _campaign_text(request: JobRequest) -> str:
     text = ""
     if request.campaign.startswith("/"):
         try:
             text = read_regular(Path(request.campaign), CAMPAIGN_BYTES_MAX + 1).decode()
         except (OSError, UnicodeDecodeError) as error:
             raise UsageError(f"{request.campaign}: {error}") from None
-    return options, objects_of(request, options, text)
+    return text
 
 
 def _read(text: str) -> list[Object]:
     return [found for found in yaml.safe_load_all(text) if found]
+
+
+def _check_secret(namespace: Namespace, name: str) -> None:
+    """Pods would wait for it without a word."""
+    try:
+        namespace.read("Secret", name)
+    except NotThereError:
+        raise UsageError(
+            f"--store-secret {name}: namespace {namespace.name} has no such Secret; kubectl "
+            f"--namespace {namespace.name} create secret generic {name} "
+            f"--from-file={CREDENTIALS}=FILE"
+        ) from None
+    except UsageError:
+        pass  # not everybody may read Secrets
 
 
 def _refuse_others_claim(namespace: Namespace, run: str, job: str, folder: Path) -> None:

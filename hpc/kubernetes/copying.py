@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from hpc.kubernetes.api import POLL_S, Namespace, NotThereError, component_of
+from hpc.kubernetes.object_store import STORE
 from hpc.kubernetes.objects import IMAGE, PULL_SECRET, RUN, Object, reader_of
 from hpc.pull import LEFT_THERE
 from hpc.submit import JOB_FILE
@@ -78,13 +79,28 @@ def _reader(namespace: Namespace, run: str) -> Object:
     try:
         claim = namespace.read("PersistentVolumeClaim", run)
     except NotThereError as error:
+        if url := _store_of(namespace, run):
+            raise UsageError(
+                f"{run}: its pod has gone, and its results are in {escape(url, NAME_CHARS_MAX)}: "
+                "`conductor report URL --out FOLDER` reads them"
+            ) from None
         raise UsageError(
-            f"{error}; without its claim the results of {run} are gone, or were never there"
+            f"{error}; without its claim the results of {run} are gone, or were never there, or "
+            "are in the object store that its job.yaml names"
         ) from None
     said = claim.metadata.annotations or {}
     if IMAGE not in said:
         raise UsageError(f"claim {run}: says no image to read it with; `hpc` did not make it")
     return reader_of(run, said[IMAGE], said.get(PULL_SECRET, ""), READER_S)
+
+
+def _store_of(namespace: Namespace, run: str) -> str:
+    """Where a run has its results if not on a claim; empty: nothing says so."""
+    try:
+        job = namespace.read("Job", f"{run}-conductor")
+    except NotThereError:
+        return ""
+    return str((job.metadata.annotations or {}).get(STORE, ""))
 
 
 def _await(namespace: Namespace, name: str) -> None:

@@ -1,9 +1,10 @@
 """A :class:`JobRequest` as objects of Kubernetes: plain dictionaries, and their YAML. Pure.
 
 One run is a Job of one pod that is the conductor, and a work-queue Job whose pods are workers. The
-conductor keeps journal and results on a claim of its own; workers see no disk of it. They reach it
-by the name of a Service, prove themselves by the worker's key, and deliver the files of a result
-before they commit it (:mod:`twin.worker.delivery`), so nothing else has to be shared.
+conductor keeps journal and results on a claim of its own, or in an object store
+(:mod:`hpc.kubernetes.object_store`); workers see no disk of it. They reach it by the name of a
+Service, prove themselves by the worker's key, and deliver the files of a result before they commit
+it (:mod:`twin.worker.delivery`), so nothing else has to be shared.
 
 How the parts of a run end:
 
@@ -27,6 +28,7 @@ from typing import Any
 
 import yaml
 
+from hpc.kubernetes import object_store
 from hpc.kubernetes.options import SPOT, KubernetesOptions, Toleration
 from hpc.request import JobRequest
 from hpc.script import ALLOCATION_TAG, job_name, who
@@ -51,6 +53,8 @@ START_WAIT_S = 120
 """How long a worker waits for a conductor that is to come, before another pod does [s]."""
 WORKER_FAILURES = 2
 """Failures, for each worker, before the workers' Job is given up."""
+DISK = "10Gi"
+"""What a container may write to its pod's own disks."""
 WORK, RUN, HOME, KEYS = "/work", "/work/run", "/work/home", "/keys"
 """Mount of the claim; the run folder and the conductor's own folder there; folder of the key."""
 
@@ -69,6 +73,11 @@ _CONFINED = {
     "capabilities": {"drop": ["ALL"]},
     "readOnlyRootFilesystem": True,
 }
+_LOOKUPS: Object = {
+    "to": [{"namespaceSelector": {}, "podSelector": {"matchLabels": {"k8s-app": "kube-dns"}}}],
+    "ports": [{"protocol": protocol, "port": 53} for protocol in ("UDP", "TCP")],
+}
+"""Rule of a network policy: the cluster's name service."""
 _SMALL = {"cpu": "100m", "memory": "64Mi"}
 
 
@@ -100,7 +109,9 @@ def objects_of(request: JobRequest, options: KubernetesOptions, campaign: str = 
     run = _Run(request, options, campaign)
     if request.join:
         return [run.policy_of_joining_workers(), run.workers()]
-    found = [run.claim(), run.service(), run.policy_of_conductor(), run.policy_of_workers()]
+    found = [run.service(), run.policy_of_conductor(), run.policy_of_workers()]
+    if not options.store:
+        found.insert(0, run.claim())
     if campaign:
         found.insert(0, run.campaign_file())
     return [*found, run.conductor(), run.workers()]
@@ -272,13 +283,13 @@ class _Run:
         return self._object("v1", "Service", "", "conductor") | {"spec": spec}
 
     def policy_of_conductor(self) -> Object:
-        """The conductor hears its workers, and calls nobody."""
+        """The conductor hears its workers, and calls nobody but its store."""
         heard = [{"podSelector": {"matchLabels": self._selector("worker")}}]
         spec = {
             "podSelector": {"matchLabels": self._selector("conductor")},
             "policyTypes": ["Ingress", "Egress"],
             "ingress": [{"from": heard, "ports": [self._port()]}],
-            "egress": [],
+            "egress": self._ways_to_store(),
         }
         return self._policy("conductor", spec)
 
@@ -296,23 +307,27 @@ class _Run:
         return self._policy_of_workers(way)
 
     def _policy_of_workers(self, way: Object) -> Object:
-        names = {"namespaceSelector": {}, "podSelector": {"matchLabels": {"k8s-app": "kube-dns"}}}
-        lookups = [{"protocol": protocol, "port": 53} for protocol in ("UDP", "TCP")]
+        ways = self._ways_to_store() or [_LOOKUPS]
         spec = {
             "podSelector": {"matchLabels": self._selector("worker")},
             "policyTypes": ["Ingress", "Egress"],
             "ingress": [],
-            "egress": [way, {"to": [names], "ports": lookups}],
+            "egress": [way, *ways],
         }
         return self._policy("worker", spec)
 
+    def _ways_to_store(self) -> list[Object]:
+        """The store and the name service; without a store nothing."""
+        return [object_store.way(self.options), _LOOKUPS] if self.options.store else []
+
     def conductor(self) -> Object:
-        """One pod; another one goes on where it stopped, with the same claim."""
+        """One pod; another one goes on where it stopped, with the same claim or store."""
         named = "/campaign/campaign.yaml" if self.campaign else self.request.campaign
         command = [
             *(f"{BIN_FOLDER}/conductor", "serve", "--campaign", named, "--until-done"),
             *("--state", RUN, "--listen", f"tls/0.0.0.0:{self.options.port}"),
             *("--key", f"{KEYS}/conductor.key"),
+            *(object_store.words(self.options, self.name) if self.options.store else ()),
         ]
         container = {
             **self._container("conductor", command, {"cpu": "2", "memory": "4Gi"}),
@@ -325,7 +340,13 @@ class _Run:
         }
         container["env"].append({"name": "DRIVETWIN_HOME", "value": HOME})
         container["volumeMounts"].append({"name": "work", "mountPath": WORK})
-        volumes = [{"name": "work", "persistentVolumeClaim": {"claimName": self.name}}]
+        disk: Object = {"persistentVolumeClaim": {"claimName": self.name}}
+        if self.options.store:
+            disk = {"emptyDir": {"sizeLimit": self.options.storage}}
+            # A pod whose disks together exceed it is evicted.
+            limits = container["resources"]["limits"]
+            limits["ephemeral-storage"] = _sum_of(DISK, self.options.storage)
+        volumes = [{"name": "work", **disk}]
         if self.campaign:
             mount = {"name": "campaign", "mountPath": "/campaign", "readOnly": True}
             container["volumeMounts"].append(mount)
@@ -336,7 +357,11 @@ class _Run:
         pod["hostname"] = "conductor"
         verdicts = {"containerName": "conductor", "operator": "In", "values": [1, 2]}
         rules = [_rule("FailJob", verdicts)]
-        return self._job("conductor", pod, rules, 1, self.request.restarts_max)
+        job = self._job("conductor", pod, rules, 1, self.request.restarts_max)
+        if self.options.store:
+            where = object_store.url_of(self.options, self.name)
+            job["metadata"]["annotations"] = {object_store.STORE: where}
+        return job
 
     def workers(self) -> Object:
         """A work queue: pods until one has found that no case is left."""
@@ -419,6 +444,9 @@ class _Run:
                 *volumes,
             ],
         }
+        if self.options.store:
+            object_store.add_to(container, self.options)
+            pod["volumes"].append(object_store.volume(self.options))
         if self.options.priority_class:
             pod["priorityClassName"] = self.options.priority_class
         return pod
@@ -439,7 +467,7 @@ class _Run:
         }
 
     def _container(self, name: str, command: list[str], limits: dict[str, str]) -> Object:
-        disk = {"ephemeral-storage": "10Gi"}
+        disk = {"ephemeral-storage": DISK}
         return {
             "name": name,
             "image": self.options.image,
@@ -476,6 +504,12 @@ class _Run:
 def _rule(action: str, exit_codes: Object) -> Object:
     # Schemas before 1.29 ask for conditions in every rule; an empty list is none.
     return {"action": action, "onExitCodes": exit_codes, "onPodConditions": []}
+
+
+def _sum_of(first: str, second: str) -> str:
+    """Two sizes, as ``8Gi``, together."""
+    units = {"Mi": 1, "Gi": 1 << 10, "Ti": 1 << 20}
+    return f"{sum(int(size[:-2]) * units[size[-2:]] for size in (first, second))}Mi"
 
 
 def _tolerated(taint: Toleration) -> Object:

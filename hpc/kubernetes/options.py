@@ -10,6 +10,7 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+from hpc.kubernetes import object_store
 from hpc.request import JobRequest
 from twin.base.errors import UsageError
 
@@ -22,6 +23,9 @@ LABELS_MAX = 16
 IMAGE_CHARS_MAX = 500
 """Longest name of an image [characters]."""
 
+IN_IMAGES = ("/opt/", "/usr/", "/bin/")
+"""Where an image may have what a campaign names by its absolute path."""
+
 _EFFECTS = ("NoSchedule", "PreferNoSchedule", "NoExecute")
 
 _DNS_LABEL = re.compile(r"[a-z0-9]([-a-z0-9]{0,61}[a-z0-9])?")
@@ -30,12 +34,16 @@ _KEY = re.compile(
     r"([a-z0-9]([-a-z0-9.]{0,251}[a-z0-9])?/)?[A-Za-z0-9]([-A-Za-z0-9_.]{0,61}[A-Za-z0-9])?"
 )
 _VALUE = re.compile(r"([A-Za-z0-9]([-A-Za-z0-9_.]{0,61}[A-Za-z0-9])?)?")
-_QUANTITY = re.compile(r"[1-9][0-9]{0,8}(Mi|Gi|Ti)")
+QUANTITY_PATTERN = r"[1-9][0-9]{0,8}(Mi|Gi|Ti)"
+"""Size of memory or storage."""
+_QUANTITY = re.compile(QUANTITY_PATTERN)
 _RESOURCE = re.compile(r"[a-z0-9]([-a-z0-9.]{0,251}[a-z0-9])?/[A-Za-z0-9]([-A-Za-z0-9_.]{0,61})")
-_IMAGE = re.compile(
+IMAGE_PATTERN = (
     r"[a-z0-9][a-z0-9._-]*(:[0-9]{1,5})?(/[a-z0-9][a-z0-9._-]*)*"
     r"(:[A-Za-z0-9_][A-Za-z0-9_.-]{0,127})?(@sha256:[0-9a-f]{64})?"
 )
+"""Name of an image."""
+_IMAGE = re.compile(IMAGE_PATTERN)
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +91,7 @@ class KubernetesOptions:
     memory: str = "8Gi"
     """Memory of one worker."""
     storage: str = "10Gi"
-    """Size of the conductor's claim."""
+    """Size of the conductor's claim; with a store, of its disk."""
     storage_class: str = ""
     """Storage class of the claim; empty: the cluster's default."""
     priority_class: str = ""
@@ -96,6 +104,17 @@ class KubernetesOptions:
     """Provider, of :data:`SPOT`, whose spot nodes run the workers; empty: any node."""
     port: int = PORT
     """Port of the conductor, 1024-65535."""
+    store: str = ""
+    """Object store of journal and results, in place of a claim; empty: a claim."""
+    store_secret: str = ""
+    """Secret of the namespace with the files by which pods reach the store."""
+    store_endpoint: str = ""
+    """Server that speaks the protocol of S3; empty: Amazon's."""
+    store_network: str = ""
+    """Network of the store's addresses, for network policies; empty: any."""
+    durable: str = ""
+    """What replies wait for, of :data:`hpc.kubernetes.object_store.DURABLE`; empty: the default
+    of ``conductor serve``."""
     tolerations: tuple[Toleration, ...] = ()
     """Taints that workers tolerate."""
     labels: tuple[tuple[str, str], ...] = ()
@@ -139,12 +158,19 @@ def options_of(request: JobRequest) -> KubernetesOptions:
         labels=_labels(request.constraint),
         queue=request.partition,
     )
-    return replace(found, **values)  # type: ignore[arg-type]  # names and types were checked
+    found = replace(found, **values)  # type: ignore[arg-type]  # names and types were checked
+    object_store.check_together(found)
+    if found.store and request.join:
+        raise UsageError("--store: the conductor of these workers is elsewhere; leave it away")
+    return found
 
 
 def _refuse_what_is_elsewhere(request: JobRequest) -> None:
     """Say in one line what a pod has no use for, instead of leaving it out silently."""
+    elsewhere = [path for path in request.own_paths if not path.startswith(IN_IMAGES)]
     for given, line in (
+        (request.container_binds, "--container-bind: pods see no folder of this machine"),
+        (request.container_runtime != "apptainer", "--container-runtime: nodes have their own"),
         (request.container, "--container: give --directive=--image=NAME, a name that nodes pull"),
         (request.account, "--account: Kubernetes knows none; --directive=--namespace=NAME"),
         (request.modules, "modules (site file): the image has all software; leave them away"),
@@ -162,6 +188,11 @@ def _refuse_what_is_elsewhere(request: JobRequest) -> None:
             request.own_files,
             f"{request.campaign}: names {', '.join(request.own_files[:3])}, which pods do not see; "
             "put them into the image and name their path there in a package of yours",
+        ),
+        (
+            elsewhere,
+            f"{', '.join(elsewhere[:3])}: a path of this machine, which pods do not see; put it "
+            f"into the image, below {' or '.join(IN_IMAGES)}, and name that path",
         ),
     ):
         if given:
@@ -210,6 +241,11 @@ _CHECKS: dict[str, Callable[[str, str], None]] = {
     "gpu-resource": _check(_RESOURCE, "an extended resource, e.g. nvidia.com/gpu"),
     "spot": _check_spot,
     "port": _check_port,
+    "store": object_store.check_url,
+    "store-secret": _NAME,
+    "store-endpoint": object_store.check_endpoint,
+    "store-network": object_store.check_network,
+    "durable": object_store.check_durable,
 }
 
 

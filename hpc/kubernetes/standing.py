@@ -4,13 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from hpc.kubernetes.api import Namespace, NotThereError, component_of
+from hpc.kubernetes.api import Namespace, NotThereError, component_of, refusals
 from hpc.scheduler import JobStatus, State
-from schemas.escape import escape
 from schemas.words import counted
-
-WORDS_CHARS_MAX = 300
-"""Longest reason of the cluster that is passed on [characters]."""
 
 _LEFT = "{} still there; the same `hpc submit` goes on, `hpc cancel` ends them"
 """Said of workers whose conductor has ended."""
@@ -22,6 +18,11 @@ def standing(namespace: Namespace, run: str) -> JobStatus:
     Raises:
         TwinError: the API refuses, or is in trouble.
     """
+    with refusals(f"run {run}"):  # objects may lack what a cluster always says
+        return _standing(namespace, run)
+
+
+def _standing(namespace: Namespace, run: str) -> JobStatus:
     try:
         job = namespace.read("Job", f"{run}-conductor")
     except NotThereError:
@@ -44,7 +45,7 @@ def standing(namespace: Namespace, run: str) -> JobStatus:
     return JobStatus(
         state=state,
         native=native,
-        reason=escape(reason, WORDS_CHARS_MAX),
+        reason=reason,
         nodes=_nodes(last, workers) if state == "running" else "",
         exit_code=_exit_code(job, last) if state == "ended" else None,
         restarts=job.status.failed or 0,
@@ -68,7 +69,7 @@ def _joining(namespace: Namespace, run: str) -> JobStatus:
     return JobStatus(
         state=state,
         native=native,
-        reason=escape(waits, WORDS_CHARS_MAX),
+        reason=waits,
         nodes=", ".join(nodes[:8]) + (" ..." if len(nodes) > 8 else ""),
         exit_code=(0 if job.status.succeeded else None) if state == "ended" else None,
         restarts=job.status.failed or 0,

@@ -11,7 +11,14 @@ from hpc.commands import ProgramEnd, call
 from hpc.pbs.job_script import options, render
 from hpc.pbs.lint import lint
 from hpc.request import JobRequest
-from hpc.scheduler import JobStatus, Partition, Partitions, State
+from hpc.scheduler import (
+    PARTITIONS_MAX,
+    JobStatus,
+    Partition,
+    Partitions,
+    State,
+    job_id,
+)
 from hpc.script import job_name
 from schemas.kinds.batch_system import PBS
 from twin.base.errors import InfrastructureError, TwinError, UsageError
@@ -22,6 +29,7 @@ _STATES: dict[str, State] = {
     **dict.fromkeys("FXC", "ended"),
 }
 _NOT_ANSWERING = ("cannot connect to server", "Connection refused", "No Permission to connect")
+_NUMBER = re.compile("-?[0-9]{1,9}")
 
 
 class Pbs:
@@ -48,7 +56,7 @@ class Pbs:
         done = call("qsub", path.name, folder=folder)
         if done.code or not done.out.strip():
             raise _refusal("PBS did not take the job", done)
-        return done.out.split()[-1]
+        return job_id(self.name, done.out.split()[-1])
 
     def status(self, job: str) -> JobStatus:
         """``qstat -fx`` knows ended jobs where the site keeps a history."""
@@ -98,8 +106,8 @@ class Pbs:
 def parse_queues(text: str) -> tuple[Partition, ...]:
     """What ``qstat -Qf`` prints."""
     queues = [
-        {"name": part.splitlines()[0].strip(), **attributes(part)}
-        for part in re.split(r"^Queue:", text, flags=re.MULTILINE)[1:]
+        {**attributes(part), "name": part.partition("\n")[0].strip()}
+        for part in re.split(r"^Queue:", text, flags=re.MULTILINE)[1 : PARTITIONS_MAX + 1]
     ]
     return tuple(
         Partition(
@@ -124,8 +132,8 @@ def parse_job(text: str) -> JobStatus:
         native=native,
         reason=values.get("comment", "") if state == "pending" else "",
         nodes=values.get("exec_host", ""),
-        exit_code=int(code) if state == "ended" and code.lstrip("-").isdecimal() else None,
-        restarts=max(0, int(count) - 1) if count.isdecimal() else 0,
+        exit_code=int(code) if state == "ended" and _NUMBER.fullmatch(code) else None,
+        restarts=max(0, int(count) - 1) if _NUMBER.fullmatch(count) else 0,
     )
 
 

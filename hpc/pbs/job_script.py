@@ -150,9 +150,9 @@ one_gpu() { # RANK: of the GPUs that PBS gives this job on the node, or simply b
 }
 on_node="$on_node; $(declare -f one_gpu)\""""
     pin = "one_gpu $rank; " if request.gpus else ""
-    traps, begin, waiting = "", _WITH_CONDUCTOR, _until_all_ended(count, stacks)
+    traps, begin, waiting, early = "", _WITH_CONDUCTOR, _until_all_ended(count, stacks), ""
     if request.join:
-        traps, begin, waiting = _JOIN_TRAPS, "", _WORST_CODE
+        traps, begin, waiting, early = _JOIN_TRAPS, "", _WORST_CODE, script.EARLY_SIGNAL
     note = "# --- The workers, one per line of the node file."
     if request.gpus:
         note += " Each sees one GPU only, so that is cuda:0."
@@ -171,7 +171,8 @@ mapfile -t hosts < "${{PBS_NODEFILE:-/dev/null}}"
 end_workers() {{ kill -s "$1" "$workers" 2>/dev/null; }}
 {traps}{{
 {begin}  declare -A used
-  started=()
+  started=() told=no
+  trap 'told=yes; kill -TERM "${{started[@]}}" 2>/dev/null' TERM
   for ((task = 0; task < {request.tasks}; task++)); do
     host=${{hosts[task % ${{#hosts[@]}}]}}
     rank=${{used[$host]:-0}}
@@ -179,10 +180,10 @@ end_workers() {{ kill -s "$1" "$workers" 2>/dev/null; }}
     (launch "$host" "trap '' USR2; $on_node; {pin}{role}") > >(sed -u "s/^/$task: /") 2>&1 &
     started+=($!)
   done
-  trap 'kill -TERM "${{started[@]}}" 2>/dev/null' TERM
+  [ $told = no ] || kill -TERM "${{started[@]}}" 2>/dev/null # some began after the signal
 {waiting}
 }} &
-workers=$!"""
+workers=$!{early}"""
 
 
 _WITH_CONDUCTOR = """\
@@ -198,9 +199,10 @@ _WORST_CODE = """\
   worst=0
   for pid in "${started[@]}"; do
     while :; do
+      told=no
       wait "$pid"
       code=$?
-      [ $code -gt 128 ] && kill -0 "$pid" 2>/dev/null || break
+      [ $told = yes ] && [ $code -gt 128 ] || break
     done
     [ $code -le $worst ] || worst=$code
   done

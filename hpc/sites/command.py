@@ -148,6 +148,8 @@ def scale(
     if is_complete(out):
         say("every case has ended")
         return EXIT_PASS
+    for site in sites:  # before anybody is asked anything
+        _try(site, out.name, out, site.entry.connect or file.listen, common)
     if key is None and not out.is_dir():
         raise UsageError(
             f"{out}: no such run folder; `hpc submit CAMPAIGN --on ...` makes one, --key names a "

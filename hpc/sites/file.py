@@ -34,6 +34,8 @@ from typing import Annotated
 from msgspec import Meta, Struct
 
 from hpc.commands import Place
+from hpc.site import BatchDefaults
+from hpc.software.container import Runtime
 from schemas.escape import escape
 from schemas.files.yaml_file import YamlError, load_yaml
 from schemas.kinds.batch_system import batch_systems
@@ -53,18 +55,18 @@ _ENDPOINT = r"tls/(\[[0-9A-Fa-f:.]{2,45}\]|[A-Za-z0-9][A-Za-z0-9.-]{0,252}):[0-9
 _COUNT = Meta(ge=0, le=4096)
 
 
-class SiteEntry(Struct, frozen=True, forbid_unknown_fields=True):
+class SiteEntry(BatchDefaults, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """One cluster; what is left out is as the command line says, or left to its scheduler."""
 
     scheduler: str
     """Batch system, e.g. ``slurm``."""
-    ssh: Annotated[str, Meta(pattern=f"^({_LOGIN})?$")] = ""
+    ssh: Annotated[str, Meta(pattern=rf"^({_LOGIN})?\Z")] = ""
     """Login node, as for ``ssh``; empty: its commands are on this host."""
-    reach: list[str] = []
+    reach: list[str] = []  # noqa: RUF012 - msgspec copies it
     """Or: words before one line of shell that is run there."""
     dials_out: bool = False
     """Nobody reaches it from here: ``hpc submit`` writes a key and says what to type there."""
-    connect: Annotated[str, Meta(pattern=f"^({_ENDPOINT})?$")] = ""
+    connect: Annotated[str, Meta(pattern=rf"^({_ENDPOINT})?\Z")] = ""
     """Endpoint by which its nodes reach the conductor, a relay say; empty: the conductor's own."""
     kubeconfig: str = ""
     """File that says which Kubernetes is meant."""
@@ -86,23 +88,17 @@ class SiteEntry(Struct, frozen=True, forbid_unknown_fields=True):
     """Most of them that may wait in its queue."""
     cost: Annotated[float, Meta(ge=0.0, le=1e6)] | None = None
     """Price of a worker's hour, in whatever the user counts; left out: unknown."""
-    partition: str = ""
-    account: str = ""
-    constraint: str = ""
-    modules: list[str] = []
-    scratch: str = ""
-    cpus_per_worker: Annotated[int, Meta(ge=1, le=1024)] | None = None
-    directives: list[str] = []
     container: str = ""
     """Image over there, absolute."""
-    container_runtime: str = "apptainer"
+    container_runtime: Runtime = "apptainer"
+    """Program that enters it."""
 
 
 class SitesFile(Struct, frozen=True, forbid_unknown_fields=True):
     """Content of the file."""
 
     sites: Annotated[dict[str, SiteEntry], Meta(max_length=SITES_MAX)]
-    listen: Annotated[str, Meta(pattern=f"^{_ENDPOINT}$")] = "tls/0.0.0.0:0"
+    listen: Annotated[str, Meta(pattern=rf"^{_ENDPOINT}\Z")] = "tls/0.0.0.0:0"
     """Where the conductor listens that ``hpc submit --on`` starts."""
 
 
@@ -194,8 +190,8 @@ def _check_entry(where: str, name: str, entry: SiteEntry) -> None:
     if entry.ssh and entry.reach:
         raise UsageError(f"{where}: give ssh or reach, not both")
     for key in ("folder", "bin", "container", "kubeconfig"):
-        if (value := getattr(entry, key)) and not value.startswith("/"):
-            raise UsageError(f"{where}.{key} {value!r}: give an absolute path")
+        if (value := getattr(entry, key)) and not (value.startswith("/") and value.isprintable()):
+            raise UsageError(f"{where}.{key} {value!r}: give an absolute path on one line")
     if (entry.ssh or entry.reach) and not (entry.folder and entry.bin):
         raise UsageError(
             f"{where}: reached over {'ssh' if entry.ssh else 'reach'}, so say its folder and its "

@@ -3,18 +3,18 @@ says of all."""
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 import socket
 from dataclasses import dataclass
 from pathlib import Path
-from typing import cast
 
 from hpc.campaigns import CampaignFacts
 from hpc.options import Options, own_bin_folder
 from hpc.request import JobRequest, parse_walltime
 from hpc.script import job_name
 from hpc.sites.file import NamedSite
-from hpc.software.container import BIN_FOLDER, Runtime
+from hpc.software.container import BIN_FOLDER
 from twin.base.errors import UsageError
 
 FOLDER_NAME = "sites"
@@ -60,7 +60,7 @@ def request_of(
     entry = site.entry
     where = f"site {site.name}"
     if not (walltime := entry.time or common.time):
-        raise UsageError(f"{where}: how long may an allocation take? give --time HH:MM")
+        raise UsageError(f"{where}: --time HH:MM is missing: how long may an allocation take?")
     said = entry.workers is not None or entry.gpus is not None
     folder = f"{remote_folder(entry.folder, out, run) if entry.folder else out / FOLDER_NAME}"
     own = f"{folder}/{allocation}"
@@ -83,7 +83,7 @@ def request_of(
             scratch=entry.scratch,
             directives=tuple(entry.directives),
             container=entry.container,
-            container_runtime=cast("Runtime", entry.container_runtime),
+            container_runtime=entry.container_runtime,
             join=f"{own}/{JOIN_KEY}",
             connect=connect,
             site=site.name,
@@ -94,11 +94,8 @@ def request_of(
         raise UsageError(f"{where}: {error}") from None
 
 
-_OF_ONE_SITE = (
-    *("scheduler", "nodes", "partition", "account", "constraint", "cpus_per_worker", "address"),
-    *("interface", "scratch", "directive", "bin_folder", "container", "container_bind", "site"),
-)
-"""Options of a job that differ from site to site."""
+_OF_ALL_SITES = ("time", "workers", "gpus", "slots", "out")
+"""Options of a job that mean something with ``--on``; :class:`CommonOptions` and the run folder."""
 
 
 def refuse_of_one_site(options: Options) -> None:
@@ -107,11 +104,13 @@ def refuse_of_one_site(options: Options) -> None:
     Raises:
         UsageError: one was given with ``--on``.
     """
-    if given := [name for name in _OF_ONE_SITE if getattr(options, name)]:
-        option = given[0].removesuffix("_folder").replace("_", "-")
-        raise UsageError(
-            f"--{option}: differs from site to site, so with --on it belongs into the sites file"
-        )
+    for field in dataclasses.fields(options):
+        if field.name not in _OF_ALL_SITES and getattr(options, field.name) != field.default:
+            option = field.name.removesuffix("_folder").replace("_", "-")
+            raise UsageError(
+                f"--{option}: differs from site to site, so with --on it belongs into the sites "
+                "file, or has no meaning"
+            )
 
 
 def remote_folder(folder: str, out: Path, run: str) -> str:

@@ -10,9 +10,18 @@ from pathlib import Path
 
 from hpc.commands import ProgramEnd, call, exists
 from hpc.request import JobRequest, hours_minutes
-from hpc.scheduler import JobStatus, Partition, Partitions, State
+from hpc.scheduler import (
+    PARTITIONS_MAX,
+    WORDS_CHARS_MAX,
+    JobStatus,
+    Partition,
+    Partitions,
+    State,
+    job_id,
+)
 from hpc.slurm import array
 from hpc.slurm.job_script import options, render
+from schemas.escape import escape
 from schemas.kinds.batch_system import SLURM
 from twin.base.errors import InfrastructureError, TwinError, UsageError
 
@@ -20,6 +29,7 @@ _RUNNING = ("RUNNING", "COMPLETING", "CONFIGURING", "STAGE_OUT", "SIGNALING", "S
 _PENDING = ("PENDING", "REQUEUED", "REQUEUE_HOLD", "REQUEUE_FED", "SPECIAL_EXIT", "RESV_DEL_HOLD")
 _NOT_ANSWERING = ("contact slurm controller", "Socket timed out", "Connection refused")
 _NO_SUCH_JOB = "Invalid job id"
+_NUMBER = re.compile("[0-9]{1,9}")
 
 
 class Slurm:
@@ -62,7 +72,7 @@ class Slurm:
         done = call("sbatch", "--parsable", str(path), folder=folder)
         if done.code:
             raise self._refusal("Slurm did not take the job", done)
-        return done.out.strip().split(";")[0]
+        return job_id(self.name, done.out.strip().split(";")[0])
 
     def status(self, job: str) -> JobStatus:
         """``scontrol`` knows jobs until some minutes after their end, ``sacct`` for ever."""
@@ -120,10 +130,10 @@ class Slurm:
         # The last line says "failed", the one before it why.
         lines = [error.strip() for error in done.err.splitlines() if ": error: " in error]
         if lines:
-            line = re.sub(r"^\w+: error: ", "", lines[0])
+            line = escape(re.sub(r"^\w+: error: ", "", lines[0]), WORDS_CHARS_MAX)
         if "partition" in line.lower():
             names = call("sinfo", "--noheader", "--format=%P").out.split()
-            line += f"; partitions here: {', '.join(names) or 'none'}"
+            line += f"; partitions here: {escape(', '.join(names), WORDS_CHARS_MAX) or 'none'}"
         return UsageError(f"{what}: {line}")
 
 
@@ -139,28 +149,36 @@ def parse_job(line: str) -> JobStatus:
         reason=reason if _state(native) == "pending" and reason != "None" else "",
         nodes="" if nodes == "(null)" else nodes,
         exit_code=_exit_code(fields.get("ExitCode", "")) if _state(native) == "ended" else None,
-        restarts=int(fields.get("Restarts", "0")),
+        restarts=_count(fields.get("Restarts", "0")),
     )
 
 
 def parse_account(lines: str) -> JobStatus:
-    """The last line of ``sacct -nPX --format=State,ExitCode,NodeList,Restarts``."""
-    native, code, nodes, restarts = lines.strip().splitlines()[-1].split("|")
-    native = native.split()[0]  # "CANCELLED by 0"
+    """The last line of ``sacct -nPX --format=State,ExitCode,NodeList,Restarts``; one that is none
+    says nothing."""
+    words = (lines.strip().splitlines() or [""])[-1].split("|")
+    native, code, nodes, restarts = words if len(words) == 4 else ("", "", "", "")
+    native = native.partition(" ")[0]  # "CANCELLED by 0"
     return JobStatus(
         state=_state(native),
         native=native,
         nodes=nodes,
         exit_code=_exit_code(code) if _state(native) == "ended" else None,
-        restarts=int(restarts or 0),
+        restarts=_count(restarts),
     )
 
 
 def parse_sinfo(text: str) -> tuple[Partition, ...]:
-    """Lines of ``sinfo --format=%P|%l|%D|%G|%a``; a partition has a line per kind of node."""
+    """Lines of ``sinfo --format=%P|%l|%D|%G|%a``; a partition has a line per kind of node. Other
+    lines are left out."""
     partitions: dict[str, Partition] = {}
     for line in text.splitlines():
-        name, limit, count, gres, state = line.strip().split("|")
+        words = line.strip().split("|")
+        if len(words) != 5 or not _NUMBER.fullmatch(words[2]):
+            continue
+        name, limit, count, gres, state = words
+        if name not in partitions and len(partitions) == PARTITIONS_MAX:
+            break
         gpus = "" if gres == "(null)" else f"{count} x {gres}"
         before = partitions.get(name)
         if before is not None:
@@ -175,8 +193,13 @@ def minutes(limit: str) -> int | None:
     match = re.fullmatch(r"(?:(\d+)-)?(?:(\d+):)?(\d+):(\d+)", limit)
     if match is None:
         return None
-    days, hours, mins, _ = (int(part or 0) for part in match.groups())
+    days, hours, mins, _ = (int((part or "0")[:9]) for part in match.groups())
     return 24 * 60 * days + 60 * hours + mins
+
+
+def _count(text: str) -> int:
+    """A number that is not negative; 0 for anything else."""
+    return int(text) if _NUMBER.fullmatch(text) else 0
 
 
 def _state(native: str) -> State:
@@ -190,6 +213,6 @@ def _state(native: str) -> State:
 def _exit_code(text: str) -> int | None:
     """``1:0`` as 1; a signal as 128 + its number, as a shell says it."""
     code, _, number = text.partition(":")
-    if not code.isdecimal():
+    if not _NUMBER.fullmatch(code):
         return None
-    return int(code) or (128 + int(number) if number.isdecimal() and int(number) else 0)
+    return int(code) or (128 + _count(number) if _count(number) else 0)

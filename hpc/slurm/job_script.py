@@ -149,7 +149,7 @@ trap 'signalled=yes; end_workers TERM' TERM
 srun {_per_task(request)} \\
   {_KEEP} \\
   bash -c "$on_node; worker" &
-workers=$!"""
+workers=$!{script.EARLY_SIGNAL}"""
 
 
 def _workers(request: JobRequest) -> str:

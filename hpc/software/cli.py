@@ -89,6 +89,10 @@ def write_image_context(
         str,
         typer.Option(help="Image with Python to start from; default: this Python's official one."),
     ] = "",
+    extra: Annotated[
+        list[str] | None,
+        typer.Option(help="Extra of the project to install too, repeatable, e.g. store."),
+    ] = None,
     source: Source = None,
 ) -> None:
     """Write what an OCI image is built from: a Containerfile and wheels.
@@ -96,9 +100,11 @@ def write_image_context(
     `podman build` or `docker build` makes the image, for clusters whose nodes pull images.
     """
     from hpc.software.image import default_base, write_context
-    from hpc.software.wheels import source_folder
+    from hpc.software.wheels import checked_extras, source_folder
 
-    write_context(source_folder(source), out, base or default_base(), wheels)
+    folder = source_folder(source)
+    extras = checked_extras(folder, extra or [])
+    write_context(folder, out, base or default_base(), wheels, extras)
     print(f"{out.absolute()}; then: podman build --tag NAME {out.absolute()}")
 
 

@@ -12,7 +12,7 @@ import re
 import shutil
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from hpc.software.container import BIN_FOLDER, MOUNT_POINTS
@@ -99,15 +99,17 @@ From: {name}
 """
 
 
-def containerfile(base: str) -> str:
+def containerfile(base: str, extras: Sequence[str] = ()) -> str:
     """What an OCI image is built from, with ``wheels/`` and the lock file beside it. Pure.
 
     Args:
         base: name of an image with Python and ``venv``, e.g. ``python:3.11-slim``.
+        extras: extras of the project that are installed, too.
 
     Raises:
         UsageError: the base cannot be used.
     """
+    project = f"'drivetwin[{','.join(extras)}]'" if extras else "drivetwin"
     name = base.removeprefix("docker://")
     if not _OCI_NAME.fullmatch(name):
         raise UsageError(
@@ -121,7 +123,7 @@ RUN --mount=type=bind,source=wheels,target=/wheels \\
     --mount=type=bind,source={LOCK_FILE},target=/{LOCK_FILE} \\
     python3 -m venv {_INSTALLED} \\
     && {BIN_FOLDER}/python -m pip install --no-index --no-cache-dir --disable-pip-version-check \\
-        --find-links=/wheels --constraint=/{LOCK_FILE} drivetwin \\
+        --find-links=/wheels --constraint=/{LOCK_FILE} {project} \\
     && chmod -R a+rX {_INSTALLED} \\
     && {BIN_FOLDER}/conductor --version
 ENV PATH={BIN_FOLDER}:$PATH PYTHONNOUSERSITE=1
@@ -129,7 +131,9 @@ USER {IMAGE_USER}
 """
 
 
-def write_context(source: Path, out: Path, base: str, wheels: Path | None) -> None:
+def write_context(
+    source: Path, out: Path, base: str, wheels: Path | None, extras: Sequence[str] = ()
+) -> None:
     """Write the folder from which an OCI image is built.
 
     Args:
@@ -137,18 +141,19 @@ def write_context(source: Path, out: Path, base: str, wheels: Path | None) -> No
         out: a new folder; complete or absent, also when this is killed.
         base: see :func:`containerfile`.
         wheels: folder of wheels, which are copied; None: they are built and downloaded.
+        extras: extras of the project that are installed, too; given wheels must have theirs.
 
     Raises:
         UsageError: ``out`` exists, or the base or the wheels cannot be used.
         InfrastructureError: pip failed.
     """
-    text = containerfile(base)
+    text = containerfile(base, extras)
     out = _new(out, wheels)
     with tempfile.TemporaryDirectory(prefix=f".{out.name}.", dir=out.parent) as name:
         folder = Path(name) / out.name
         folder.mkdir()
         (folder / CONTAINER_FILE).write_text(text)
-        _add_software(source, folder, wheels, shutil.copytree)
+        _add_software(source, folder, wheels, shutil.copytree, extras)
         folder.rename(out)
 
 
@@ -200,7 +205,11 @@ def _new(out: Path, wheels: Path | None) -> Path:
 
 
 def _add_software(
-    source: Path, folder: Path, wheels: Path | None, bring: Callable[[Path, Path], object]
+    source: Path,
+    folder: Path,
+    wheels: Path | None,
+    bring: Callable[[Path, Path], object],
+    extras: Sequence[str] = (),
 ) -> None:
     """The lock file and ``wheels/``, in ``folder``; wheels that are given come by ``bring``."""
     shutil.copy(source / LOCK_FILE, folder)
@@ -208,4 +217,4 @@ def _add_software(
         bring(wheels.absolute(), folder / "wheels")
         return
     (folder / "wheels").mkdir()
-    fill_wheels(source, folder / "wheels")
+    fill_wheels(source, folder / "wheels", extras)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -28,8 +29,23 @@ def source_folder(given: Path | None = None) -> Path:
     return folder
 
 
-def fill_wheels(source: Path, folder: Path) -> None:
-    """Build the project's wheel and download what it needs into ``folder``, which must exist.
+def checked_extras(source: Path, named: Sequence[str]) -> tuple[str, ...]:
+    """Extras of the project's checkout, each once.
+
+    Raises:
+        UsageError: it has no such extra.
+    """
+    project = tomllib.loads((source / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    known = sorted(project.get("optional-dependencies", {}))
+    for name in named:
+        if name not in known:
+            raise UsageError(f"--extra {name[:80]!r}: the project has {', '.join(known) or 'none'}")
+    return tuple(sorted({*named}))
+
+
+def fill_wheels(source: Path, folder: Path, extras: Sequence[str] = ()) -> None:
+    """Build the project's wheel and download what it and its ``extras`` need into ``folder``, which
+    must exist.
 
     The wheels suit machines with this machine's Python version and architecture.
 
@@ -40,7 +56,8 @@ def fill_wheels(source: Path, folder: Path) -> None:
     call([*pip, "wheel", "--no-deps", "--wheel-dir", str(folder), str(source)], "pip wheel")
     lock = str(source / LOCK_FILE)
     download = [*pip, "download", "--only-binary", ":all:", "--constraint", lock]
-    call([*download, "--dest", str(folder), str(own_wheel(folder))], "pip download")
+    wanted = f"{own_wheel(folder)}[{','.join(extras)}]" if extras else str(own_wheel(folder))
+    call([*download, "--dest", str(folder), wanted], "pip download")
 
 
 def own_wheel(folder: Path) -> Path:

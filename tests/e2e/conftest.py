@@ -6,10 +6,15 @@ import os
 import subprocess
 from pathlib import Path
 
+import kube_cluster
 import pytest
 from changed_campaigns import changed, from_nearby
-from processes import Marked, nothing_left
+from kube_cluster import KubeCluster
+from kube_site import NOOP, Site
+from processes import MARK, Marked, nothing_left
 from slurm_cluster import SlurmCluster
+
+from conductor.records.fingerprint import fingerprint
 
 
 @pytest.fixture
@@ -70,6 +75,34 @@ def _once(tmp_path_factory, name, campaign, *options):
             said.write_text(json.dumps({"folder": str(folder), **text}))
     found = json.loads(said.read_text())
     return {**found, "folder": folder, **json.loads(found["stdout"])}
+
+
+@pytest.fixture
+def kube(marked):
+    if kube_cluster.missing():
+        pytest.skip(kube_cluster.missing())
+    with KubeCluster(variables={MARK: marked.mark}) as found:
+        yield found
+
+
+@pytest.fixture
+def site(marked, kube, tmp_path, monkeypatch):
+    monkeypatch.setenv("KUBECONFIG", str(tmp_path / "kubeconfig"))
+    return Site(marked, kube, tmp_path)
+
+
+@pytest.fixture(scope="session")
+def many_here(tmp_path_factory):
+    """Fingerprint of the campaign of :mod:`kube_site` on this machine."""
+    folder = tmp_path_factory.mktemp("here")
+    (folder / "many.yaml").write_text(NOOP)
+    starter = Marked()
+    try:
+        done = starter.run("conductor", "run", "many.yaml", "--out", "out", folder=folder)
+    finally:
+        starter.end()
+    assert done.returncode == 0, done.stderr
+    return fingerprint(folder / "out").sha256
 
 
 @pytest.fixture

@@ -139,14 +139,14 @@ class KubeCluster:
             pods = self.store.list("pods")
             return [*left, *(p for p in pods if p["status"].get("phase") not in TERMINAL)]
 
-    def lose(self, node: str) -> None:
-        """A node loses its power; the cluster notices, and removes it and its pods."""
+    def lose(self, node: str) -> int:
+        """A node loses its power; the cluster notices, and removes it and its pods. How many of
+        them had not ended."""
         with self.store.lock:
             self.nodes[node] = False
-            lost = [p for p in self.store.list("pods") if p["spec"].get("nodeName") == node]
+            there = [p for p in self.store.list("pods") if p["spec"].get("nodeName") == node]
+            lost = [pod for pod in there if pod["status"].get("phase") not in TERMINAL]
             for pod in lost:
-                if pod["status"].get("phase") in TERMINAL:
-                    continue
                 if running := self.running.get(pod["metadata"]["uid"]):
                     running.killed_by_node = True
                     self._kill(running)
@@ -155,6 +155,7 @@ class KubeCluster:
                 pod["status"].pop("containerStatuses", None)
                 pod["status"]["phase"] = "Failed"
                 self.store.put("pods", pod)
+            return len(lost)
 
     def evict(self, namespace: str, name: str) -> None:
         """As before work on a node: SIGTERM, and it counts as a disruption."""

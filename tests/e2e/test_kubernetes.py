@@ -14,9 +14,9 @@ import pytest
 import yaml
 from kube_api import Api, RefusalError, Store
 from kube_cluster import IMAGE, KubeCluster, send
-from kube_site import CASES, NOOP, Site, with_kernels
+from kube_site import CASES, Site, with_kernels
 from kubernetes import client, config, watch
-from processes import MARK, Marked, committed, outcomes
+from processes import MARK, committed, outcomes
 from waiting import wait_for
 
 from conductor.records.fingerprint import fingerprint
@@ -26,34 +26,6 @@ from hpc.request import JobRequest
 from hpc.submit import submit
 from twin.base.errors import InfrastructureError
 from twin.fabric.keys.own_keys import fabric_folder, fabric_name
-
-
-@pytest.fixture
-def kube(marked):
-    if kube_cluster.missing():
-        pytest.skip(kube_cluster.missing())
-    with KubeCluster(variables={MARK: marked.mark}) as found:
-        yield found
-
-
-@pytest.fixture
-def site(marked, kube, tmp_path, monkeypatch):
-    monkeypatch.setenv("KUBECONFIG", str(tmp_path / "kubeconfig"))
-    return Site(marked, kube, tmp_path)
-
-
-@pytest.fixture(scope="module")
-def here(tmp_path_factory):
-    """Fingerprint of the campaign of :mod:`kube_site` on this machine."""
-    folder = tmp_path_factory.mktemp("here")
-    (folder / "many.yaml").write_text(NOOP)
-    starter = Marked()
-    try:
-        done = starter.run("conductor", "run", "many.yaml", "--out", "out", folder=folder)
-    finally:
-        starter.end()
-    assert done.returncode == 0, done.stderr
-    return fingerprint(folder / "out").sha256
 
 
 def all_there(folder, expected):
@@ -94,7 +66,7 @@ def thaw(pids):
         send(pid, signal.SIGCONT)  # some have gone meanwhile
 
 
-def test_a_run_from_its_submission_to_its_results(site, kube, here, tmp_path):
+def test_a_run_from_its_submission_to_its_results(site, kube, many_here, tmp_path):
     run = site.submitted()
     assert (site.out / "job.yaml").read_text().startswith("# Objects of Kubernetes")
     assert (site.out / "job.id").read_text() == f"kubernetes robots/{run}@double\n"
@@ -105,7 +77,7 @@ def test_a_run_from_its_submission_to_its_results(site, kube, here, tmp_path):
     }
     assert jobs[f"{run}-worker"].conditions[0].type == "Complete"
     folder = site.pulled(tmp_path / "home")
-    all_there(folder, here)
+    all_there(folder, many_here)
     assert not list(folder.rglob("conductor.json"))
     assert not kube.pods("reader"), "the pod that read the claim has gone"
     # Secrets are in Secrets and nowhere else: no variable, no log, no other object.
@@ -144,7 +116,7 @@ def test_what_a_container_may_do_on_its_node(site, kube):
     assert run
 
 
-def test_workers_come_and_go(site, kube, here, tmp_path):
+def test_workers_come_and_go(site, kube, many_here, tmp_path):
     run = site.submitted(workers=1)
     api = batch(site)
     api.patch_namespaced_job(f"{run}-worker", "robots", {"spec": {"parallelism": 8}})
@@ -160,10 +132,10 @@ def test_workers_come_and_go(site, kube, here, tmp_path):
             break
     assert site.ended()["exit_code"] == 0
     assert len(kube.pods("worker", "Succeeded")) == 2
-    all_there(site.pulled(tmp_path / "home"), here)
+    all_there(site.pulled(tmp_path / "home"), many_here)
 
 
-def test_evicted_pods_go_on_elsewhere(site, kube, here, tmp_path):
+def test_evicted_pods_go_on_elsewhere(site, kube, many_here, tmp_path):
     run = site.submitted()
     frozen = held(kube, 2)
     first = kube.pods("conductor", "Running")[0]
@@ -177,10 +149,10 @@ def test_evicted_pods_go_on_elsewhere(site, kube, here, tmp_path):
     assert (said["exit_code"], said["restarts"]) == (0, 0), "a disruption is no failure"
     worker = batch(site).read_namespaced_job(f"{run}-worker", "robots")
     assert not worker.status.failed
-    all_there(site.pulled(tmp_path / "home"), here)
+    all_there(site.pulled(tmp_path / "home"), many_here)
 
 
-def test_a_lost_node_takes_conductor_and_worker(site, kube, here, tmp_path):
+def test_a_lost_node_takes_conductor_and_worker(site, kube, many_here, tmp_path):
     site.submitted(workers=3)
     frozen = held(kube, 3)
     lost = wait_for(lambda: kube.pods("conductor", "Running"), "the conductor")[0]
@@ -189,7 +161,7 @@ def test_a_lost_node_takes_conductor_and_worker(site, kube, here, tmp_path):
     again = wait_for(lambda: kube.pods("conductor", "Running", "Succeeded"), "another conductor")
     assert again[0]["spec"]["nodeName"] != lost["spec"]["nodeName"]
     assert site.ended()["exit_code"] == 0
-    all_there(site.pulled(tmp_path / "home"), here)
+    all_there(site.pulled(tmp_path / "home"), many_here)
 
 
 def test_an_image_that_cannot_be_pulled(site, kube):
@@ -206,7 +178,7 @@ def test_an_image_that_cannot_be_pulled(site, kube):
     assert run
 
 
-def test_a_quota_holds_a_run_back_and_does_not_end_it(site, kube, here, tmp_path):
+def test_a_quota_holds_a_run_back_and_does_not_end_it(site, kube, many_here, tmp_path):
     kube.store.pods_max = 0
     site.submitted()
     wait_for(lambda: len(kube.store.list("events")) == 2, "refused pods")
@@ -215,7 +187,7 @@ def test_a_quota_holds_a_run_back_and_does_not_end_it(site, kube, here, tmp_path
     assert "exceeded quota: compute" in said["reason"]
     kube.store.pods_max = None
     assert site.ended()["exit_code"] == 0
-    all_there(site.pulled(tmp_path / "home"), here)
+    all_there(site.pulled(tmp_path / "home"), many_here)
 
 
 def test_a_namespace_that_is_deleted(site, kube):
@@ -233,7 +205,7 @@ def test_a_namespace_that_is_deleted(site, kube):
     wait_for(lambda: not kube.live(), "the end of the pods")
 
 
-def test_a_cancelled_run_goes_on_with_what_it_had(site, kube, here, tmp_path):
+def test_a_cancelled_run_goes_on_with_what_it_had(site, kube, many_here, tmp_path):
     run = site.submitted()
     began = kube.claim(run) / "run" / "conductor.db"
     wait_for(began.exists, "a journal")
@@ -248,10 +220,10 @@ def test_a_cancelled_run_goes_on_with_what_it_had(site, kube, here, tmp_path):
     assert site.submitted() == run
     assert site.ended()["exit_code"] == 0
     assert began.stat().st_ino == inode
-    all_there(site.pulled(tmp_path / "home"), here)
+    all_there(site.pulled(tmp_path / "home"), many_here)
 
 
-def test_a_queue_of_kueue_decides_when_it_starts(site, kube, here, tmp_path):
+def test_a_queue_of_kueue_decides_when_it_starts(site, kube, many_here, tmp_path):
     run = site.submitted("--partition", "gpu-queue", workers=1)
     said = site.status()
     assert (said["native"], said["reason"]) == ("Suspended", "suspended, until its queue admits it")
@@ -267,7 +239,7 @@ def test_a_queue_of_kueue_decides_when_it_starts(site, kube, here, tmp_path):
     wait_for(lambda: not kube.pods("worker", "Running", "Pending"), "no worker")
     api.patch_namespaced_job(f"{run}-worker", "robots", {"spec": {"suspend": False}})
     assert site.ended()["exit_code"] == 0
-    all_there(site.pulled(tmp_path / "home"), here)
+    all_there(site.pulled(tmp_path / "home"), many_here)
 
 
 def test_what_is_refused_is_one_line_and_leaves_nothing(site, kube, monkeypatch):

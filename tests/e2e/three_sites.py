@@ -19,11 +19,23 @@ from kube_site import free_port, with_kernels
 from processes import MARK, Child, Marked
 from site_networks import SiteCluster, SiteNetwork, networks, own_bin
 
+import conductor
 from schemas.wire.site_name import site_of
 
 MISSING = site_networks.missing() or kube_cluster.missing()
 """Why there can be no such sites here, or nothing."""
 ON = ("--on", "slurm:north", "--on", "pbs:south", "--on", "k8s:pool")
+
+
+def repeated_chaos(folder: Path, repeats: int) -> Path:
+    """The campaign chaos-16, several times, in a file."""
+    source = Path(conductor.__file__).parent / "campaigns" / "chaos-16.yaml"
+    data = yaml.safe_load(source.read_text())
+    data["campaign"] = "bench"
+    data["matrix"]["repeat"] = list(range(repeats))
+    path = folder / "bench.yaml"
+    path.write_text(yaml.safe_dump(data))
+    return path
 
 
 class ThreeSites:

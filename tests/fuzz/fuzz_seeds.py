@@ -21,6 +21,7 @@ import msgspec
 import numpy as np
 import onnx
 import pyarrow.parquet as pq
+import yaml
 from autodrive_logs import config, drive
 from certificates import made
 from compiled_text import HEADER, ROADS, SPEED, TELEPORT, by_entity, compiled, scenario_text
@@ -105,6 +106,73 @@ from twin.world.meshes.apart import MESH_DATA
 from twin.world.meshes.mesh_file import MeshData, Part
 
 DETECTION = Detection("car", 0.9, 1.0, 2.0, 3.0, 4.0)
+
+
+def _write_clusters() -> None:
+    """What clusters say, and the files that say which there are."""
+    sites = {
+        "north": {
+            "scheduler": "slurm",
+            "ssh": "me@login",
+            "folder": "/home/me",
+            "bin": "/opt/bin",
+            "workers": 2,
+            "time": "01:00",
+            "cost": 0.5,
+            "modules": ["cuda/12"],
+        },
+        "pool": {
+            "scheduler": "kubernetes",
+            "kubeconfig": "/home/me/.kube/pool",
+            "gpus": 1,
+            "directives": ["--image=a:1"],
+            "connect": "tls/login:7447",
+        },
+        "south": {"scheduler": "pbs", "dials_out": True, "bin": "/opt/bin", "partition": "gpu"},
+    }
+    _write("yaml-sites", "three", yaml.safe_dump({"listen": "tls/0.0.0.0:1", "sites": sites}))
+    book = {
+        "campaign": "aeb-demo",
+        "run": "0123",
+        "made": 1,
+        "allocations": [
+            {
+                "id": "north-1",
+                "site": "north",
+                "scheduler": "slurm",
+                "workers": 2,
+                "walltime_h": 1.0,
+                "made_s": 1.8e9,
+                "job": "12",
+                "state": "running",
+            }
+        ],
+        "sites": {"north": {"failures": 1, "rests_until_s": 1.8e9, "cost": 0.5}},
+    }
+    _write("allocations", "one", json.dumps(book))
+    answers = {
+        "id": "12\n",
+        "scontrol": "JobId=12 JobState=RUNNING Reason=None Restarts=1 ExitCode=0:0 NodeList=n1",
+        "sacct": "CANCELLED by 0|0:15|n1|2\n",
+        "sinfo": "gpu*|1-00:00:00|4|gpu:a100:8|up\n",
+        "qstat": "Job Id: 7.head\n    job_state = F\n    Exit_status = 1\n    comment = a\n\tb\n",
+        "queues": "Queue: work\n    started = True\n    resources_max.walltime = 24:00:00\n",
+    }
+    for name, text in answers.items():
+        _write("batch-answer", name, text)
+    status = {"phase": "Running", "containerStatuses": []}
+    pod = {
+        "metadata": {"name": "a", "labels": {"app.kubernetes.io/component": "conductor"}},
+        "spec": {"nodeName": "n1", "containers": [{"name": "conductor"}]},
+        "status": status,
+    }
+    template = {"spec": {"containers": [{"name": "conductor"}]}}
+    event = {"type": "Warning", "reason": "FailedCreate", "message": "exceeded quota"}
+    pod |= event | {"involvedObject": {"name": "dt-x-worker"}}
+    job = {"spec": {"template": template}, "status": {"failed": 1}, "items": [pod]}
+    _write("kube-answer", "running", f"200\n{json.dumps(job)}")
+    refusal = {"kind": "Status", "message": "jobs is forbidden", "code": 403}
+    _write("kube-answer", "forbidden", f"403\n{json.dumps(refusal)}")
 
 
 def _write(target: str, name: str, data: bytes | str) -> None:
@@ -356,6 +424,7 @@ def _gltf() -> None:
 
 def _yaml() -> None:
     _write("yaml-site", "partition", "partition: short\n")
+    _write_clusters()
     _write("yaml-recipe", "small", "count: 10\nseed: 3\n")
     recipe = msgspec.to_builtins(parse_recipe({"count": 10}, "r"))
     head = {"format": 1, "software": "0", "recipe": recipe, "complete": True}

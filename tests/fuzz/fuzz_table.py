@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import targets_assets
 import targets_certificates
+import targets_clusters
 import targets_files
 import targets_roads
 import targets_ros2
@@ -23,4 +24,5 @@ TARGETS: dict[str, Target] = {
     **targets_certificates.TARGETS,
     **targets_scenarios.TARGETS,
     **targets_stores.TARGETS,
+    **targets_clusters.TARGETS,
 }

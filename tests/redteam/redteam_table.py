@@ -17,6 +17,7 @@ MODULES = (
         "input_rows",
     ),
     *("scenario_rows", "recording_rows", "certificate_rows", "ros2_rows", "store_rows"),
+    "cluster_rows",
 )
 BEGIN, END = "<!-- redteam: begin -->", "<!-- redteam: end -->"
 HEAD = ("Row", "Attack", "Who", "Rights", "Outcome", "By what")

@@ -61,12 +61,13 @@ srun --ntasks=4 --cpus-per-task=4 --gpus-per-task=1 \
   --no-kill --wait=0 --kill-on-bad-exit=0 --label \
   bash -c "$on_node; worker" &
 workers=$!
+[ "$signalled" = no ] || end_workers TERM # it came before they could be named
 
 # --- Wait for the workers. They leave when no case is left (0), or before the time is over (75).
 while :; do
   signalled=no
   wait "$workers"
   code=$?
-  [ "$signalled" = yes ] && kill -0 "$workers" 2>/dev/null || break
+  [ "$signalled" = yes ] && [ "$code" -gt 128 ] || break
 done
 exit "$code"

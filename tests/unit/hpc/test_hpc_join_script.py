@@ -5,6 +5,7 @@ import re
 import pytest
 from test_hpc_pbs_script import PbsJob
 from test_hpc_script_logic import Job
+from waiting import PATIENCE_S, wait_for
 
 from hpc.pbs.job_script import render
 from hpc.pbs.lint import lint
@@ -12,23 +13,34 @@ from hpc.request import JobRequest
 from twin.base.errors import UsageError
 
 TWIN = """
+if [ "$STAY" ]; then
+  # Nothing that outlives it holds the pipe of who started the job.
+  sleep 600 > /dev/null 2>&1 &
+  trap "kill $!; exit 75" TERM
+fi
 printf '%s\\n' "$@" > "$T/worker.args"
+[ ! "$STAY" ] || { : > "$T/stays.$$"; wait; }
 exit "${CODE:-0}"
 """
 SRUN = """
 echo "$@" > "$T/srun.args"; while [[ $1 == --* ]]; do shift; done
-"$@" & echo $! > "$T/step.pid"; wait $!
+bash -c 'echo $$ > "$T/step.pid"; exec "$@"' step "$@" & wait $!
 """
+"""The number of the step stands there before the worker can say anything."""
 JOIN = {"connect": "tls/login:7447", "site": "north", "allocation": "north-3"}
 
 
 class SlurmJoin(Job):
+    tasks = 1  # the stand-in of srun starts one
+
     def __init__(self, folder):
         self.stubs = {**Job.stubs, "bin/twin": TWIN, "slurm/srun": SRUN}
         super().__init__(folder, join=str(folder / "the key"), **JOIN)
 
 
 class PbsJoin(PbsJob):
+    tasks = 2
+
     def __init__(self, folder):
         self.stubs = {**PbsJob.stubs, "bin/twin": TWIN}
         super().__init__(folder, join=str(folder / "the key"), **JOIN)
@@ -50,6 +62,14 @@ def test_the_workers_exit_code_is_the_jobs(job, code):
     ]
     assert "requeue" not in job.said("scontrol")
     assert job.said("qsub") == ""
+
+
+def test_a_signal_is_forwarded(job):
+    with job.start(STAY="1") as child:
+        wait_for(lambda: len([*job.folder.glob("stays.*")]) == job.tasks, "all workers")
+        child.terminate()
+        child.communicate(timeout=PATIENCE_S)
+    assert child.returncode == 75
 
 
 def test_the_worst_code_of_several_tasks_counts(tmp_path):

@@ -16,7 +16,7 @@ from hpc.software.image import (
     definition,
     write_context,
 )
-from hpc.software.wheels import own_wheel, source_folder
+from hpc.software.wheels import checked_extras, own_wheel, source_folder
 from twin.base.errors import InfrastructureError, UsageError
 
 GOLDEN = Path(__file__).with_name("drivetwin.def")
@@ -202,6 +202,18 @@ def test_what_an_oci_image_is_built_from(tmp_path):
     with pytest.raises(UsageError, match="one wheel drivetwin"):
         write_context(source, tmp_path / "other", default_base(), tmp_path)
     assert not list(tmp_path.rglob(".*")), "nothing is left half done"
+
+
+def test_extras_of_an_image():
+    source = source_folder(None)
+    extras = checked_extras(source, ["store", "kubernetes", "store"])
+    assert extras == ("kubernetes", "store")
+    assert " 'drivetwin[kubernetes,store]' \\\n" in containerfile("python:3.11", extras)
+    assert " drivetwin \\\n" in containerfile("python:3.11")
+    for name in ("nothing", "store]; rm", ""):
+        with pytest.raises(UsageError, match=r"--extra .*the project has .*store") as caught:
+            checked_extras(source, [name])
+        assert len(str(caught.value).splitlines()) == 1
 
 
 @pytest.mark.parametrize("base", ["", "/images/base.sif", "a b", "x\nRUN rm", "--privileged"])

@@ -53,12 +53,22 @@ def test_a_base_is_written(tmp_path):
     assert done.stdout.splitlines() == ["deep/base/objects.yaml", "deep/base/kustomization.yaml"]
 
 
+def test_a_chart_is_written(tmp_path):
+    (tmp_path / "mine.yaml").write_text("campaign: mine\nmatrix: {repeat: [0]}\n")
+    done = run_hpc(tmp_path, "render", "./mine.yaml", *JOB[1:], IMAGE, "--helm", "chart")
+    assert (done.returncode, done.stderr) == (0, "")
+    names = ("Chart.yaml", "values.yaml", "values.schema.json", "templates/objects.yaml")
+    assert done.stdout.splitlines() == [f"chart/{name}" for name in (*names, "files/campaign.yaml")]
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [
         ((*JOB, IMAGE, "--array"), "--array: Kubernetes has a work queue"),
         ((*JOB, IMAGE, "--array", "--into", "x"), "--into x: --array takes one script"),
         ((*JOB[:-1], "slurm", "--into", "x"), "--into x: Slurm takes one script"),
+        ((*JOB[:-1], "slurm", "--helm", "x"), "--helm x: Slurm is no Kubernetes"),
+        ((*JOB, IMAGE, "--helm", "x", "--into", "y"), "--helm: writes a chart and nothing else"),
         (JOB, "--directive=--image=NAME is missing"),
         ((*JOB, IMAGE, "--record-nothing"), "No such option"),
     ],

@@ -48,6 +48,16 @@ REQUESTS = {
         ),
         **PLACE,
     ),
+    "with_a_store": JobRequest(
+        campaign="aeb-demo",
+        out="/home/me/runs/aeb-demo",
+        workers=2,
+        directives=(
+            *(IMAGE, "--store=s3://results/runs/", "--store-secret=bucket", "--durable=store"),
+            *("--store-endpoint=http://minio.robots:9000", "--store-network=10.9.0.0/16"),
+        ),
+        **PLACE,
+    ),
     "joining": JobRequest(
         campaign="aeb-demo",
         out="/home/me/runs/aeb-demo/sites/pool-3",
@@ -159,7 +169,8 @@ def _first(pod):
 def test_a_key_reaches_its_own_component_and_no_other():
     for name, spec in pod_specs().items():
         mounted = [v["secret"]["secretName"] for v in spec["volumes"] if "secret" in v]
-        assert mounted == ([] if name == "reader" else [name])
+        own = [each for each in mounted if each != "bucket"]
+        assert own == ([] if name == "reader" else [name])
     kinds = {found["kind"] for name in REQUESTS for found in objects(name)}
     assert "Secret" not in kinds, "what is printed holds no key"
 
@@ -182,6 +193,45 @@ def test_the_network_lets_workers_talk_to_their_conductor_alone():
     }
     ports = [port["port"] for way in policies["worker"]["egress"] for port in way["ports"]]
     assert ports == [7447, 53, 53]
+
+
+def test_a_store_takes_the_place_of_the_claim():
+    found = objects("with_a_store")
+    run = run_name(REQUESTS["with_a_store"])
+    assert "PersistentVolumeClaim" not in [each["kind"] for each in found]
+    conductor, worker = (each["spec"]["template"]["spec"] for each in found[-2:])
+    assert found[-2]["metadata"]["annotations"] == {"drivetwin/store": f"s3://results/runs/{run}"}
+    command = conductor["containers"][0]["command"]
+    assert command[-4:] == ["--store", f"s3://results/runs/{run}", "--durable", "store"]
+    disks = {volume["name"]: volume for volume in conductor["volumes"]}
+    assert disks["work"] == {"name": "work", "emptyDir": {"sizeLimit": "10Gi"}}
+    limits = conductor["containers"][0]["resources"]["limits"]
+    assert limits["ephemeral-storage"] == f"{20 << 10}Mi", "of /tmp and of the run folder"
+    for pod in (conductor, worker):
+        (container,) = pod["containers"]
+        variables = {each["name"]: each["value"] for each in container["env"]}
+        assert variables["AWS_SHARED_CREDENTIALS_FILE"] == "/store/credentials"
+        assert variables["AWS_ENDPOINT_URL"] == "http://minio.robots:9000"
+        mounts = {mount["name"]: mount for mount in container["volumeMounts"]}
+        assert mounts["store"]["readOnly"]
+        assert pod["volumes"][-1]["secret"]["secretName"] == "bucket"
+    # The way to the store and to the name service, and for workers to the conductor: no other.
+    policies = [each["spec"]["egress"] for each in found if each["kind"] == "NetworkPolicy"]
+    ports = [[port["port"] for way in ways for port in way["ports"]] for ways in policies]
+    assert ports == [[9000, 53, 53], [7447, 9000, 53, 53]]
+    assert policies[0][0]["to"] == [{"ipBlock": {"cidr": "10.9.0.0/16"}}]
+
+
+@pytest.mark.parametrize(
+    ("endpoint", "port"),
+    [("", 443), ("https://a.b", 443), ("http://a.b/", 80), ("https://a.b:9443", 9443)],
+)
+def test_the_port_of_a_store(endpoint, port):
+    given = [word for word in REQUESTS["with_a_store"].directives if "endpoint" not in word]
+    given += [f"--store-endpoint={endpoint}"] if endpoint else []
+    request = replace(REQUESTS["with_a_store"], directives=tuple(given))
+    policies = [o for o in objects_of(request, options_of(request)) if o["kind"] == "NetworkPolicy"]
+    assert policies[0]["spec"]["egress"][0]["ports"] == [{"protocol": "TCP", "port": port}]
 
 
 def test_a_worker_leaves_before_it_is_killed():

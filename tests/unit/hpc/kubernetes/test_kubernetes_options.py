@@ -49,7 +49,31 @@ BAD = {
     "--toleration=": "expected KEY, KEY=VALUE or KEY=VALUE:EFFECT",
     "--toleration=a=b:Never": "an effect of NoSchedule, PreferNoSchedule, NoExecute",
     "--toleration=a b": "expected KEY",
-    "--qos=long": "allowed are --gpu-resource=, --image=, --memory=",
+    "--store=": "pods reach no other store than s3://BUCKET/PREFIX or gs://BUCKET/PREFIX",
+    "--store=/a/folder": "pods reach no other store",
+    "--store=sftp://host/path": "pods reach no other store",
+    "--store=s3://key:hidden@bucket": "credentials in a URL",
+    "--store=s3://bucket?secret=hidden": "options in a URL",
+    "--store=s3://": "names no bucket",
+    "--store=s3://b": "expected s3://BUCKET/PREFIX",
+    "--store=s3://bucket/../x": "expected s3://BUCKET/PREFIX",
+    "--store=s3://bucket/a b": "expected s3://BUCKET/PREFIX",
+    f"--store=s3://bucket/{'x' * 600}": "expected s3://BUCKET/PREFIX",
+    "--store=s3://bucket/runs": "also give --store-secret=NAME",
+    "--store-secret=bucket": "belongs to --store=URL",
+    "--store-secret=A_b": "expected a name",
+    "--store-endpoint=minio:9000": "expected http://HOST:PORT or https://HOST:PORT",
+    "--store-endpoint=https://key:hidden@minio": "credentials belong into the Secret",
+    "--store-endpoint=https://minio/path": "expected http://HOST:PORT",
+    "--store-endpoint=https://minio:99999": "expected http://HOST:PORT",
+    "--store-endpoint=https://mi nio": "expected http://HOST:PORT",
+    "--store-endpoint=https://[::1": "expected http://HOST:PORT",
+    "--store-endpoint=https://minio": "belongs to --store=URL",
+    "--store-network=10.1.0.1/16": "expected the network of the store's addresses",
+    "--store-network=minio": "expected the network",
+    "--durable=disk": "expected one of local, store",
+    "--durable=store": "belongs to --store=URL",
+    "--qos=long": "allowed are --durable=, --gpu-resource=, --image=, --memory=",
     "--image": "allowed are",
     "-l x": "allowed are",
 }
@@ -61,6 +85,7 @@ def test_a_bad_directive(directive, said):
         options_of(given(directive))
     assert said in str(caught.value)
     assert len(str(caught.value).splitlines()) == 1
+    assert "hidden" not in str(caught.value)
     assert len(str(caught.value)) < 400 or "allowed are" in str(caught.value)
 
 
@@ -77,6 +102,9 @@ def test_a_bad_directive(directive, said):
         ({"remote_stacks": True}, "autonomy.placement: node"),
         ({"records": True}, "workers here share no disk with the conductor"),
         ({"own_files": ("nets/mine.onnx",)}, "names nets/mine.onnx, which pods do not see"),
+        ({"own_paths": ("/home/me/stack",)}, "/home/me/stack: a path of this machine"),
+        ({"container_binds": ("/data",)}, "--container-bind: pods see no folder"),
+        ({"container_runtime": "podman"}, "--container-runtime: nodes have their own"),
         ({"partition": "Gpu_Queue"}, "--partition 'Gpu_Queue': expected a local queue of Kueue"),
         ({"constraint": "a100"}, "--constraint 'a100': expected labels of nodes"),
         ({"constraint": "a=b,c"}, "expected labels of nodes"),
@@ -88,6 +116,29 @@ def test_what_pods_have_no_use_for(values, said):
         options_of(given(**values))
     assert said in str(caught.value)
     assert len(str(caught.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("directives", "values", "said"),
+    [
+        (("--storage-class=fast",), {}, "--storage-class: with --store there is no claim"),
+        (("--store=gs://bucket", "--store-endpoint=http://x"), {}, "is for s3:// alone"),
+        ((), {"join": "/o/worker.key", "connect": "tls/a:1"}, "these workers is elsewhere"),
+    ],
+)
+def test_what_does_not_go_with_a_store(directives, values, said):
+    store = ("--store=s3://bucket/runs", "--store-secret=bucket")
+    with pytest.raises(UsageError) as caught:
+        options_of(given(*store, *directives, **values))
+    assert said in str(caught.value)
+    assert len(str(caught.value).splitlines()) == 1
+
+
+def test_paths_that_an_image_may_have():
+    paths = ("/opt/mine/stack", "/usr/bin/python3", "/bin/sh")
+    assert options_of(given(own_paths=paths)).image
+    with pytest.raises(UsageError, match="/optional/stack: a path"):
+        options_of(given(own_paths=(*paths, "/optional/stack")))
 
 
 def test_an_image_is_needed():

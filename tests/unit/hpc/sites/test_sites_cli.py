@@ -15,6 +15,7 @@ sites:
   north: {scheduler: slurm, workers: 1}
   south: {scheduler: pbs, workers: 1, ssh: login.south, folder: /home/me, bin: /opt/bin}
 """
+ONE = "--target 0:1 --on slurm:north --sites sites.yaml"
 
 
 def hpc(*arguments, folder):
@@ -36,9 +37,10 @@ def hpc(*arguments, folder):
         ("scale runs/x --target 2:1 --on slurm:north --sites sites.yaml", 2, "expected MIN:MAX"),
         ("scale runs/x --target 0:1 --on slurm:east --sites sites.yaml", 2, "no site 'east'"),
         ("scale runs/x --target 0:1 --on slurm:north --sites nowhere.yaml", 2, "nowhere.yaml: No"),
-        ("scale runs/x --target 0:1 --on slurm:north --sites sites.yaml", 2, "no such run folder"),
-        ("scale old --target 0:1 --on slurm:north --sites sites.yaml", 3, "no conductor serves"),
-        ("scale runs/x --target 0:1 --on slurm:north --sites sites.yaml --key k", 2, "no such key"),
+        (f"scale runs/x {ONE}", 2, "site north: --time HH:MM is missing"),
+        (f"scale runs/x {ONE} --time 1:00", 2, "no such run folder"),
+        (f"scale old {ONE} --time 1:00", 3, "no conductor serves"),
+        (f"scale runs/x {ONE} --time 1:00 --key k", 2, "no such key"),
         (
             "submit aeb-demo --on slurm:north --sites sites.yaml --time 1:00 --partition gpu",
             2,
