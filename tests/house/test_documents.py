@@ -14,7 +14,11 @@ from schemas.wire.topics import TOPICS
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("conductor", "devkit", "hpc", "schemas", "twin", "viewer")
-PAGES = [ROOT / "README.md", ROOT / "ARCHITECTURE.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [
+    *(ROOT / "README.md", ROOT / "ARCHITECTURE.md"),
+    *sorted((ROOT / "docs").glob("*.md")),
+    *sorted((ROOT / "docs" / "tutorials").glob("*.md")),
+]
 RECORDS = sorted((ROOT / "docs" / "decisions").glob("*.md"))
 """Dated: their links are checked, the paths in their prose are those of their day."""
 

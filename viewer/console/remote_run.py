@@ -110,7 +110,7 @@ class RemoteRun(RunFolder):
 
     @property
     def version(self) -> Version:
-        """Of what is known here: nothing but that it has ended."""
+        """Version of what is known here: nothing but that it has ended."""
         return (int(self.complete),)
 
     @property

@@ -67,13 +67,12 @@ class LiveWatch:
         here: bool,
         say: Callable[[str], None] = lambda _: None,
     ) -> None:
-        """
-        Args:
-            site: what is shown; campaigns of the conductor are added to it.
-            resolve: where the conductor is now.
-            stream: takes the events.
-            here: folders that the conductor names are at hand.
-            say: takes a line for people.
+        """Args:
+        site: what is shown; campaigns of the conductor are added to it.
+        resolve: where the conductor is now.
+        stream: takes the events.
+        here: folders that the conductor names are at hand.
+        say: takes a line for people.
         """
         self.stream = stream
         self.slots = LatestSlots()
