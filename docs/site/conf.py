@@ -25,6 +25,7 @@ html_show_sphinx = False
 html_use_index = True
 # No request leaves the reader's machine: the theme's fonts are those of the system.
 html_theme_options = {"sidebar_hide_name": False, "top_of_page_buttons": []}
+smartquotes = False  # options keep their two dashes
 pygments_style = "friendly"
 pygments_dark_style = "monokai"
 highlight_language = "none"
