@@ -103,6 +103,11 @@ def test_the_architecture_stays_short():
     assert words <= 2500, "what was tried and measured belongs in docs/decisions"
 
 
+def test_the_readme_is_a_page_with_a_film():
+    assert len((ROOT / "README.md").read_text().splitlines()) <= 150
+    assert (ROOT / "docs" / "images" / "scenarios.webp").stat().st_size < 1_000_000
+
+
 def anchors(page: Path) -> set[str]:
     """What headings of ``page`` are linked by, as GitHub makes it."""
     headings = re.findall(r"^#+ (.*)", FENCE.sub("", page.read_text()), re.MULTILINE)
