@@ -1,4 +1,4 @@
-"""How long cases take.
+"""Durations of cases.
 
 :class:`Durations` are wall times: a histogram that never grows, and the estimate learned from it.
 

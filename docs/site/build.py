@@ -42,9 +42,21 @@ def lay_out(stage: Path) -> None:
     terms["write"](stage / "docs")
     records = stage / "docs" / "decisions" / "README.md"
     records.write_text(records.read_text() + RECORDS)
+    index = stage / "docs" / "index.md"
+    index.write_text(index.read_text() + _further(stage / "docs"))
     for page in sorted(stage.rglob("*.md")):
         if "reference" not in page.parts:
             page.write_text(_with_source_pages(page, stage))
+
+
+def _further(docs: Path) -> str:
+    """The pages that stand in no list of the index, as a list of their own."""
+    listed = {line.strip() for line in (docs / "index.md").read_text().splitlines()}
+    names = [page.stem for page in sorted(docs.glob("*.md"))]
+    left = [name for name in names if name not in listed and name != "index"]
+    entries = "".join(f"{name}\n" for name in left)
+    head = "\n```{toctree}\n:hidden:\n:caption: Further pages\n\n"
+    return f"{head}{entries}```\n" if left else ""
 
 
 def _with_source_pages(page: Path, stage: Path) -> str:

@@ -163,7 +163,7 @@ def measure_console(options: BenchOptions) -> dict[str, Any]:
 
 
 def measure_table(options: BenchOptions) -> dict[str, Any]:
-    """How long the console takes to tell of a finished campaign, and its memory."""
+    """Time that the console takes to tell of a finished campaign, and its memory."""
     with _started("a finished campaign", "viewer.bench.table", str(options.ended)) as started:
         return started[1]
 

@@ -84,7 +84,7 @@ class HeardCases:
             self._changes += 1
 
     def endings(self) -> dict[str, CaseEnding]:
-        """How each case stands."""
+        """Ending of each case, as far as it has come."""
         with self._lock:
             return dict(self._endings)
 

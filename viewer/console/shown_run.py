@@ -76,7 +76,7 @@ class LivePicture:
 
 @dataclass(frozen=True, slots=True)
 class LiveFigures:
-    """How a campaign goes, as its conductor says."""
+    """Progress of a campaign, as its conductor says."""
 
     cases: int
     left: int
@@ -116,7 +116,7 @@ class ShownRun:
         return (self.run.version, self.heard.version, self.running)
 
     def endings(self) -> dict[str, CaseEnding]:
-        """How each case stands, in the order of the table: as the outcomes have it, which are
+        """Endings of all cases, in the order of the table: as the outcomes have it, which are
         written every few seconds, and as was heard since.
 
         Raises:
@@ -169,7 +169,7 @@ class ShownRun:
             return self._places[1]
 
     def ending(self, case: str) -> CaseEnding:
-        """How a case ended."""
+        """Ending of a case."""
         return self.endings().get(case, CaseEnding())
 
     def attempt(self, case: str) -> RecordedAttempt:

@@ -129,7 +129,7 @@ class LiveWatch:
 
     @property
     def age_s(self) -> float | None:
-        """How long ago the conductor said anything; None: never [s]."""
+        """Time since the conductor said anything; None: never [s]."""
         return None if self.status_s is None else time.monotonic() - self.status_s
 
     def turn(self, now_s: float) -> None:
