@@ -2,8 +2,9 @@
 PYTHON ?= python3
 VENV ?= .venv
 BIN = $(VENV)/bin
+PACKAGES = schemas twin devkit conductor viewer hpc drivetwin
 
-.PHONY: help install install-test install-test-all install-train install-bench demo driving test test-all test-rest audit-env faults redteam fuzz soak offline planted mutation check lock models integer-models console console-pictures processors ablation frozen clean
+.PHONY: help install install-test install-test-all install-train install-bench demo driving test test-all test-rest audit-env faults redteam fuzz soak offline planted mutation check lock models integer-models console console-pictures site film processors ablation frozen clean
 
 help:
 	@echo "make demo     install, then run the eight-case demo campaign (again: resume)"
@@ -22,6 +23,8 @@ help:
 	@echo "make integer-models  render pictures, make the shipped detectors whole numbers again (some minutes)"
 	@echo "make console  build the console's page from viewer/console/page (Node, npm)"
 	@echo "make console-pictures  docs/images/console-*.webp from a recorded run: RUN=runs/recorded (Chromium)"
+	@echo "make site     the documentation as plain files in build/site (half a minute); search works without a server"
+	@echo "make film     the README's film: the scenarios that ship, as the ego sees them (some minutes)"
 	@echo "make processors  bytes of everything with AVX-512 and without, on a CPU that has it (half an hour)"
 	@echo "make planted  plants bugs one by one and runs the tests that must notice (half an hour)"
 	@echo "make mutation  small changes of the pure cores that no test notices (a quarter of an hour)"
@@ -40,7 +43,7 @@ $(VENV)/.installed: pyproject.toml constraints.txt
 install-test: $(VENV)/.installed-test
 
 $(VENV)/.installed-test: $(VENV)/.installed
-	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[test,check,export,gltf,scenarios,search]'
+	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[test,check,docs,export,gltf,scenarios,search]'
 	@touch $@
 
 install-test-all: $(VENV)/.installed-test install-train
@@ -123,11 +126,13 @@ check: install-test
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-cache
 	$(BIN)/python tests/house/shape.py
+	$(BIN)/python tests/house/prose.py
+	$(BIN)/typos README.md ARCHITECTURE.md CHANGELOG.md docs $(PACKAGES)
 
 # Writes constraints.txt anew from the newest versions that pyproject.toml admits.
 lock:
 	$(PYTHON) -m venv $(VENV)-lock
-	$(VENV)-lock/bin/pip install --quiet --disable-pip-version-check --editable '.[test,check,train,export,gltf,scenarios,search,bench,mutation]'
+	$(VENV)-lock/bin/pip install --quiet --disable-pip-version-check --editable '.[test,check,docs,train,export,gltf,scenarios,search,bench,mutation]'
 	$(VENV)-lock/bin/pip freeze --exclude-editable | grep -v '^drivetwin' > constraints.txt
 	rm -rf $(VENV)-lock
 
@@ -189,6 +194,14 @@ console:
 # Pictures of the console in docs/images; RUN was recorded (--view record), and a case of it failed. Chromium is needed.
 console-pictures: install-test
 	PYTHONPATH=tests $(BIN)/python tests/console_pictures.py $(RUN) docs/images
+
+# Readable from disk; nothing on it asks another machine for anything.
+site: install-test
+	$(BIN)/python docs/site/build.py $(ARGS)
+
+# Pictures of every scenario over time, put together as one animated WebP below a megabyte.
+film: install
+	$(BIN)/python docs/site/film.py --out docs/images/scenarios.webp $(ARGS)
 
 clean:
 	rm -rf $(VENV) $(VENV)-lock build dist

@@ -50,7 +50,7 @@ PIXELS_MAX = 1 << 14
 moments, and the cost of a car that fills the image stays bounded [px]."""
 
 MEDIAN_OF_DIFFERENCE = 0.6744897501960817 * math.sqrt(2.0)
-"""Median |a - b| of two independent normal values of deviation 1."""
+"""Median of ``|a - b|`` for two independent normal values of deviation 1."""
 
 _CLASS, _X, _Y, _WIDTH, _HEIGHT, _VISIBLE = (
     BOX_COLUMNS.index(name)

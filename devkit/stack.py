@@ -223,7 +223,7 @@ def _reads_mistake(stack_class: type[Any]) -> str:
 
 
 def looked_at(sensors: Mapping[str, Any], stack_class: type[Any]) -> Mapping[str, Any]:
-    """Those of the arrays of a tick that a stack looks at: also where others are there, in a
+    """The arrays of a tick that a stack looks at: also where others are there, in a
     recorded drive for example, it must not come to see more."""
     reads = reads_of(stack_class)
     if reads is None:

@@ -151,5 +151,5 @@ class Case(_Part, frozen=True, kw_only=True):
 
     @property
     def id(self) -> str:
-        """Its name in its campaign, which everything about it goes by."""
+        """The case's name in its campaign, which everything about it goes by."""
         return self.variation.id

@@ -7,8 +7,8 @@ ESCAPED_CHARS_MAX = 1000
 
 
 def escape(text: str, longest: int = ESCAPED_CHARS_MAX) -> str:
-    """``text`` escaped on one line: what would end it or move a terminal's cursor becomes
-    ``\\x1b``, and what is too long is cut."""
+    r"""``text`` escaped on one line: what would end it or move a terminal's cursor becomes
+    ``\x1b``, and what is too long is cut."""
     if len(text) > longest:
         text = f"{text[: longest - 3]}..."
     if text.isprintable():

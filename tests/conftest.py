@@ -32,6 +32,7 @@ CLUSTER = (
 APART = (
     *("test_edges", "test_zombies", "test_nothing_left", "test_same_verdicts"),
     *("test_conductor_restart", "test_workers", "test_bad_input", "test_foreign_stacks"),
+    "test_tutorials",
 )
 """Long files whose tests share only what is run once for all processes: each runs anywhere."""
 LONG = ("test_viewer", "test_viewer_web", "test_intervene_in_a_case", "test_conductor_swarm")

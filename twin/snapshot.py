@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
@@ -174,6 +174,34 @@ def scenario_sheet(
     blank = np.zeros_like(pictures[0])
     pictures += [blank] * (-len(pictures) % _COLUMNS)
     _write(path, [np.hstack(pictures[k : k + _COLUMNS]) for k in range(0, len(pictures), _COLUMNS)])
+
+
+def scenario_film(
+    scenario: str, times_s: Iterable[float], *, camera: Camera, time: str = "16:00"
+) -> Iterator[np.ndarray]:
+    """Pictures of what the ego of a scenario sees over time in clear weather, if nobody drives it.
+
+    Args:
+        scenario: a scenario file, or the name of a shipped one.
+        times_s: times of the scenario, rising [s].
+        camera: size and field of view of a picture.
+        time: local time ``HH:MM``.
+
+    Yields:
+        RGB, uint8 [H, W, 3].
+
+    Raises:
+        ValueError: there is no such scenario, or it has mistakes; one line each.
+    """
+    weather = weather_of("clear", _PLAIN)
+    street: _Moment | None = None
+    for at_s in times_s:
+        street = street or _Moment(scenario, at_s, "opencav", camera, "cpu")
+        street.move(at_s)
+        seen = street.conditions(_PLAIN, minutes(time), weather)
+        lamps = usual_lights("clear", seen.light.illuminance_lx)
+        key = stream_key(0, scenario, f"camera/{camera.name}")
+        yield street.picture(seen, lamps, key).copy()
 
 
 def _suffix(path: str | Path) -> str:
@@ -454,6 +482,11 @@ class _Moment(_Street):
         super().__init__(target, world, vehicle, camera, device)
         if sensors:
             self._carry(self._case)
+
+    def move(self, at_s: float) -> None:
+        """Put the ego and all others where the scenario has them at another moment [s]."""
+        self._at_s = at_s
+        self.stand(0.0, None)
 
     def stand(self, distance_m: float, at_m: float | None) -> None:  # noqa: ARG002 - it says where
         """Put the ego and all others where the scenario has them."""

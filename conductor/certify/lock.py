@@ -46,7 +46,7 @@ class Distribution(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
 
     @property
     def requirement(self) -> str:
-        """Its line of a file for ``pip install --requirement``."""
+        """Line of the package in a file for ``pip install --requirement``."""
         hashes = "".join(f" --hash=sha256:{sha}" for sha in self.archives)
         return f"{self.name}=={self.version}{hashes}"
 
@@ -73,7 +73,7 @@ class _Entry(Struct, frozen=True):
 
 
 class _Report(Struct, frozen=True):
-    """Of the report that ``pip`` documents, what is used."""
+    """Parts of the report that ``pip`` documents."""
 
     version: str
     install: list[_Entry]

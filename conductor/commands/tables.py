@@ -45,7 +45,7 @@ def status_view(found: ConductorStatus, paces: Mapping[str, Pace] | None = None)
 
 
 def search_lines(found: ConductorStatus) -> list[str]:
-    """How far every search has come, a line each."""
+    """Progress of every search, a line each."""
     lines = []
     for name, row in found["campaigns"].items():
         if search := row.get("search"):
@@ -57,7 +57,7 @@ def search_lines(found: ConductorStatus) -> list[str]:
 
 
 def search_line(row: CampaignStatus) -> str:
-    """How far a search has come."""
+    """Progress of a search."""
     search = row["search"]
     closed = counted(search["generation"], "generation")
     parts = [f"{closed} closed, {row['cases']} of at most {counted(search['budget'], 'case')}"]

@@ -53,7 +53,7 @@ class Watched:
 
     @property
     def over(self) -> bool:
-        """There were campaigns and nothing is left of them."""
+        """Whether there were campaigns and nothing is left of them."""
         return bool(self.found.get("campaigns")) and not self.found["left"]
 
     def lines(self) -> list[str]:

@@ -1,4 +1,4 @@
-"""How long cases take.
+"""Durations of cases.
 
 :class:`Durations` are wall times: a histogram that never grows, and the estimate learned from it.
 
@@ -89,7 +89,7 @@ class CaseLengths:
     def of_table(
         cls, table: CaseTable, names: Sequence[str], before: Mapping[str, float]
     ) -> CaseLengths:
-        """Of cases as they were submitted.
+        """Durations of cases as they were submitted.
 
         Args:
             table: the cases; columns with few different values are axes.

@@ -1,4 +1,4 @@
-"""How attempts end: with a result, without one, or too late."""
+"""Ends of attempts: with a result, without one, or too late."""
 
 from __future__ import annotations
 

@@ -265,7 +265,7 @@ class CampaignState:
         return self._lowest
 
     def extend(self, cases: list[Case], keys: list[str]) -> None:
-        """Further cases wait, behind all others. ``keys``: rig keys."""
+        """Add cases that wait, behind all others. ``keys``: rig keys."""
         lanes: dict[str, list[int]] = {}
         for case, rig in zip(cases, keys, strict=True):
             case_state = CaseState(case=case, order=len(self.ordered), rig=rig)

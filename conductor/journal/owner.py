@@ -34,11 +34,11 @@ WATCH_S = 3.0
 
 
 class FolderLockedError(UsageError):
-    """Another process has the journal open."""
+    """The journal is open in another process."""
 
 
 class TakenOverError(InfrastructureError):
-    """Another conductor serves the folder now; nothing of the failed call was written."""
+    """The folder is served by another conductor now; nothing of the failed call was written."""
 
 
 class FolderOwner(msgspec.Struct, frozen=True):

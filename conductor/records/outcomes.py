@@ -52,7 +52,7 @@ class Late(msgspec.Struct, frozen=True):
 
 
 class CaseOutcome(Judged, msgspec.Struct, frozen=True, kw_only=True):
-    """How one case ended."""
+    """Ending of one case."""
 
     outcome: str
     """``verdict``, ``failed``, ``unresolved``, ``cancelled``; empty: not ended yet."""

@@ -1,4 +1,4 @@
-"""How SIGINT and SIGTERM stop a run."""
+"""Stopping a run by SIGINT and SIGTERM."""
 
 from __future__ import annotations
 

@@ -161,7 +161,7 @@ class Contour:
         return segments
 
     def _parts(self, i: int, j: int) -> bool:
-        """Of a cell that is crossed on all sides: whether its boundary parts the corner (i, j) from
+        """Whether the boundary of a cell that is crossed on all sides parts the corner (i, j) from
         the middle, so that the first edge is joined with the last. The middle is taken for the mean
         of the corners."""
         corners = [self._margin(i + k, j + m) for k in (0, 1) for m in (0, 1)]

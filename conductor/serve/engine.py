@@ -179,8 +179,8 @@ class ConductorEngine:
             _log.error("%s", error)
 
     def woke(self, now_ns: int) -> None:
-        """This process was frozen, or waited long for the disk: words of workers may still be on
-        their way, so every live lease gets a full time to live, as after a restart."""
+        """Go on after this process was frozen, or waited long for the disk: words of workers may
+        still be on their way, so every live lease gets a full time to live, as after a restart."""
         revive(self.state, self._clock(now_ns))
 
     def health(self) -> ConductorStatus:

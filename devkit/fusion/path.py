@@ -52,7 +52,7 @@ class CarPath:
         return result
 
     def beside_second_m(self, x_m: np.ndarray | float, y_m: np.ndarray | float) -> np.ndarray:
-        """The same of the second path: the arc, then its tangent. An angle of that is small, so
+        """Distance beside the second path: the arc, then its tangent. An angle of that is small, so
         its sine and cosine are series."""
         bend = np.asarray(self.bend_per_m)
         bends = np.abs(bend) > BEND_MIN_PER_M

@@ -16,7 +16,7 @@ Axes = tuple[Axis, Axis, Axis]
 @dataclass(frozen=True, slots=True)
 class CameraView:
     """A camera above a flat road, by the pinhole of its lens; distortion is left out: boxes of
-    detectors are no more exact. (:mod:`devkit.lane.view` projects markings with all of it.)
+    detectors are no more exact. :mod:`devkit.lane.view` projects markings with all of it.
 
     Vehicle axes: x forward, y left, z up, from the middle of the rear axle on the ground.
     """

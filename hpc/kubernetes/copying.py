@@ -178,7 +178,7 @@ class _Bytes(io.RawIOBase):
         self.errors = ""
 
     def readable(self) -> bool:
-        """It is read."""
+        """Whether the copy can be read."""
         return True
 
     def readinto(self, buffer: Any) -> int:

@@ -66,8 +66,7 @@ class Allocations:
         request_of: RequestOf,
         key_of: Callable[[NamedSite], bytes],
     ) -> None:
-        """
-        Args:
+        """Args:
             folder: run folder.
             campaign: what is run.
             sites: by name, also those of which nothing more is asked.
@@ -103,7 +102,7 @@ class Allocations:
 
     @property
     def open(self) -> list[Allocation]:
-        """Those that have not ended, in the order in which they were made."""
+        """Allocations that have not ended, in the order in which they were made."""
         return [each for each in self.book.allocations if each.state != "ended"]
 
     @property

@@ -134,7 +134,7 @@ class Scaler:
         )
 
     def _submit_wanted(self, now_s: float) -> None:
-        """Those whose submission a kill or a network has cut off."""
+        """Submit the allocations whose submission a kill or a network has cut off."""
         for each in self.allocations.open:
             record = self.allocations.book.sites.get(each.site, SiteRecord())
             if each.job or each.site not in self.rooms or now_s < record.rests_until_s:

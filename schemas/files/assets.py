@@ -150,8 +150,8 @@ def _named_in(path: Path) -> tuple[str, ...]:
 
 @lru_cache(maxsize=NAMED_MAX)
 def _named_by_content(path: Path, content: str) -> tuple[str, ...]:
-    """The same, of a file with this digest: a check of a campaign with a hundred scenario files
-    asks five times for the names in each."""
+    """Names in a file with this digest, read once: a check of a campaign with a hundred
+    scenario files asks five times for the names in each."""
     names = tuple(_named(load_yaml(path)))
     if file_digest(path) != content:
         raise _ChangedError

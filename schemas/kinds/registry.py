@@ -33,7 +33,7 @@ class Declaration(Protocol):
 
     @property
     def name(self) -> str:
-        """Its name in campaigns, commands and files."""
+        """Name of the kind in campaigns, commands and files."""
 
 
 D = TypeVar("D", bound=Declaration)

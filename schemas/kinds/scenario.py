@@ -25,7 +25,7 @@ class NamesFamily(Protocol):
 
     @property
     def type(self) -> str:
-        """Its family."""
+        """Name of the scenario's family."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

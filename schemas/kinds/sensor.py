@@ -148,7 +148,7 @@ def sensor_kinds() -> Kinds[SensorKind]:
 
 
 def drawn_kinds(names: Iterable[str]) -> list[SensorKind]:
-    """Those of the sensors ``names`` whose rows viewers draw as points."""
+    """The sensors among ``names`` whose rows viewers draw as points."""
     kinds = (sensor_kinds().find(name) for name in names)
     return [kind for kind in kinds if kind.points is not None]
 
@@ -160,6 +160,6 @@ def shown_columns(names: Iterable[str]) -> dict[str, list[str]]:
 
 
 def pictured_kinds(names: Iterable[str]) -> list[SensorKind]:
-    """Those of the sensors ``names`` whose grids viewers draw as pictures."""
+    """The sensors among ``names`` whose grids viewers draw as pictures."""
     kinds = (sensor_kinds().get(name) for name in names)
     return [kind for kind in kinds if kind is not None and kind.picture is not None]

@@ -15,7 +15,7 @@ _CONSTANT = "can have one value only; an axis with one value belongs into the ma
 
 
 def constant_problem(distribution: Distribution) -> str:
-    """That a distribution has one value only, or nothing."""
+    """One line if a distribution has one value only, or nothing."""
     match distribution:
         case Choices():
             weights = distribution.weights or [1.0] * len(distribution.values)

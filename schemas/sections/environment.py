@@ -98,7 +98,7 @@ class Environment(_Spec, frozen=True):
             raise ValueError(f"date: given '{self.date}', allowed: years 1950 to 2100")
 
     def intensities(self) -> dict[str, float]:
-        """Those of :class:`Conditions` that hold whatever the weather."""
+        """The intensities of :class:`Conditions` that hold whatever the weather."""
         given = {name: getattr(self, name) for name in Conditions.__struct_fields__}
         return {name: value for name, value in given.items() if value is not UNSET}
 

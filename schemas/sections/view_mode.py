@@ -42,7 +42,7 @@ class ViewMode(StrEnum):
 
     @property
     def unrecorded(self) -> ViewMode:
-        """The same for viewers, without a recorder."""
+        """The mode of viewing without a recorder."""
         return ViewMode.live if self.shows else ViewMode.none
 
     @property

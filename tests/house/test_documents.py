@@ -14,7 +14,11 @@ from schemas.wire.topics import TOPICS
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("conductor", "devkit", "hpc", "schemas", "twin", "viewer")
-PAGES = [ROOT / "README.md", ROOT / "ARCHITECTURE.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [
+    *(ROOT / "README.md", ROOT / "ARCHITECTURE.md"),
+    *sorted((ROOT / "docs").glob("*.md")),
+    *sorted((ROOT / "docs" / "tutorials").glob("*.md")),
+]
 RECORDS = sorted((ROOT / "docs" / "decisions").glob("*.md"))
 """Dated: their links are checked, the paths in their prose are those of their day."""
 
@@ -97,6 +101,11 @@ def test_a_link_is_called_like_its_module():
 def test_the_architecture_stays_short():
     words = len((ROOT / "ARCHITECTURE.md").read_text().split())
     assert words <= 2500, "what was tried and measured belongs in docs/decisions"
+
+
+def test_the_readme_is_a_page_with_a_film():
+    assert len((ROOT / "README.md").read_text().splitlines()) <= 150
+    assert (ROOT / "docs" / "images" / "scenarios.webp").stat().st_size < 1_000_000
 
 
 def anchors(page: Path) -> set[str]:

@@ -27,7 +27,7 @@ Point = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class Seat:
-    """How somebody sits on two wheels; what lies to a side is the left one."""
+    """Seat of somebody on two wheels; what lies to a side is the left one."""
 
     hip: Point
     chest: Point

@@ -31,7 +31,7 @@ EXIT_CODES = (
 
 
 class Output(StrEnum):
-    """How results are printed."""
+    """Format in which results are printed."""
 
     human = "human"
     json = "json"

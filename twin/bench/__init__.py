@@ -1,1 +1,1 @@
-"""How fast parts of the simulator are."""
+"""Measurements of the speed of parts of the simulator."""

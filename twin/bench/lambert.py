@@ -92,7 +92,7 @@ class LambertCamera:
         )
 
     def image(self) -> np.ndarray:
-        """uint8 [S, H, W, 4]"""
+        """Pixels, uint8 [S, H, W, 4]."""
         pixels: Any = self._image.numpy()
         return pixels.view(np.uint8).reshape(*pixels.shape, 4)
 

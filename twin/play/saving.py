@@ -199,7 +199,7 @@ def _begun(played: PlayedScenario, poses: Poses, step_s: float) -> Iterator[Begu
 def _pose(
     program: Program, poses: Poses, actor: int, time_s: float
 ) -> tuple[float, float, float, float]:
-    """Of the last row up to a time, or else of the first."""
+    """Pose in the last row up to a time, or else in the first."""
     rows = poses[program.entities[actor].name]
     if not len(rows):
         return 0.0, 0.0, 0.0, 0.0

@@ -101,9 +101,8 @@ class RecordWriter:
     """Appends blocks to one file; every block is in the file when the call returns."""
 
     def __init__(self, path: Path, head: RecordHead) -> None:
-        """
-        Raises:
-            OSError: it cannot be written.
+        """Raises:
+        OSError: it cannot be written.
         """
         self.path = path
         path.parent.mkdir(parents=True, exist_ok=True)

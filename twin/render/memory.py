@@ -50,7 +50,7 @@ class LidarLoad:
 
     @property
     def row(self) -> MemoryRow:
-        """Its line of the plan."""
+        """Line of the plan that names it."""
         return MemoryRow(f"{self.name}: rays", 0, self.rays * self.bytes_per_ray)
 
 

@@ -39,7 +39,7 @@ class Kept:
     """Cases that ran meanwhile, sorted."""
 
     def text(self) -> str:
-        """Output as it stands in the attempt's log: whole lines, control characters written out."""
+        """Output as it stands in the attempt's log: whole lines, control characters escaped."""
         if not (self.head or self.tail or self.dropped):
             return "--- the stack printed nothing ---\n"
         title = "--- printed by the stack"

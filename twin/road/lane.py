@@ -222,6 +222,6 @@ def _sine(angle: float | np.ndarray) -> np.ndarray:
 
 
 def _turned(angle: np.ndarray) -> np.ndarray:
-    """The same direction in [-pi, pi)."""
+    """A direction in [-pi, pi)."""
     turned: np.ndarray = np.mod(angle + np.pi, 2.0 * np.pi) - np.pi
     return turned

@@ -176,7 +176,7 @@ class SensorMessages(MessageParts):
         return makers[form.type_name](self.header(time_ns, frame), fields)
 
     def _inertial(self, header: Any, row: Mapping[str, Any]) -> Any:
-        """It has no orientation (REP 145)."""
+        """A message without an orientation (REP 145)."""
         unknown = np.zeros(9)
         unknown[0] = -1.0
         return self.store.make(

@@ -87,7 +87,7 @@ class SandboxView:
 
     @property
     def on_gpu(self) -> bool:
-        """It computes on a GPU."""
+        """Whether the stack computes on a GPU."""
         return self.device.startswith("cuda")
 
 

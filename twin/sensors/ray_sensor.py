@@ -116,7 +116,7 @@ class RayRig(Protocol):
     """The sensors of one kind in a rig: one object per kind, without a state of its own."""
 
     def channels(self, case: Case, vehicle: Vehicle, slots: int) -> list[FrameChannel]:
-        """Their arrays that are large enough to be worth sharing.
+        """Arrays of the sensor's readings that are large enough to be worth sharing.
 
         Raises:
             ValueError: the vehicle has no such sensor; one line.

@@ -114,13 +114,13 @@ def _width(roads: RoadMap, road: RoadRecord, s: np.ndarray) -> float:
 
 
 def to_json(check: RoadCheck) -> dict[str, object]:
-    """The same as plain values."""
+    """What was found, as plain values."""
     gaps = [gap._asdict() for gap in check.gaps]
     return {**asdict(check), "valid": True, "gaps": gaps}
 
 
 def to_table(check: RoadCheck) -> Group:
-    """The same for people."""
+    """What was found, as a table for people."""
     total = math.fsum(road.length_m for road in check.roads)
     x0, y0, x1, y1 = check.extent_m
     head = (

@@ -97,7 +97,7 @@ def draw_roads(axes: Any, roads: RoadMap, box: tuple[float, float, float, float]
 
 
 def _extent(roads: RoadMap) -> tuple[float, float, float, float]:
-    """Of all lanes, with a margin."""
+    """Extent of all lanes, with a margin."""
     xs, ys = [], []
     for frame in roads.frames.values():
         s = _stations(frame)

@@ -119,7 +119,7 @@ def measure_console(options: BenchOptions) -> dict[str, Any]:
 
 
 def measure_table(options: BenchOptions) -> dict[str, Any]:
-    """How long the console takes to tell of a finished campaign, and its memory."""
+    """Time that the console takes to tell of a finished campaign, and its memory."""
     with running.started(
         "a finished campaign", "viewer.bench.table", str(options.ended)
     ) as started:

@@ -34,7 +34,7 @@ class RecordedAttempt:
 
     @cached_property
     def found(self) -> FoundRecording | None:
-        """Its recording."""
+        """Recording of the case."""
         try:
             return recording_of(self.run.folder, self.case, [], self.committed)
         except UsageError:
@@ -74,7 +74,7 @@ class RecordedAttempt:
 
     @cached_property
     def moment(self) -> DecisiveMoment | None:
-        """Its decisive moment; None: it left neither rows nor a recording."""
+        """Decisive moment of the case; None: it left neither rows nor a recording."""
         if (columns := self._deciding()) is not None:
             return decisive(*(columns[name] for name in COLUMNS))
         if self.recording is None or not self.recording.frames:

@@ -84,7 +84,7 @@ class HeardCases:
             self._changes += 1
 
     def endings(self) -> dict[str, CaseEnding]:
-        """How each case stands."""
+        """Ending of each case, as far as it has come."""
         with self._lock:
             return dict(self._endings)
 
@@ -110,7 +110,7 @@ class RemoteRun(RunFolder):
 
     @property
     def version(self) -> Version:
-        """Of what is known here: nothing but that it has ended."""
+        """Version of what is known here: nothing but that it has ended."""
         return (int(self.complete),)
 
     @property

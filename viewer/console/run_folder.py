@@ -34,7 +34,7 @@ T = TypeVar("T")
 
 
 class CaseEnding(Judged, Struct, frozen=True, kw_only=True):
-    """How a case ended, as ``outcomes.json`` has it; what the console does not show is left out."""
+    """Ending of a case, as ``outcomes.json`` has it; what the console does not show is left out."""
 
     outcome: str = ""
     """``verdict``, ``failed``, ``unresolved``, ``cancelled``; empty: not ended yet."""
@@ -108,7 +108,8 @@ class RunFolder:
         return (self.folder / CONDUCTOR_FILE).exists()
 
     def ending(self) -> CampaignEnding:
-        """How its cases ended; of a folder without outcomes the cases that have begun, unended.
+        """Endings of the campaign's cases; of a folder without outcomes the cases that have begun,
+        unended.
 
         Raises:
             UsageError: it is no campaign folder.

@@ -80,7 +80,7 @@ class LivePicture:
 
 @dataclass(frozen=True, slots=True)
 class LiveFigures:
-    """How a campaign goes, as its conductor says."""
+    """Progress of a campaign, as its conductor says."""
 
     cases: int
     left: int
@@ -131,7 +131,7 @@ class ShownRun:
         return f"{self.run.folder.name}/{CAMPAIGN_FILE}"
 
     def endings(self) -> dict[str, CaseEnding]:
-        """How each case stands, in the order of the table: as the outcomes have it, which are
+        """Endings of all cases, in the order of the table: as the outcomes have it, which are
         written every few seconds, and as was heard since.
 
         Raises:
@@ -184,7 +184,7 @@ class ShownRun:
             return self._places[1]
 
     def ending(self, case: str) -> CaseEnding:
-        """How a case ended."""
+        """Ending of a case."""
         return self.endings().get(case, CaseEnding())
 
     def attempt(self, case: str) -> RecordedAttempt:

@@ -52,10 +52,9 @@ class ConsoleSite:
     """What is shown, and the answers to addresses below ``data/``."""
 
     def __init__(self, runs: list[RunFolder], *, keep: bool = True) -> None:
-        """
-        Args:
-            runs: campaigns, in the order of the list.
-            keep: pictures are kept beside the runs, else in memory.
+        """Args:
+        runs: campaigns, in the order of the list.
+        keep: pictures are kept beside the runs, else in memory.
         """
         self.runs: dict[str, ShownRun] = {}
         self.live = False
@@ -123,7 +122,7 @@ class ConsoleSite:
             yield from self.addresses_of(run)
 
     def addresses_of(self, run: ShownRun) -> Iterator[str]:
-        """Those of one campaign; raises TwinError, OSError: its table cannot be read."""
+        """Addresses of one campaign; raises TwinError, OSError: its table cannot be read."""
         base = f"runs/{component(run.run.id)}"
         yield from (f"{base}/run.json", f"{base}/table.json", f"{base}/workers.json")
         yield f"{base}/pictures/atlas.json"

@@ -75,13 +75,12 @@ class LiveWatch:
         here: bool,
         say: Callable[[str], None] = lambda _: None,
     ) -> None:
-        """
-        Args:
-            site: what is shown; campaigns of the conductor are added to it.
-            resolve: where the conductor is now.
-            stream: takes the events.
-            here: folders that the conductor names are at hand.
-            say: takes a line for people.
+        """Args:
+        site: what is shown; campaigns of the conductor are added to it.
+        resolve: where the conductor is now.
+        stream: takes the events.
+        here: folders that the conductor names are at hand.
+        say: takes a line for people.
         """
         self.stream = stream
         self.slots = LatestSlots()
@@ -143,7 +142,7 @@ class LiveWatch:
 
     @property
     def age_s(self) -> float | None:
-        """How long ago the conductor said anything; None: never [s]."""
+        """Time since the conductor said anything; None: never [s]."""
         return None if self.status_s is None else time.monotonic() - self.status_s
 
     def turn(self, now_s: float) -> None:

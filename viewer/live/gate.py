@@ -57,8 +57,7 @@ class Gate:
     """Passes on what this user's viewers send to a loopback port, a line per viewer."""
 
     def __init__(self, port: int, say: Callable[[str], None]) -> None:
-        """
-        Args:
+        """Args:
             port: where viewers come; 0: a free one.
             say: takes a line for people.
 

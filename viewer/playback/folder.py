@@ -56,7 +56,7 @@ class RecordedMoment:
 
 
 class NotKeptError(UsageError):
-    """There was a recording, and nobody wanted it."""
+    """The recording was not kept, as the campaign asked."""
 
 
 def find_recording(folder: Path, case: str) -> FoundRecording:

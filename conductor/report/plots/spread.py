@@ -1,4 +1,4 @@
-"""How a KPI is spread over many cases as time goes on: drawn where lines would fill the panel."""
+"""Spread of a KPI over many cases as time goes on: drawn where lines would fill the panel."""
 
 from __future__ import annotations
 

@@ -37,7 +37,7 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(48)
 
 
 def search_coverage(search: Search, rows: SearchRows) -> SearchCoverage:
-    """How much of the domain the cases of a search have tried."""
+    """Share of the domain that the cases of a search have tried."""
     domain = {} if search.domain is UNSET else search.domain
     axes, edges = [], []
     for place, (name, distribution) in enumerate(search.parameters.items()):

@@ -73,7 +73,8 @@ class Boundary:
         return contour
 
     def _coordinates(self, shares: Array) -> Array:
-        """Of shares of the plane's sides, which are even in the values of most distributions."""
+        """Coordinates of shares of the plane's sides, which are even in the values of most
+        distributions."""
         u = np.zeros((len(shares), self._problem.dimension))
         for column, index in enumerate(self._plane):
             share = shares[:, column]

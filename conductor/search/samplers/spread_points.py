@@ -41,7 +41,7 @@ class _Spread(MonteCarlo):
 
 
 class LatinHypercube(_Spread):
-    """Each generation has one point in every slice of every parameter."""
+    """Points of a Latin hypercube: one in every slice of every parameter, per generation."""
 
     _title = "Latin hypercube"
 
@@ -54,7 +54,7 @@ class LatinHypercube(_Spread):
 
 
 class Sobol(_Spread):
-    """Each generation is a scrambled Sobol sequence, of a power of two points."""
+    """Scrambled Sobol sequences, a power of two points per generation."""
 
     _title = "scrambled Sobol points"
 

@@ -5,24 +5,22 @@ from __future__ import annotations
 import importlib
 import re
 import shlex
-from pathlib import Path
 
 import pytest
+from page_blocks import PAGES, blocks
 from typer.main import get_command
 
-ROOT = Path(__file__).parents[3]
 PROGRAMS = ("conductor", "devkit", "hpc", "twin", "viewer")
 STARTS = re.compile(rf"^(?:\$ )?(?:{'|'.join(PROGRAMS)}) [a-z]")
 
 
 def documented():
-    """Command lines in code blocks, and those of the README's tables, with their page."""
-    for page in (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))):
-        text = page.read_text()
-        blocks = re.findall(r"^```sh\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
-        lines = [line for block in blocks for line in block.replace("\\\n", " ").splitlines()]
-        if page.name == "README.md":
-            rows = [row for row in text.splitlines() if row.startswith("| ")]
+    """Command lines in code blocks, and those of tables of README and how-to, with their page."""
+    for page in PAGES:
+        shown = [block for block in blocks(page) if block.language == "sh" and block.checked]
+        lines = [line for block in shown for line in block.text.replace("\\\n", " ").splitlines()]
+        if page.name in ("README.md", "how-to.md"):
+            rows = [row for row in page.read_text().splitlines() if row.startswith("| ")]
             spans = [span for row in rows for span in re.findall(r"`([^`]+)`", row)]
             lines += [span for span in spans if not span.split()[-1].startswith("--")]
         for line in map(str.strip, lines):

@@ -6,7 +6,7 @@ import pytest
 
 from schemas.campaign import Camera
 from twin.play.critical_moment import LEAD_S, critical_moment_s
-from twin.snapshot import SheetRequest, contact_sheet, usual_lights, write_sheet
+from twin.snapshot import SheetRequest, contact_sheet, scenario_film, usual_lights, write_sheet
 from twin.vehicle.vehicle_file import load_vehicle
 from twin.world.scene import load_scene
 
@@ -29,6 +29,15 @@ def test_the_ending_chooses_the_format(tmp_path):
 def test_unknown_weather(tmp_path):
     with pytest.raises(ValueError, match="allowed: clear, cloudy"):
         contact_sheet(tmp_path / "a.png", ["hail"], ["12:00"])
+
+
+def test_a_picture_of_a_film_is_the_same_without_those_before():
+    camera = Camera(width=48, height=27)
+    first, second = scenario_film("crossing-cyclist", (0.0, 5.0), camera=camera)
+    (alone,) = scenario_film("crossing-cyclist", (5.0,), camera=camera)
+    assert second.shape == (27, 48, 3)
+    np.testing.assert_array_equal(second, alone)
+    assert (first != second).any()
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""How many slots fit on a GPU, by the simulator's own count: a process that is asked once."""
+"""Number of slots that fit on a GPU, by the simulator's own count: a process that is asked once."""
 
 from __future__ import annotations
 

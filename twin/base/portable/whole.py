@@ -22,7 +22,8 @@ def whole_within(x: wp.float64, low: wp.int32, high: wp.int32) -> wp.int32:
 
 @wp.func
 def whole_within_f32(x: wp.float32, low: wp.int32, high: wp.int32) -> wp.int32:
-    """The same of a float32."""
+    """The float32 ``x`` rounded towards 0, at least ``low`` and at most ``high``; no number:
+    ``low``."""
     if x >= wp.float32(high):
         return high
     if x >= wp.float32(low):

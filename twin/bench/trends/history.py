@@ -61,7 +61,7 @@ class Trend:
 
     @property
     def median(self) -> float | None:
-        """Of the earlier values; None: there are none."""
+        """Median of the earlier values; None: there are none."""
         return statistics.median(row.value for row in self.earlier) if self.earlier else None
 
     @property

@@ -73,9 +73,8 @@ class Studio:
         slots: int,
         device: wp.Device,
     ) -> None:
-        """
-        Raises:
-            ValueError: a scene or lens that cannot be used, or too many slots; one line.
+        """Raises:
+        ValueError: a scene or lens that cannot be used, or too many slots; one line.
         """
         self._recipe, self._street, self._vehicle, self._eyes = recipe, street, vehicle, eyes
         self._slots, self._device = slots, device

@@ -53,7 +53,8 @@ class Bvh:
     def words(
         self, first_node: int, first_leaf: int, shape: BvhWidth
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Both as flat arrays, to stand behind others with so many nodes and leaf rows."""
+        """Nodes and leaves as flat arrays, to stand behind others with so many nodes and leaf
+        rows."""
         nodes = self.nodes.copy()
         links = nodes.view(np.int32)[:, 6]
         inner, leaf = links >= 0, (links < 0) & (links != NOBODY)

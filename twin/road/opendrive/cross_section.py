@@ -64,7 +64,7 @@ class CrossSection:
         return 0.5 * (inner[0] + outer[0]), 0.5 * (inner[1] + outer[1])
 
     def width(self, lane_id: int, s_m: np.ndarray) -> np.ndarray:
-        """Of a lane [m]."""
+        """Width of a lane [m]."""
         inner, outer = self.inner(lane_id, s_m), self.outer(lane_id, s_m)
         width: np.ndarray = np.abs(outer[0] - inner[0])
         return width

@@ -49,6 +49,6 @@ def angle_of(y: np.ndarray, x: np.ndarray) -> np.ndarray:
 
 
 def turned(angle: np.ndarray) -> np.ndarray:
-    """The same direction in [-pi, pi) [rad]."""
+    """A direction in [-pi, pi) [rad]."""
     wrapped: np.ndarray = np.mod(angle + np.pi, 2.0 * np.pi) - np.pi
     return wrapped

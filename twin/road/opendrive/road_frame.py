@@ -85,7 +85,7 @@ class RoadFrame:
         return np.maximum(found, 0)
 
     def curvature(self, s_m: float | np.ndarray) -> np.ndarray:
-        """Of the reference line, to the left positive [1/m]."""
+        """Curvature of the reference line, to the left positive [1/m]."""
         return self.line.at(s_m).curvature_per_m
 
     def pose(

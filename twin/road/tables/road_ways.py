@@ -78,7 +78,7 @@ def road_ways(network: RoadNetwork, frames: Sequence[RoadFrame], graph: LaneGrap
 
 
 def no_ways() -> RoadWays:
-    """Of a network without roads."""
+    """Ways of a network without roads."""
     return RoadWays(
         first=np.zeros(1, np.int32),
         ways=np.zeros((1, len(WAY_COLUMNS)), np.int32),

@@ -99,7 +99,7 @@ class RadarProfile(Struct, kw_only=True, frozen=True, forbid_unknown_fields=True
 
     @property
     def wavelength_m(self) -> float:
-        """[m]"""
+        """Wavelength of the carrier [m]."""
         return LIGHT_MPS / self.carrier_hz
 
     @property

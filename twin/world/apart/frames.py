@@ -106,7 +106,7 @@ class FrameReader:
         return self._read(count).view(dtype).reshape(shape)
 
     def _read(self, count: int) -> np.ndarray:
-        """So many bytes, uint8 [count]."""
+        """The next ``count`` bytes, uint8 [count]."""
         if count > self.bytes_left:
             raise AnswerError("more bytes than may be")
         self.bytes_left -= count

@@ -99,8 +99,8 @@ def road_mistake(scene: Scene) -> str:
 
 @lru_cache(maxsize=64)
 def _mistake(_digest: str, encoded: bytes) -> str:
-    """The same of a scene as JSON, once for every content of its file: many cases have the same
-    one."""
+    """Mistake of a scene as JSON, found once for every content of its file: many cases have the
+    same one."""
     scene = msgspec.json.decode(encoded, type=Scene)
     try:
         surface_of(scene.opendrive)

@@ -40,12 +40,12 @@ class Heavens:
 
     @property
     def sun_elevation_rad(self) -> float:
-        """[rad]"""
+        """Elevation of the sun [rad]."""
         return math.asin(max(-1.0, min(1.0, float(self.sun[2]))))
 
     @property
     def moon_elevation_rad(self) -> float:
-        """[rad]"""
+        """Elevation of the moon [rad]."""
         return math.asin(max(-1.0, min(1.0, float(self.moon[2]))))
 
 

@@ -153,9 +153,8 @@ _built: dict[bytes, World] = {}
 
 
 def _content(file: str) -> bytes:
-    """
-    Raises:
-        ValueError: it cannot be read; one line.
+    """Raises:
+    ValueError: it cannot be read; one line.
     """
     try:
         return file_digest(Path(file)).encode()
@@ -271,9 +270,8 @@ def _add_roads(mesh: MeshBuilder, scene: Scene, parts: _Parts) -> None:
 
 
 def _cast(scene: Scene, bodies: int) -> Cast:
-    """
-    Raises:
-        ValueError: the scene's objects cannot be; one line.
+    """Raises:
+    ValueError: the scene's objects cannot be; one line.
     """
     if not bodies:
         return build_cast(scene.objects)

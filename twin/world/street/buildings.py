@@ -142,7 +142,7 @@ def _side_rows(
     row: tuple[float, float],
     rng: np.random.Generator,
 ) -> list[Hull]:
-    """Both fronts of a side street beyond the corner buildings, and the house at its end."""
+    """The two fronts of a side street beyond the corner buildings, and the house at its end."""
     wall, sign = row
     low, high = scene.buildings.width_m
     offset = layout.half_side + SIDE_WALK_M

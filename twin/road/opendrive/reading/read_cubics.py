@@ -37,6 +37,6 @@ def lowest(cubic: Cubic, from_m: float, to_m: float) -> float:
 
 
 def value(cubic: Cubic, distance_m: float) -> float:
-    """Of the polynomial, at a distance from its beginning."""
+    """Value of the polynomial at a distance from its beginning."""
     d = distance_m
     return cubic.a + d * (cubic.b + d * (cubic.c + d * cubic.d))

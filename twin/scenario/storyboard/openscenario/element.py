@@ -41,7 +41,7 @@ class ScenarioElement:
         return next((child for child in self.children if child.name == name), None)
 
     def walk(self) -> Iterator[ScenarioElement]:
-        """This element and everything below it, in order; entries of catalogs stand in the place
+        """The element and everything below it, in order; entries of catalogs stand in the place
         of their references."""
         yield self
         for child in (*self.children, *([self.target] if self.target else [])):

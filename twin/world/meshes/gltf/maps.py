@@ -87,7 +87,8 @@ def _wrap(document: Document, texture: dict[str, Any]) -> tuple[int, int]:
 
 
 def _matrix(transform: dict[str, Any]) -> np.ndarray:
-    """Of KHR_texture_transform: scaled, turned anticlockwise as seen (v points down), moved."""
+    """Matrix of KHR_texture_transform: scaled, turned anticlockwise as seen (v points down),
+    moved."""
     scale = numbers_of(transform, "scale", (1, 1))
     offset = numbers_of(transform, "offset", (0, 0))
     (angle,) = numbers_of(transform, "rotation", (0,))

@@ -97,7 +97,7 @@ def _local(node: dict[str, Any], index: int) -> np.ndarray:
 
 
 def _rotation(quaternion: np.ndarray) -> np.ndarray:
-    """Of a quaternion x, y, z, w; one of length 0 turns nothing."""
+    """Rotation of a quaternion x, y, z, w; one of length 0 turns nothing."""
     x, y, z, w = quaternion.reshape(4) / (np.linalg.norm(quaternion) or 1.0)
     return np.array(
         [
