@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TypedDict
 from twin.base.errors import UsageError
 
 if TYPE_CHECKING:
-    from conductor.run.changes import Changes
+    from conductor.run.changes import CampaignChanges
     from conductor.run.requested import RunRequest
 
 VIEWS = ("live", "none", "record", "record+live")
@@ -107,18 +107,18 @@ def request_of(
 
 def changes_of(
     axes: Mapping[str, Sequence[Any]] | None, settings: Mapping[str, Any] | None
-) -> Changes:
+) -> CampaignChanges:
     """Changes of a campaign; classes among the values become entry points.
 
     Raises:
         UsageError: one of them is no mapping, or a class lies in no module.
     """
-    from conductor.run.changes import Changes
+    from conductor.run.changes import CampaignChanges
 
     for name, given in (("axes", axes), ("settings", settings)):
         if given is not None and not isinstance(given, Mapping):
             raise UsageError(f"{name}: expected a mapping, e.g. {{'weather': ['clear']}}")
-    return Changes(
+    return CampaignChanges(
         settings={path: entry_point(value) for path, value in (settings or {}).items()},
         axes=axes or {},
     )

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from conductor.run.changes import Changes
+    from conductor.run.changes import CampaignChanges
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +38,7 @@ def shipped() -> list[ShippedCampaign]:
     return [ShippedCampaign(name, *listed(name)) for name in names()]
 
 
-def checked(campaign: str | Path, changes: Changes, seed: int | None) -> CheckedCampaign:
+def checked(campaign: str | Path, changes: CampaignChanges, seed: int | None) -> CheckedCampaign:
     """Check a campaign and its networks, as `conductor validate` does.
 
     Raises:

@@ -193,7 +193,7 @@ class StartedRun:
             )
 
     def _leave(self) -> None:
-        """This process ends, and nobody has waited."""
+        """Stop what nobody has waited for, when this process ends."""
         self.stop()
         self._thread.join(STOP_S)
 

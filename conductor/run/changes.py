@@ -11,7 +11,7 @@ from twin.base.errors import UsageError
 
 
 @dataclass(frozen=True, slots=True)
-class Changes:
+class CampaignChanges:
     """Values in place of those of a campaign file; what they may be, its schema says."""
 
     settings: Mapping[str, Any] = field(default_factory=dict)
@@ -48,7 +48,7 @@ class Changes:
         return ""
 
 
-NO_CHANGES = Changes()
+NO_CHANGES = CampaignChanges()
 """The campaign as its file says."""
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from msgspec import UNSET
 
-from conductor.run.changes import NO_CHANGES, Changes
+from conductor.run.changes import NO_CHANGES, CampaignChanges
 from conductor.run.gpu_sharing import side_by_side
 from conductor.run.gpu_turns import turns
 from conductor.run.models import check_models, models_checked
@@ -36,7 +36,7 @@ class RunRequest:
 
     campaign: str
     """Shipped campaign or path of a campaign file."""
-    changes: Changes = NO_CHANGES
+    changes: CampaignChanges = NO_CHANGES
     out: Path | None = None
     """Campaign folder; None: ``runs/CAMPAIGN``."""
     workers: str | None = None
@@ -119,7 +119,7 @@ def checked_plan(
     seed: int | None = None,
     fetch: bool = True,
     weather: str = "",
-    changes: Changes = NO_CHANGES,
+    changes: CampaignChanges = NO_CHANGES,
 ) -> Plan:
     """The plan of a campaign whose networks were looked at, too; arguments as those of
     :func:`conductor.run.source.load`.

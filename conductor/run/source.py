@@ -11,7 +11,7 @@ from typing import Any
 import msgspec
 from msgspec import UNSET
 
-from conductor.run.changes import NO_CHANGES, Changes
+from conductor.run.changes import NO_CHANGES, CampaignChanges
 from conductor.run.stack_check import stack_mistakes
 from conductor.run.twin_check import twin_mistakes
 from conductor.search.libraries import require
@@ -82,7 +82,7 @@ def load(
     fetch: bool = True,
     render: bool | None = None,
     weather: str = "",
-    changes: Changes = NO_CHANGES,
+    changes: CampaignChanges = NO_CHANGES,
 ) -> Plan:
     """Load and check a campaign, with its cases.
 

@@ -34,7 +34,8 @@ class EpisodeCases:
     """
 
     def __init__(self, plan: Plan) -> None:
-        """
+        """Take the cases of a plan.
+
         Raises:
             UsageError: the cases cannot run on one engine, or not in lockstep; one line.
         """

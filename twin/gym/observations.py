@@ -105,7 +105,8 @@ class Observations:
         device: str,
         form: ArrayForm,
     ) -> None:
-        """
+        """Make room for what is handed out.
+
         Args:
             names: sensor messages.
             there: their shapes.

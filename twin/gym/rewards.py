@@ -25,7 +25,8 @@ class RewardFormula:
     """
 
     def __init__(self, text: str, kind: ScenarioKind) -> None:
-        """
+        """Read a formula.
+
         Args:
             text: the formula.
             kind: declaration of the scenario's family, which says what columns there are.

@@ -25,7 +25,8 @@ class RigLoop:
     """
 
     def __init__(self, engine: Engine, slots: Slots) -> None:
-        """
+        """Begin without cases.
+
         Args:
             engine: of the rig.
             slots: of the rig, as many as the engine has.
