@@ -10,7 +10,7 @@ from typing import NamedTuple
 from house.statements import statements
 
 ROOT = Path(__file__).resolve().parents[2]
-PACKAGES = ("schemas", "twin", "devkit", "conductor", "viewer", "hpc")
+PACKAGES = ("schemas", "twin", "devkit", "conductor", "viewer", "hpc", "drivetwin")
 FOLDERS = (*PACKAGES, "tests", "docs")
 
 

@@ -15,7 +15,7 @@ from schemas.kinds.scenario import scenario_kinds
 from schemas.kinds.sensor import sensor_kinds
 
 ROOT = Path(__file__).resolve().parents[2]
-PACKAGES = ("schemas", "twin", "devkit", "conductor", "viewer", "hpc")
+PACKAGES = ("schemas", "twin", "devkit", "conductor", "viewer", "hpc", "drivetwin")
 TABLES = "schemas/kinds/"
 """Where every kind may be named."""
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from house.statements import statements
 
 ROOT = Path(__file__).parents[2]
-PACKAGES = ("schemas", "twin", "devkit", "conductor", "viewer", "hpc")
+PACKAGES = ("schemas", "twin", "devkit", "conductor", "viewer", "hpc", "drivetwin")
 
 
 def modules(root: Path = ROOT) -> dict[str, Path]:

@@ -20,7 +20,7 @@ from twin.base.errors import (
     TwinError,
     storage_error,
 )
-from twin.base.software import check_packages
+from twin.base.software import check_packages, missing_package, own_version
 
 EXIT_CODES = (
     "Exit codes: 0 all passed, 1 a verdict is not a pass, 2 usage or bad input, "
@@ -63,6 +63,13 @@ def duration(text: str, *, least: float = 0.0, most: float = SECONDS_MAX, **more
     return typer.Option(min=least, max=most, help=text, **more)
 
 
+def version_option() -> Any:
+    """The option ``--version`` of a command."""
+    return typer.Option(
+        False, "--version", is_eager=True, callback=_version, help="Print the version."
+    )
+
+
 def make_app(name: str, help_text: str) -> typer.Typer:
     """A typer app in the house style."""
     app = typer.Typer(
@@ -70,16 +77,13 @@ def make_app(name: str, help_text: str) -> typer.Typer:
         help=help_text,
         epilog=EXIT_CODES,
         no_args_is_help=True,
-        add_completion=False,
         pretty_exceptions_enable=False,
         rich_markup_mode=None,
         context_settings={"help_option_names": ["-h", "--help"]},
     )
 
     @app.callback(invoke_without_command=False)
-    def _root(
-        version: bool = typer.Option(False, "--version", is_eager=True, callback=_version),
-    ) -> None:
+    def _root(version: bool = version_option()) -> None:
         """Options of every command."""
 
     # typer takes the group's help from the callback's docstring otherwise.
@@ -98,9 +102,7 @@ class Terminated(BaseException):
 
 def _version(value: bool) -> None:
     if value:
-        import importlib.metadata  # takes 10 ms
-
-        print(f"drivetwin {importlib.metadata.version('drivetwin')}")
+        print(f"drivetwin {own_version()}")
         raise typer.Exit
 
 
@@ -149,6 +151,11 @@ def run(app: Callable[[], object], name: str) -> None:
     except OSError as error:
         failure = storage_error(error, error.filename or name)
         _fail(name, str(failure), failure.exit_code)
+    except ModuleNotFoundError as error:
+        line = missing_package(error)
+        if not line:
+            raise
+        _fail(name, line, EXIT_USAGE)
     except MemoryError:
         _fail(name, "out of memory; use fewer slots or workers", EXIT_INFRASTRUCTURE)
     except Exception:

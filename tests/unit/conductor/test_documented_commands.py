@@ -11,7 +11,7 @@ import pytest
 from typer.main import get_command
 
 ROOT = Path(__file__).parents[3]
-PROGRAMS = ("conductor", "devkit", "hpc", "twin", "viewer")
+PROGRAMS = ("conductor", "devkit", "drivetwin", "hpc", "twin", "viewer")
 STARTS = re.compile(rf"^(?:\$ )?(?:{'|'.join(PROGRAMS)}) [a-z]")
 
 
