@@ -9,6 +9,7 @@ from typing import Annotated
 
 import typer
 
+from conductor.commands.doctor_command import doctor_command
 from conductor.commands.replay_log_command import replay_log_command
 from twin.base.cli import Output, OutputOption
 from twin.base.errors import UsageError
@@ -21,6 +22,7 @@ def add_further_commands(app: typer.Typer) -> None:
     app.command("bench-search")(bench_search_command)
     app.command("bench-store")(bench_store_command)
     app.command("bench-tls")(bench_tls_command)
+    app.command("doctor")(doctor_command)
     app.command()(fields)
     app.command("campaigns")(campaigns_command)
     app.command("replay-log")(replay_log_command)

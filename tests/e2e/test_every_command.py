@@ -82,6 +82,7 @@ READ = [
     ("conductor", "validate", "{file}"),
     ("conductor", "fields", "scenario"),
     ("conductor", "campaigns"),
+    ("conductor", "doctor", "--out", "{tmp}"),
     ("twin", "judge", "{run}"),
     ("twin", "driving", "--part", "3", "--commit", "0" * 40, "--out", "{tmp}/driving"),
     ("twin", "snapshot", "--out", "{tmp}/sheet.png", "--weather", "clear", "--time", "12:00"),
