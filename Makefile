@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN = $(VENV)/bin
 
-.PHONY: help install install-test install-test-all install-train install-bench demo driving test test-all test-rest audit-env faults redteam fuzz soak offline planted mutation check lock models integer-models console processors ablation frozen clean
+.PHONY: help install install-test install-test-all install-train install-bench demo driving test test-all test-rest audit-env faults redteam fuzz soak offline planted mutation check dist licences lock models integer-models console processors ablation frozen clean
 
 help:
 	@echo "make demo     install, then run the eight-case demo campaign (again: resume)"
@@ -26,7 +26,9 @@ help:
 	@echo "make mutation  small changes of the pure cores that no test notices (a quarter of an hour)"
 	@echo "make ablation  what each sensor brings, per weather: runs aeb-ablation, writes docs/ablation.md (a GPU, or an hour)"
 	@echo "make frozen   the fusion stack on 256 cases of streets drawn from this commit (ARGS='--workers cuda'; QUICK=1: 8)"
-	@echo "make check    format, lint, types, layers and the shape of the code, in under a minute"
+	@echo "make dist     wheels, sdist, SHA-256 and the list of components of a release, in dist"
+	@echo "make licences  writes docs/licences.md: the licences of all that an installation brings"
+	@echo "make check    format, lint, types, layers, shape of the code and licences, in under a minute"
 
 install: $(VENV)/.installed
 
@@ -122,11 +124,19 @@ check: install-test
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-cache
 	$(BIN)/python tests/house/shape.py
+	$(BIN)/python -m release.licences
+
+# The same tree gives the same bytes; times in the archives are those of SOURCE_DATE_EPOCH, if it is set.
+dist: install-test
+	$(BIN)/python -m release.build --out dist
+
+licences: install-test
+	$(BIN)/python -m release.licences --write
 
 # Writes constraints.txt anew from the newest versions that pyproject.toml admits.
 lock:
 	$(PYTHON) -m venv $(VENV)-lock
-	$(VENV)-lock/bin/pip install --quiet --disable-pip-version-check --editable '.[test,check,train,export,gltf,scenarios,search,bench,mutation]'
+	$(VENV)-lock/bin/pip install --quiet --disable-pip-version-check --editable '.[test,check,train,export,gltf,scenarios,search,bench,mutation,release]'
 	$(VENV)-lock/bin/pip freeze --exclude-editable | grep -v '^drivetwin' > constraints.txt
 	rm -rf $(VENV)-lock
 

@@ -21,6 +21,7 @@ ELSEWHERE = {
     "conductor bench-search": "a measurement",
     "conductor bench-store": "a measurement",
     "conductor bench-tls": "a measurement",
+    **{f"conductor new {what}": "test_new" for what in ("campaign", "plugin", "scenario", "stack")},
     "conductor relay": "two hosts: test_two_hosts",
     "conductor compare": "two runs: test_compare_page",
     "conductor driving": "free driving: tests/unit/conductor/report/driving/test_driving_page",

@@ -14,7 +14,8 @@ from schemas.wire.topics import TOPICS
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("conductor", "devkit", "hpc", "schemas", "twin", "viewer")
-PAGES = [ROOT / "README.md", ROOT / "ARCHITECTURE.md", *sorted((ROOT / "docs").glob("*.md"))]
+TOP = ("README.md", "ARCHITECTURE.md", "CONTRIBUTING.md", "SECURITY.md")
+PAGES = [*(ROOT / name for name in TOP), *sorted((ROOT / "docs").glob("*.md"))]
 RECORDS = sorted((ROOT / "docs" / "decisions").glob("*.md"))
 """Dated: their links are checked, the paths in their prose are those of their day."""
 
