@@ -30,12 +30,14 @@ help:
 	@echo "make licences  writes docs/licences.md: the licences of all that an installation brings"
 	@echo "make check    format, lint, types, layers, shape of the code and licences, in under a minute"
 
+# What commands of the README need; others: make install EXTRAS=scenarios,search,export,ros2.
+EXTRAS ?= scenarios,search
 install: $(VENV)/.installed
 
 $(VENV)/.installed: pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; v = sys.version_info[:2]; sys.exit(None if (3, 11) <= v < (3, 14) else "Python 3.11, 3.12 or 3.13 is needed, this is %d.%d; use e.g. make PYTHON=python3.12" % v)'
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable .
+	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[$(EXTRAS)]'
 	@touch $@
 
 install-test: $(VENV)/.installed-test

@@ -12,7 +12,7 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -34,7 +34,13 @@ from conductor.records.fingerprint import Fingerprint, fingerprint
 from conductor.records.outcomes import Outcomes, count_outcomes, count_verdicts, read_outcomes
 from conductor.records.realtime import too_slow
 from conductor.records.search import read_search
-from conductor.run.case_lengths import all_ended, earlier_lengths, slots_in_use, use_line
+from conductor.run.case_lengths import (
+    all_ended,
+    earlier_lengths,
+    history_line,
+    slots_in_use,
+    use_line,
+)
 from conductor.run.local_workers import LocalWorkers
 from conductor.run.places import WorkerPlace, WorkersOption, gpu_slots, on_cpu, on_gpus
 from conductor.run.report_preload import ReportPreload
@@ -157,7 +163,10 @@ def run_campaign(
     campaign, cases = plan.campaign, len(plan.cases)
     if options.view is not None:
         campaign = msgspec.structs.replace(campaign, view=options.view.value)
-    conductor = _conductor_of(options, workers)
+    lengths_s = earlier_lengths(options.history)
+    if line := history_line(options.history, lengths_s, (case.id for case in plan.cases)):
+        console.print(line, markup=False, soft_wrap=True)
+    conductor = _conductor_of(options, workers, lengths_s)
     with heeded() as signals:
         try:
             _execute(conductor, campaign, options, workers, cases, console, signals)
@@ -188,9 +197,10 @@ def serve_until_done(plan: Plan, options: RunOptions) -> int:
     return run_campaign(plan, options, LocalWorkers((), options.out.absolute(), ()))
 
 
-def _conductor_of(options: RunOptions, workers: LocalWorkers) -> Conductor:
+def _conductor_of(
+    options: RunOptions, workers: LocalWorkers, lengths_s: Mapping[str, float]
+) -> Conductor:
     """The conductor of a run, not started yet."""
-    lengths_s = earlier_lengths(options.history)
     config = Config(by_batch=options.by_batch, spread=not workers.places, lengths_s=lengths_s)
     if options.ttl_s is not None:
         config = replace(config, ttl_ns=int(options.ttl_s * 1e9))

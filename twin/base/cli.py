@@ -18,6 +18,7 @@ from twin.base.errors import (
     EXIT_UNFINISHED,
     EXIT_USAGE,
     TwinError,
+    page_of,
     storage_error,
 )
 from twin.base.software import check_packages, missing_package, own_version
@@ -137,7 +138,7 @@ def run(app: Callable[[], object], name: str) -> None:
         check_packages()
         app()
     except TwinError as error:
-        _fail(name, str(error), error.exit_code)
+        _fail(name, str(error), error.exit_code, page_of(error.__traceback__))
     except WireError as error:
         _fail(name, str(error), EXIT_USAGE)
     except (KeyboardInterrupt, Terminated):
@@ -177,7 +178,10 @@ def _stopped(name: str) -> None:
     _fail(name, f"interrupted; {_AGAIN}", EXIT_INTERRUPTED)
 
 
-def _fail(name: str, line: str, code: int) -> None:
-    for part in line.splitlines():
+def _fail(name: str, line: str, code: int, page: str = "") -> None:
+    *parts, last = line.splitlines() or [""]
+    if page and page not in last:
+        last = f"{last}; see {page}"
+    for part in (*parts, last):
         print(f"{name}: {part}", file=sys.stderr)
     sys.exit(code)
