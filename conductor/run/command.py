@@ -167,6 +167,7 @@ def run_campaign(
     if line := history_line(options.history, lengths_s, (case.id for case in plan.cases)):
         console.print(line, markup=False, soft_wrap=True)
     conductor = _conductor_of(options, workers, lengths_s)
+    result = None
     with heeded() as signals:
         try:
             _execute(conductor, campaign, options, workers, cases, console, signals)
@@ -181,7 +182,7 @@ def run_campaign(
             return EXIT_INTERRUPTED if stop.number == signal.SIGINT else EXIT_UNFINISHED
         finally:
             with contextlib.suppress(TwinError):
-                sign_again(options.out)
+                sign_again(options.out, reported=result is not None)
             if conductor.link is not None:
                 conductor.link.keep_runs([options.out])
     if result is None:

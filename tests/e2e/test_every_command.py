@@ -122,6 +122,8 @@ SERVED = [
 """At a conductor that serves, in this order."""
 
 
+WARPS_LINE = "Warp CUDA"
+"""Begins what Warp says where there is no GPU, which is nothing to warn about."""
 ALSO = {"report": 1, "doctor": 3}
 """Exit codes that are no mistake: a case did not pass, no scheduler is here."""
 
@@ -166,6 +168,10 @@ def ran(tmp_path_factory):
     finally:
         starter.end()
     assert done.returncode in (0, 1), done.stderr
+    said = [*(folder / "run").glob("logs/*"), *(folder / "run").glob("cases/*/*/log.txt")]
+    assert said
+    for text in (done.stderr, *(log.read_text(errors="replace") for log in said)):
+        assert WARPS_LINE not in text
     return path, folder / "run"
 
 
@@ -181,6 +187,7 @@ def test_a_run_and_all_that_reads_it(marked, ran, tmp_path):
             done.stderr[-2000:],
         )
         assert done.stdout or done.stderr, words
+        assert WARPS_LINE not in done.stderr, words
 
 
 def test_a_conductor_that_serves_and_all_that_asks_it(marked, tmp_path):

@@ -67,7 +67,7 @@ def test_a_new_plugin_is_installed_and_its_test_passes(marked, tmp_path, monkeyp
     run = ("conductor", "run", "campaign.yaml", "--cases", "1", "--workers", "1")
     said(marked, *run, folder=plugin, codes=(0, 1))
     row = next(iter(outcomes(plugin / "runs" / "tall-boxes").values()))
-    assert row["outcome"] == "completed", row
+    assert row["outcome"] == "verdict", row
 
 
 def test_a_second_time_nothing_is_overwritten(marked, tmp_path):
