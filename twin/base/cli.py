@@ -138,7 +138,8 @@ def run(app: Callable[[], object], name: str) -> None:
         check_packages()
         app()
     except TwinError as error:
-        _fail(name, str(error), error.exit_code, page_of(error.__traceback__))
+        page = page_of(error.__traceback__) if error.exit_code == EXIT_USAGE else ""
+        _fail(name, str(error), error.exit_code, page)
     except WireError as error:
         _fail(name, str(error), EXIT_USAGE)
     except (KeyboardInterrupt, Terminated):
