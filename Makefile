@@ -4,7 +4,7 @@ VENV ?= .venv
 BIN = $(VENV)/bin
 PACKAGES = schemas twin devkit conductor viewer hpc drivetwin
 
-.PHONY: help install install-test install-test-all install-train install-bench demo driving test test-all test-rest audit-env faults redteam fuzz soak offline planted mutation check lock models integer-models console console-pictures site film processors ablation frozen clean
+.PHONY: help install install-test install-test-all install-train install-bench demo driving test test-all test-rest audit-env faults redteam fuzz soak offline planted mutation check dist licences lock models integer-models console console-pictures site film processors ablation frozen clean
 
 help:
 	@echo "make demo     install, then run the eight-case demo campaign (again: resume)"
@@ -30,14 +30,18 @@ help:
 	@echo "make mutation  small changes of the pure cores that no test notices (a quarter of an hour)"
 	@echo "make ablation  what each sensor brings, per weather: runs aeb-ablation, writes docs/ablation.md (a GPU, or an hour)"
 	@echo "make frozen   the fusion stack on 256 cases of streets drawn from this commit (ARGS='--workers cuda'; QUICK=1: 8)"
-	@echo "make check    format, lint, types, layers and the shape of the code, in under a minute"
+	@echo "make dist     wheels, sdist, SHA-256 and the list of components of a release, in dist"
+	@echo "make licences  writes docs/licences.md: the licences of all that an installation brings"
+	@echo "make check    format, lint, types, layers, shape of the code and licences, in under a minute"
 
+# What commands of the README need; others: make install EXTRAS=scenarios,search,export,ros2.
+EXTRAS ?= scenarios,search
 install: $(VENV)/.installed
 
 $(VENV)/.installed: pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; v = sys.version_info[:2]; sys.exit(None if (3, 11) <= v < (3, 14) else "Python 3.11, 3.12 or 3.13 is needed, this is %d.%d; use e.g. make PYTHON=python3.12" % v)'
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable .
+	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[$(EXTRAS)]'
 	@touch $@
 
 install-test: $(VENV)/.installed-test
@@ -128,11 +132,19 @@ check: install-test
 	$(BIN)/python tests/house/shape.py
 	$(BIN)/python tests/house/prose.py
 	$(BIN)/typos README.md ARCHITECTURE.md CHANGELOG.md docs $(PACKAGES)
+	PYTHONPATH=tests $(BIN)/python -m release.licences
+
+# The same tree gives the same bytes; times in the archives are those of SOURCE_DATE_EPOCH, if it is set.
+dist: install-test
+	PYTHONPATH=tests $(BIN)/python -m release.build --out dist
+
+licences: install-test
+	PYTHONPATH=tests $(BIN)/python -m release.licences --write
 
 # Writes constraints.txt anew from the newest versions that pyproject.toml admits.
 lock:
 	$(PYTHON) -m venv $(VENV)-lock
-	$(VENV)-lock/bin/pip install --quiet --disable-pip-version-check --editable '.[test,check,docs,train,export,gltf,scenarios,search,bench,mutation]'
+	$(VENV)-lock/bin/pip install --quiet --disable-pip-version-check --editable '.[test,check,docs,train,export,gltf,scenarios,search,bench,mutation,release]'
 	$(VENV)-lock/bin/pip freeze --exclude-editable | grep -v '^drivetwin' > constraints.txt
 	rm -rf $(VENV)-lock
 

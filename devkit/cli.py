@@ -59,6 +59,20 @@ def kernels(
     compile_kernels(device, into)
 
 
+@app.command("check-bridge", hidden=True)
+def check_bridge(
+    bridge: Annotated[str, typer.Argument(help="Name of the bridge.")],
+    parameters: Annotated[str, typer.Argument(help="Its parameters as JSON.")],
+) -> None:
+    """Print JSON, parameter -> one line that says why it is not allowed; `conductor` asks this
+    before it leases a case. Nothing is started."""
+    import json
+
+    from devkit.bridges import parameter_mistakes
+
+    print(json.dumps(parameter_mistakes(bridge, parsed_parameters(parameters))))
+
+
 RigKey = Annotated[
     Path | None, typer.Option(help="The key that the rig gave its stack, for tls/ endpoints.")
 ]

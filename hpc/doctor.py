@@ -10,24 +10,13 @@ from typing import Any, Literal
 
 from hpc.scheduler import Partition
 from schemas.words import none_of
+from twin.base.files import SHARED
 
 Level = Literal["ok", "note", "bad"]
 
 SPACE_MIN_BYTES = 1 << 30
 """Less free space than this is worth a line [bytes]."""
 PYTHON_MIN = (3, 11)
-SHARED = ("nfs", "nfs4", "lustre", "gpfs", "beegfs", "ceph", "fuse.ceph", "cifs", "smb3", "panfs")
-SHARED_MORE = (
-    "orangefs",
-    "pvfs2",
-    "fuse.glusterfs",
-    "fuse.sshfs",
-    "afs",
-    "9p",
-    "virtiofs",
-    "wekafs",
-)
-"""File systems that several hosts see."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,7 +165,7 @@ def _folder(facts: Facts) -> list[DoctorLine]:
             "run folder", "ok", f"{facts.folder}: written, synced and renamed ({facts.filesystem})"
         )
     ]
-    if facts.filesystem in ("tmpfs", "ramfs") or facts.filesystem not in (*SHARED, *SHARED_MORE):
+    if facts.filesystem not in SHARED:
         lines.append(
             DoctorLine(
                 "shared",

@@ -20,6 +20,7 @@ from hpc.site import usual_path
 from hpc.submit import probe
 from schemas.kinds.batch_system import BatchSystemKind, batch_systems
 from twin.base.errors import TwinError
+from twin.base.files import filesystem, nearest_existing
 
 WAIT_S = 20.0
 """Longest wait for one program [s]."""
@@ -29,7 +30,7 @@ def look(folder: Path, site: Path | None) -> Facts:
     """Everything about this host; ``folder`` is where runs would be kept."""
     system = present()
     offered = backend(system.name).partitions(WAIT_S) if system is not None else Partitions()
-    there = _existing(folder)
+    there = nearest_existing(folder)
     beside = Path(sys.executable).parent
     used = site or usual_path()
     return Facts(
@@ -80,20 +81,6 @@ def _containers() -> tuple[str, ...]:
                 version = re.search(r"\b\d+\.\d[\w.~-]*", done.out + done.err)
                 runtimes.append(f"{program} {version[0]}" if version else program)
     return tuple(runtimes)
-
-
-def _existing(folder: Path) -> Path:
-    """The folder, or the nearest one above it that exists."""
-    return next(ancestor for ancestor in (folder, *folder.parents) if ancestor.exists())
-
-
-def filesystem(folder: Path) -> str:
-    """Type of the file system that holds ``folder``."""
-    path = folder.resolve()
-    mounts = {Path(mount.mountpoint): mount.fstype for mount in psutil.disk_partitions(all=True)}
-    return next(
-        (mounts[ancestor] for ancestor in (path, *path.parents) if ancestor in mounts), "unknown"
-    )
 
 
 def _writable(folder: Path) -> str:

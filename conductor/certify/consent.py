@@ -57,8 +57,8 @@ def require_consent(plan: Plan, consent: Consent, shown: str) -> None:
         )
     if (open_here := _open(campaign)) and not consent.unprotected:
         raise UsageError(
-            f"{shown}: its stack would run without a sandbox: {open_here}; if it may do "
-            "whatever you may, give --allow-unprotected"
+            f"{shown}: its stack would run without a sandbox; give --allow-unprotected if it may "
+            f"do whatever you may. There is none because: {open_here}"
         )
 
 

@@ -20,6 +20,7 @@ from conductor.certify.given import read_given
 from conductor.certify.rows import Sha, Text
 from schemas.escape import escape
 from schemas.files.json_text import JsonError, decode_json
+from schemas.kinds.registry import OUR_DISTRIBUTIONS
 from twin.base.errors import InfrastructureError, UsageError
 from twin.stack_identity.installed import record_digest
 
@@ -29,8 +30,6 @@ HASHES_MAX = 100
 """Most archives of a distribution."""
 REPORT_BYTES_MAX = 64 << 20
 """Largest report of `pip` [bytes]."""
-OURS = "drivetwin"
-"""Our own distribution: the software digest stands for it."""
 
 
 class Distribution(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -84,7 +83,9 @@ def installed() -> list[Distribution]:
     known = {}
     for distribution in importlib.metadata.distributions():
         name = _normal(distribution.metadata["Name"] or "")
-        if name and name != OURS and name not in known:  # the first of a name is imported
+        if (
+            name and name not in OUR_DISTRIBUTIONS and name not in known
+        ):  # the first of a name is imported
             record = record_digest(distribution.read_text("RECORD") or "")
             known[name] = Distribution(name=name, version=distribution.version, record=record)
     return [known[name] for name in sorted(known)]

@@ -7,6 +7,7 @@ be shown one case of a certificate without the others. It is one line of JSON wi
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Collection
 from pathlib import Path
 from typing import Annotated, Literal
@@ -27,11 +28,14 @@ from conductor.certify.rows import Row, Sha, leaf_of, leaves_of
 from schemas.campaign import CASES_MAX
 from schemas.escape import escape
 from schemas.files.json_text import JsonError, decode_json
+from schemas.words import counted
 from twin.base.errors import InfrastructureError, UsageError
 
 FORMAT: Literal["drivetwin proof 1"] = "drivetwin proof 1"
 FILE_BYTES_MAX = HEAD_BYTES_MAX + (1 << 16)
 """Largest proof [bytes]."""
+CLOSE_MAX = 3
+"""Names of cases that are suggested for one that is not there."""
 PATH_MAX = 32
 """Most hashes of a proof: enough for more cases than a campaign may have."""
 
@@ -63,7 +67,11 @@ def prove(certificate: Certificate, case: str) -> bytes:
     """
     names = [row.case for row in certificate.rows]
     if case not in names:
-        raise UsageError(f"--proof {case}: no case of '{certificate.head.name}'")
+        close = difflib.get_close_matches(case, names, n=CLOSE_MAX, cutoff=0.4) or names[:CLOSE_MAX]
+        raise UsageError(
+            f"--proof {case}: no case of '{certificate.head.name}'; it has "
+            f"{counted(len(names), 'case')}, e.g. {', '.join(close)}"
+        )
     index = names.index(case)
     leaves = leaves_of(certificate.rows, certificate.head.made_in.device_classes)
     file = _ProofFile(

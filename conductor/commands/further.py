@@ -9,6 +9,8 @@ from typing import Annotated
 
 import typer
 
+from conductor.commands.doctor_command import doctor_command
+from conductor.commands.new_command import add_new_commands
 from conductor.commands.replay_log_command import replay_log_command
 from twin.base.cli import Output, OutputOption
 from twin.base.errors import UsageError
@@ -21,6 +23,8 @@ def add_further_commands(app: typer.Typer) -> None:
     app.command("bench-search")(bench_search_command)
     app.command("bench-store")(bench_store_command)
     app.command("bench-tls")(bench_tls_command)
+    app.command("doctor")(doctor_command)
+    add_new_commands(app)
     app.command()(fields)
     app.command("campaigns")(campaigns_command)
     app.command("replay-log")(replay_log_command)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from conductor.records.outcomes import Outcomes, read_outcomes
+from schemas.words import counted
 from twin.base.errors import TwinError, UsageError
 
 
@@ -28,6 +30,16 @@ def earlier_lengths(folder: Path | None) -> dict[str, float]:
     if not lengths:
         raise UsageError(f"--history {folder}: no case of it has an end; give another run")
     return lengths
+
+
+def history_line(folder: Path | None, lengths_s: Mapping[str, float], cases: Iterable[str]) -> str:
+    """How many cases of a run an earlier one knows, in words; empty: no earlier one was given."""
+    if folder is None:
+        return ""
+    names = list(cases)
+    known = sum(name in lengths_s for name in names)
+    line = f"history: {folder} knows {known} of {counted(len(names), 'case')}"
+    return line + ("; the others begin as in the file" if known < len(names) else "")
 
 
 def slots_in_use(outcomes: Outcomes) -> float | None:

@@ -11,7 +11,7 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -22,7 +22,7 @@ from conductor.commands.tables import search_line
 from conductor.core.state import Config
 from conductor.records.fingerprint import Fingerprint, fingerprint
 from conductor.records.outcomes import Outcomes, read_outcomes
-from conductor.run.case_lengths import all_ended, earlier_lengths
+from conductor.run.case_lengths import all_ended, earlier_lengths, history_line
 from conductor.run.console import ConsoleListener, again, print_results
 from conductor.run.listener import RunListener, RunProgress
 from conductor.run.local_workers import LocalWorkers
@@ -195,16 +195,21 @@ def carry_out(
     campaign, cases = plan.campaign, len(plan.cases)
     if options.view is not None:
         campaign = msgspec.structs.replace(campaign, view=options.view.value)
-    conductor = _conductor_of(options, workers)
+    lengths_s = earlier_lengths(options.history)
+    if line := history_line(options.history, lengths_s, (case.id for case in plan.cases)):
+        listener.say(line)
+    conductor = _conductor_of(options, workers, lengths_s)
+    reported = False
     try:
         _execute(conductor, campaign, options, workers, cases, listener, signals)
         computed()
         if not options.report:
             return None
         outcomes, kpi_fingerprint = _conclude(campaign, options)
+        reported = True
     finally:
         with contextlib.suppress(TwinError):
-            sign_again(options.out)
+            sign_again(options.out, reported=reported)
         if conductor.link is not None:
             conductor.link.keep_runs([options.out])
     return RunResult(outcomes, kpi_fingerprint, time.monotonic() - started)
@@ -216,9 +221,10 @@ def serve_until_done(plan: Plan, options: RunOptions) -> int:
     return run_campaign(plan, options, LocalWorkers((), options.out.absolute(), ()))
 
 
-def _conductor_of(options: RunOptions, workers: LocalWorkers) -> Conductor:
+def _conductor_of(
+    options: RunOptions, workers: LocalWorkers, lengths_s: Mapping[str, float]
+) -> Conductor:
     """The conductor of a run, not started yet."""
-    lengths_s = earlier_lengths(options.history)
     config = Config(by_batch=options.by_batch, spread=not workers.places, lengths_s=lengths_s)
     if options.ttl_s is not None:
         config = replace(config, ttl_ns=int(options.ttl_s * 1e9))

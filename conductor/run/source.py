@@ -18,7 +18,7 @@ from conductor.search.libraries import require
 from schemas.campaign import UNREPEATABLE, Campaign
 from schemas.case import Case
 from schemas.files.assets import ROAD_SUFFIX, asset_digest, file_digest, is_path
-from schemas.files.yaml_file import YamlError, load_yaml
+from schemas.files.yaml_file import YamlError, line_of, load_yaml, read_yaml_text
 from schemas.kinds.scenario import kind_of
 from schemas.names import WEATHERS
 from schemas.plan import Plan, examine, plan_of
@@ -110,7 +110,10 @@ def load(
     plan, mistakes = check(data, path.parent)
     if plan is None:
         options = {"render": render is not None, f"matrix.{WEATHER_AXIS}": bool(weather)}
-        lines = [changes.line(mistake) or _line(mistake, shown, options) for mistake in mistakes]
+        text = read_yaml_text(path)
+        lines = [
+            changes.line(mistake) or _line(mistake, shown, options, text) for mistake in mistakes
+        ]
         raise UsageError("\n".join(lines))
     campaign = plan.campaign
     if fetch:
@@ -133,11 +136,13 @@ def completed(plan: Plan, shown: str) -> Plan:
     )
 
 
-def _line(mistake: Mistake, shown: str, options: dict[str, bool]) -> str:
-    """A mistake in the file that is ``shown``, or in the option that has set its path."""
+def _line(mistake: Mistake, shown: str, options: dict[str, bool], text: str) -> str:
+    """A mistake in the file that is ``shown``, with its line in the file's ``text`` as far as it
+    has one, or in the option that has set its path."""
     if options.get(mistake.path):
         return f"--{mistake.path.rpartition('.')[2]}: {mistake.message}"
-    return mistake.line(shown)
+    number = line_of(text, mistake.path)
+    return mistake.line(shown) + (f" (line {number})" if number is not None else "")
 
 
 def _in_weathers(data: dict[str, Any], weather: str, shown: str) -> dict[str, Any]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import importlib.metadata
 import logging
 import os
 import queue
@@ -56,7 +55,7 @@ from schemas.wire.control import Reply, Request
 from schemas.wire.delivery import Delivery
 from schemas.wire.status import ConductorStatus
 from twin.base.errors import InfrastructureError, TwinError, UsageError, storage_error
-from twin.base.software import device_class, software_digest
+from twin.base.software import device_class, own_version, software_digest
 from twin.fabric.address import check_free
 from twin.fabric.bus import Bus, Respond
 from twin.fabric.discovery import ConductorFile, find_conductor
@@ -532,7 +531,4 @@ def _reachable(endpoint: str) -> str:
 
 
 def _version() -> str:
-    try:
-        return importlib.metadata.version("drivetwin")
-    except importlib.metadata.PackageNotFoundError:
-        return "0"
+    return own_version() or "0"

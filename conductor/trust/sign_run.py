@@ -190,9 +190,13 @@ def _sign(
     return manifest
 
 
-def sign_again(folder: Path) -> None:
+def sign_again(folder: Path, *, reported: bool = False) -> None:
     """Sign a run that was opened and closed with the attempts that it had: a refused command, or a
     signal, takes away no signature. Of others nothing is signed.
+
+    Args:
+        folder: run folder.
+        reported: whoever closed it has made its report anew, which is signed too.
 
     Raises:
         TwinError: there is no key to sign with, or a file of the run is damaged.
@@ -208,7 +212,7 @@ def sign_again(folder: Path) -> None:
         return
     derived = read_manifest(folder, "derived")
     _sign(folder, outcomes, before.fingerprint, files)
-    if derived is not None and derived.files == listed(folder, is_derived):
+    if reported or (derived is not None and derived.files == listed(folder, is_derived)):
         sign_derived(folder)
 
 

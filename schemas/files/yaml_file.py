@@ -136,6 +136,51 @@ def parse_yaml(text: str, name: str) -> Any:
         raise YamlError(f"{name}: not valid YAML: {' '.join(str(error).split())}") from None
 
 
+def line_of(text: str, path: str) -> int | None:
+    """Line of a YAML document in which a key stands, from 1; None: it is not in it.
+
+    Args:
+        text: of a document that :func:`parse_yaml` takes.
+        path: keys with dots between, items by number, as in ``cases[2].weather``; keys may have
+            dots in them themselves.
+    """
+    loader = _Loader(text)
+    try:
+        node = loader.get_single_node()
+    except (yaml.YAMLError, RecursionError):
+        return None
+    finally:
+        loader.dispose()
+    line = None
+    while path and node is not None:
+        step = _step(node, path)
+        if step is None:
+            return None
+        line, node, path = step
+    return line
+
+
+def _step(node: yaml.Node, path: str) -> tuple[int, yaml.Node, str] | None:
+    """Line of the first key or item of ``path``, what stands there, and the rest of the path."""
+    if isinstance(node, yaml.SequenceNode):
+        item = re.match(r"\[(\d+)\]\.?", path)
+        if item is None or int(item[1]) >= len(node.value):
+            return None
+        found = node.value[int(item[1])]
+        return found.start_mark.line + 1, found, path[item.end() :]
+    if not isinstance(node, yaml.MappingNode):
+        return None
+    fitting = [
+        (key, value)
+        for key, value in node.value
+        if path == key.value or path.startswith((f"{key.value}.", f"{key.value}["))
+    ]
+    if not fitting:
+        return None
+    key, value = max(fitting, key=lambda pair: len(pair[0].value))
+    return key.start_mark.line + 1, value, path[len(key.value) :].removeprefix(".")
+
+
 def _constructed(text: str) -> Any:
     loader = _Loader(text)
     try:

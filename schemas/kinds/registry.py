@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
 
 OUR_DISTRIBUTION = "drivetwin"
+OUR_DISTRIBUTIONS = (OUR_DISTRIBUTION, "drivetwin-worker")
+"""Everything, and what a node that only runs workers needs."""
 
 
 class Plugin(NamedTuple):
@@ -171,7 +173,7 @@ def _foreign(group: str) -> Iterable[EntryPoint]:
     from importlib.metadata import entry_points
 
     points = entry_points(group=group)
-    return [p for p in points if p.dist is None or p.dist.name != OUR_DISTRIBUTION]
+    return [p for p in points if p.dist is None or p.dist.name not in OUR_DISTRIBUTIONS]
 
 
 def _distribution(point: EntryPoint) -> str:

@@ -21,6 +21,7 @@ ELSEWHERE = {
     "conductor bench-search": "a measurement",
     "conductor bench-store": "a measurement",
     "conductor bench-tls": "a measurement",
+    **{f"conductor new {what}": "test_new" for what in ("campaign", "plugin", "scenario", "stack")},
     "conductor relay": "two hosts: test_two_hosts",
     "conductor compare": "two runs: test_compare_page",
     "conductor driving": "free driving: tests/unit/conductor/report/driving/test_driving_page",
@@ -82,6 +83,7 @@ READ = [
     ("conductor", "validate", "{file}"),
     ("conductor", "fields", "scenario"),
     ("conductor", "campaigns"),
+    ("conductor", "doctor", "--out", "{tmp}"),
     ("twin", "judge", "{run}"),
     ("twin", "driving", "--part", "3", "--commit", "0" * 40, "--out", "{tmp}/driving"),
     ("twin", "snapshot", "--out", "{tmp}/sheet.png", "--weather", "clear", "--time", "12:00"),
@@ -120,6 +122,8 @@ SERVED = [
 """At a conductor that serves, in this order."""
 
 
+WARPS_LINE = "Warp CUDA"
+"""Begins what Warp says where there is no GPU, which is nothing to warn about."""
 ALSO = {"report": 1, "doctor": 3}
 """Exit codes that are no mistake: a case did not pass, no scheduler is here."""
 
@@ -164,6 +168,10 @@ def ran(tmp_path_factory):
     finally:
         starter.end()
     assert done.returncode in (0, 1), done.stderr
+    said = [*(folder / "run").glob("logs/*"), *(folder / "run").glob("cases/*/*/log.txt")]
+    assert said
+    for text in (done.stderr, *(log.read_text(errors="replace") for log in said)):
+        assert WARPS_LINE not in text
     return path, folder / "run"
 
 
@@ -179,6 +187,7 @@ def test_a_run_and_all_that_reads_it(marked, ran, tmp_path):
             done.stderr[-2000:],
         )
         assert done.stdout or done.stderr, words
+        assert WARPS_LINE not in done.stderr, words
 
 
 def test_a_conductor_that_serves_and_all_that_asks_it(marked, tmp_path):

@@ -13,6 +13,7 @@ import pytest
 from byte_changes import missed
 from changed_campaigns import changed
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+from foreign_distributions import install
 from processes import wait_for
 
 from conductor.core.facts import Committed, Durable
@@ -146,6 +147,19 @@ def test_a_report_that_is_made_again_fits(marked, copy):
     (found,) = differences(copy)
     assert found.startswith("report.html:")
     page.unlink()  # who does not need it may remove it
+    assert differences(copy) == []
+
+
+def test_a_finished_run_that_is_run_again_with_another_library_fits(
+    marked, copy, tmp_path, monkeypatch
+):
+    install(tmp_path / "site", "pillow", "99.0", "")
+    paths = [str(tmp_path / "site"), os.environ.get("PYTHONPATH", "")]
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(paths))
+    before = (copy / "report.html").read_bytes()
+    done = marked.run("conductor", "run", str(copy / "campaign.yaml"), "--out", str(copy))
+    assert done.returncode in (0, 1), done.stderr
+    assert (copy / "report.html").read_bytes() != before, "it is made anew, and names the library"
     assert differences(copy) == []
 
 

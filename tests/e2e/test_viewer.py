@@ -11,13 +11,13 @@ from processes import PATIENCE_S, Marked, committed, complete, nothing_left, out
 from recordings import begun, read_recording
 from served_campaign import ServedCampaign
 
+from twin.base.gpu.vulkan import has_vulkan
 from twin.records.kpi_file import read_kpi
 from twin.worker.rig_process import RECORDERS_MAX
-from viewer.playback import native
 from viewer.recording import naming
 
 needs_vulkan = pytest.mark.skipif(
-    not native.has_vulkan(), reason="no Vulkan driver; apt-get install mesa-vulkan-drivers"
+    not has_vulkan(), reason="no Vulkan driver; apt-get install mesa-vulkan-drivers"
 )
 
 

@@ -16,12 +16,12 @@ from recordings import read_recording
 
 pytest.importorskip("lxml", reason="lxml is not installed")
 
+from twin.base.gpu.vulkan import has_vulkan
 from twin.records.play_file import points_of, poses_of, read_play
-from viewer.playback import native
 from viewer.playing import paths
 
 needs_vulkan = pytest.mark.skipif(
-    not native.has_vulkan(), reason="no Vulkan driver; apt-get install mesa-vulkan-drivers"
+    not has_vulkan(), reason="no Vulkan driver; apt-get install mesa-vulkan-drivers"
 )
 NEAR_VIEW = (slice(70, 445), slice(0, 780))
 """Rows and columns [px] of the view that follows the ego, in a picture of 1280 x 720."""

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from schemas import SCHEMA_VERSION
+from twin.base.gpu.vulkan import has_vulkan
 from viewer.live.mosaic import decoded
-from viewer.playback import native
 from viewer.playback.drawing import drawn
 from viewer.playback.folder import find_moment, find_recording
 from viewer.playback.frames import read_case
@@ -23,7 +23,7 @@ MADE = [1]
 HERE = Path(__file__).parent
 
 needs_vulkan = pytest.mark.skipif(
-    not native.has_vulkan(), reason="no Vulkan driver; apt-get install mesa-vulkan-drivers"
+    not has_vulkan(), reason="no Vulkan driver; apt-get install mesa-vulkan-drivers"
 )
 
 

@@ -14,7 +14,7 @@ KINDS_IN_HELP = {"hpc": {"importlib.metadata"}}
 """`hpc --scheduler` names the batch systems of other distributions."""
 
 
-@pytest.mark.parametrize("command", ["twin", "conductor", "viewer", "devkit", "hpc"])
+@pytest.mark.parametrize("command", ["twin", "conductor", "viewer", "devkit", "hpc", "drivetwin"])
 def test_no_heavy_module_before_the_arguments(command):
     code = f"import {command}.cli, sys; print('\\n'.join(sys.modules))"
     loaded = subprocess.run(

@@ -14,8 +14,9 @@ from schemas.wire.topics import TOPICS
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("conductor", "devkit", "hpc", "schemas", "twin", "viewer")
+TOP = ("README.md", "ARCHITECTURE.md", "CONTRIBUTING.md", "SECURITY.md")
 PAGES = [
-    *(ROOT / "README.md", ROOT / "ARCHITECTURE.md"),
+    *(ROOT / name for name in TOP),
     *sorted((ROOT / "docs").glob("*.md")),
     *sorted((ROOT / "docs" / "tutorials").glob("*.md")),
 ]

@@ -18,9 +18,10 @@ from twin.base.errors import (
     EXIT_UNFINISHED,
     EXIT_USAGE,
     TwinError,
+    page_of,
     storage_error,
 )
-from twin.base.software import check_packages
+from twin.base.software import check_packages, missing_package, own_version
 
 EXIT_CODES = (
     "Exit codes: 0 all passed, 1 a verdict is not a pass, 2 usage or bad input, "
@@ -63,6 +64,13 @@ def duration(text: str, *, least: float = 0.0, most: float = SECONDS_MAX, **more
     return typer.Option(min=least, max=most, help=text, **more)
 
 
+def version_option() -> Any:
+    """The option ``--version`` of a command."""
+    return typer.Option(
+        False, "--version", is_eager=True, callback=_version, help="Print the version."
+    )
+
+
 def make_app(name: str, help_text: str) -> typer.Typer:
     """A typer app in the house style."""
     app = typer.Typer(
@@ -70,16 +78,13 @@ def make_app(name: str, help_text: str) -> typer.Typer:
         help=help_text,
         epilog=EXIT_CODES,
         no_args_is_help=True,
-        add_completion=False,
         pretty_exceptions_enable=False,
         rich_markup_mode=None,
         context_settings={"help_option_names": ["-h", "--help"]},
     )
 
     @app.callback(invoke_without_command=False)
-    def _root(
-        version: bool = typer.Option(False, "--version", is_eager=True, callback=_version),
-    ) -> None:
+    def _root(version: bool = version_option()) -> None:
         """Options of every command."""
 
     # typer takes the group's help from the callback's docstring otherwise.
@@ -98,9 +103,7 @@ class Terminated(BaseException):
 
 def _version(value: bool) -> None:
     if value:
-        import importlib.metadata  # takes 10 ms
-
-        print(f"drivetwin {importlib.metadata.version('drivetwin')}")
+        print(f"drivetwin {own_version()}")
         raise typer.Exit
 
 
@@ -135,7 +138,8 @@ def run(app: Callable[[], object], name: str) -> None:
         check_packages()
         app()
     except TwinError as error:
-        _fail(name, str(error), error.exit_code)
+        page = page_of(error.__traceback__) if error.exit_code == EXIT_USAGE else ""
+        _fail(name, str(error), error.exit_code, page)
     except WireError as error:
         _fail(name, str(error), EXIT_USAGE)
     except (KeyboardInterrupt, Terminated):
@@ -149,6 +153,11 @@ def run(app: Callable[[], object], name: str) -> None:
     except OSError as error:
         failure = storage_error(error, error.filename or name)
         _fail(name, str(failure), failure.exit_code)
+    except ModuleNotFoundError as error:
+        line = missing_package(error)
+        if not line:
+            raise
+        _fail(name, line, EXIT_USAGE)
     except MemoryError:
         _fail(name, "out of memory; use fewer slots or workers", EXIT_INFRASTRUCTURE)
     except Exception:
@@ -170,7 +179,10 @@ def _stopped(name: str) -> None:
     _fail(name, f"interrupted; {_AGAIN}", EXIT_INTERRUPTED)
 
 
-def _fail(name: str, line: str, code: int) -> None:
-    for part in line.splitlines():
+def _fail(name: str, line: str, code: int, page: str = "") -> None:
+    *parts, last = line.splitlines() or [""]
+    if page and page not in last:
+        last = f"{last}; see {page}"
+    for part in (*parts, last):
         print(f"{name}: {part}", file=sys.stderr)
     sys.exit(code)

@@ -1,8 +1,9 @@
-"""Errors that users see: one line and a documented exit code."""
+"""Errors that users see: one line, a documented exit code, and the page that says more."""
 
 from __future__ import annotations
 
 import errno
+from types import TracebackType
 
 from schemas.escape import escape
 
@@ -85,3 +86,70 @@ def storage_error(error: OSError, what: str) -> TwinError:
     hint = hints.get(error.errno or 0, "")
     kind = UsageError if error.errno in misused else InfrastructureError
     return kind(f"{what}: {reason}" + (f"; {hint}" if hint else ""))
+
+
+PAGES = {
+    "conductor.campaigns": "campaign.md",
+    "conductor.certify": "audit.md",
+    "conductor.commands.audit_command": "audit.md",
+    "conductor.commands.client": "security.md",
+    "conductor.commands.key_commands": "security.md",
+    "conductor.report.compare": "compare.md",
+    "conductor.report": "report.md",
+    "conductor.run.gpu_sharing": "gpu.md",
+    "conductor.run.places": "gpu.md",
+    "conductor.run.source": "campaign.md",
+    "conductor.search": "search.md",
+    "conductor.serve.metrics": "cluster.md",
+    "conductor.stored": "result-stores.md",
+    "conductor.trust": "verify.md",
+    "devkit.bridges.ros2": "ros2.md",
+    "devkit.bridges": "bridge.md",
+    "devkit.darknet": "detectors.md",
+    "devkit.detector": "detectors.md",
+    "devkit.detector.integer": "integer-networks.md",
+    "devkit.replaying": "stack.md",
+    "devkit.stack": "stack.md",
+    "devkit.training": "training.md",
+    "hpc": "cluster.md",
+    "hpc.kubernetes": "kubernetes.md",
+    "hpc.sites": "sites.md",
+    "hpc.software": "containers.md",
+    "schemas.kinds": "kinds.md",
+    "twin.base.cache": "containers.md",
+    "twin.dataset": "dataset.md",
+    "twin.drives": "ros2-recordings.md",
+    "twin.fabric.keys": "security.md",
+    "twin.road": "roads.md",
+    "twin.sandbox": "sandbox.md",
+    "twin.scenario.storyboard": "scenarios.md",
+    "twin.scenario.storyboard.openscenario": "openscenario.md",
+    "twin.sensors": "sensors.md",
+    "twin.sensors.lidar": "lidar.md",
+    "twin.sensors.radar": "radar.md",
+    "twin.stack_identity": "stack.md",
+    "twin.stores": "result-stores.md",
+    "twin.world.meshes": "scene.md",
+    "viewer": "viewer.md",
+}
+"""Module, or package with all that is in it -> page in ``docs``; the longest name counts."""
+
+
+def page_of(trace: TracebackType | None) -> str:
+    """Page about an error, e.g. ``docs/search.md``; empty: there is none.
+
+    Args:
+        trace: of the error. The innermost module that has a page is taken, because what it calls
+            reads files and speaks to networks for many.
+    """
+    modules = []
+    while trace is not None:
+        modules.append(str(trace.tb_frame.f_globals.get("__name__", "")))
+        trace = trace.tb_next
+    for module in reversed(modules):
+        name = module
+        while name:
+            if name in PAGES:
+                return f"docs/{PAGES[name]}"
+            name = name.rpartition(".")[0]
+    return ""

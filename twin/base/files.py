@@ -1,4 +1,4 @@
-"""Files that are complete or absent, whatever is killed while they are written."""
+"""Files that are complete or absent, whatever is killed while they are written; file systems."""
 
 from __future__ import annotations
 
@@ -6,6 +6,14 @@ import ctypes
 import os
 import secrets
 from pathlib import Path
+
+SHARED = (
+    *("nfs", "nfs4", "lustre", "gpfs", "beegfs", "ceph", "fuse.ceph", "cifs", "smb3", "panfs"),
+    *("orangefs", "pvfs2", "fuse.glusterfs", "fuse.sshfs", "afs", "9p", "virtiofs", "wekafs"),
+)
+"""File systems that several hosts see."""
+IN_MEMORY = ("tmpfs", "ramfs")
+"""File systems that are gone after a restart."""
 
 
 def write_atomic(
@@ -59,3 +67,19 @@ def sync_files(folder: Path) -> None:
             raise OSError(number, os.strerror(number), str(folder))
     finally:
         os.close(descriptor)
+
+
+def filesystem(folder: Path) -> str:
+    """Type of the file system that holds ``folder``."""
+    import psutil  # takes 10 ms, and every command loads this module
+
+    path = folder.resolve()
+    mounts = {Path(mount.mountpoint): mount.fstype for mount in psutil.disk_partitions(all=True)}
+    return next(
+        (mounts[ancestor] for ancestor in (path, *path.parents) if ancestor in mounts), "unknown"
+    )
+
+
+def nearest_existing(folder: Path) -> Path:
+    """The folder, or the nearest one above it that exists."""
+    return next(ancestor for ancestor in (folder, *folder.parents) if ancestor.exists())

@@ -10,10 +10,14 @@ import sys
 from pathlib import Path
 
 from schemas.files.software import DECODERS, GPU_LIBRARIES, RUNTIMES, TRANSLATORS, digest_of
+from schemas.kinds.registry import OUR_DISTRIBUTIONS
 from twin.base.errors import UsageError
 from twin.base.gpu.nvml import gpu_handle, library
 
 _PACKAGES = ("schemas", "twin", "devkit")
+_BESIDE = ("conductor", "viewer", "hpc", "drivetwin")
+ALL_PACKAGES = (*_PACKAGES, *_BESIDE)
+"""Ours; those beside the first three may not be installed."""
 _LIBRARIES = (
     *("numpy", "warp-lang", "opencv-python-headless", "pillow", "trimesh"),
     *(*DECODERS, *RUNTIMES),
@@ -26,6 +30,12 @@ def software_digest() -> str:
     """SHA-256 over the sorted (path, SHA-256) of the installed ``schemas``, ``twin`` and ``devkit``
     files and the exact versions of the libraries that reach a KPI."""
     return digest_of(software_files(), library_versions())
+
+
+def own_version() -> str:
+    """Version of this project, whichever of its distributions is installed; empty beside a source
+    tree that is not."""
+    return next(filter(None, map(_version, OUR_DISTRIBUTIONS)), "")
 
 
 def software_files() -> dict[str, str]:
@@ -66,13 +76,38 @@ def check_packages() -> None:
         UsageError: names the foreign package's folder.
     """
     home = Path(__file__).resolve().parents[2]
-    for package in ("schemas", "twin", "devkit", "conductor", "viewer", "hpc", "drivetwin"):
+    for package in ALL_PACKAGES:
+        if package in _BESIDE and not (home / package).is_dir():
+            continue  # the distribution of workers is without it
         folder = package_folder(package)
         if folder != home / package:
             raise UsageError(
                 f"package '{package}' is loaded from {folder}, expected {home / package}; "
                 "uninstall the other one or take it off PYTHONPATH"
             )
+
+
+_REPORTS = (*_BESIDE, "plotly", "jinja2", "matplotlib", "prometheus_client", "rerun")
+"""Packages that the distribution of workers is without."""
+
+
+def missing_package(error: ModuleNotFoundError) -> str:
+    """What to install, where a package is missing that the distribution of workers is without;
+    empty: it is another one, which is a mistake of ours."""
+    package = (error.name or "").partition(".")[0]
+    if package not in _REPORTS:
+        return ""
+    return (
+        f"this needs the package {package}, which is not part of the distribution "
+        f"drivetwin-worker; `pip uninstall drivetwin-worker`, then `pip install drivetwin`"
+    )
+
+
+def own_folders() -> list[Path]:
+    """Folders of our packages that are installed: each process looks whether it has the right
+    ones."""
+    home = Path(__file__).resolve().parents[2]
+    return [home / package for package in ALL_PACKAGES if (home / package).is_dir()]
 
 
 def package_folder(package: str) -> Path:

@@ -121,6 +121,11 @@ def read_drive(path: Path, question: bytes = b"") -> RecordedDrive:
         raise ValueError(f"{path}: {ego}: no poses of the ego there; {_shown(told)}")
     if by_frames:
         _objects_of_frames(gathered, objects.removesuffix("*"))
+        if asked.objects and not gathered.objects:
+            frames = sorted(gathered.tree.tracks)
+            raise ValueError(
+                f"{path}: --objects {asked.objects}: no frame's name begins so; {_shown(frames)}"
+            )
     drive = _drive(path, gathered, ego, objects, told)
     if wrong := drive_mistake(drive):
         raise ValueError(f"{path}: {wrong}")

@@ -21,6 +21,27 @@ MESSAGE_BYTES_MAX = 64 << 20
 """Largest message that is decoded [bytes]."""
 
 
+MAGIC = b"\x89MCAP0\r\n"
+"""First and last bytes of an MCAP file."""
+
+
+def _state(path: Path) -> str:
+    """What is wrong with a recording that cannot be read, in words, and what to do about it."""
+    try:
+        with path.open("rb") as file:
+            begins = file.read(len(MAGIC)) == MAGIC
+            file.seek(-min(len(MAGIC), path.stat().st_size), 2)
+            ends = file.read() == MAGIC
+    except OSError:
+        begins, ends = False, False
+    if begins and not ends:
+        return (
+            "its end is missing, as when recording was cut off; `mcap recover` (the command line "
+            "of mcap.dev) writes what is there into a new file"
+        )
+    return "damaged, or no recording of ROS 2"
+
+
 class MessageStream:
     """A recording, as a context manager."""
 
@@ -48,7 +69,7 @@ class MessageStream:
         except Exception as error:
             words = " ".join(str(error).split())[:160]
             raise ValueError(
-                f"{self.path}: damaged, or no recording of ROS 2: {type(error).__name__}: {words}"
+                f"{self.path}: {_state(self.path)}: {type(error).__name__}: {words}"
             ) from None
 
     def __enter__(self) -> MessageStream:

@@ -14,12 +14,9 @@ from typing import Any
 from schemas.sections.foreign import Foreign
 from twin.base.errors import UsageError
 from twin.base.own_folder import own_folder
-from twin.base.software import package_folder
+from twin.base.software import own_folders
 from twin.sandbox.view import SCRATCH
 from twin.stack_identity.identity import Named, stack_files
-
-PACKAGES = ("schemas", "twin", "devkit", "conductor", "viewer", "hpc", "drivetwin")
-"""Ours: each process looks whether it has the right ones."""
 
 _SITES = ("site-packages", "dist-packages")
 
@@ -33,7 +30,7 @@ def python_reads() -> list[Path]:
     found += os.environ.get("LD_LIBRARY_PATH", "").split(os.pathsep)
     places = [Path(entry) for entry in found if entry.startswith("/") and entry != "/"]
     places += [place for each in _links(Path(sys.executable)) for place in [each.parent.parent]]
-    return unnested([*places, *(package_folder(name) for name in PACKAGES)])
+    return unnested([*places, *own_folders()])
 
 
 def _is_installed(entry: Path) -> bool:

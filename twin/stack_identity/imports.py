@@ -20,10 +20,11 @@ from pathlib import Path
 
 from schemas.files.regular_file import open_regular
 from twin.base.errors import UsageError
+from twin.base.software import ALL_PACKAGES
 from twin.stack_identity.content import Budget, files_below
 from twin.stack_identity.installed import claimants, is_site
 
-OURS = frozenset({"schemas", "twin", "devkit", "conductor", "viewer", "hpc", "drivetwin"})
+OURS = frozenset(ALL_PACKAGES)
 """Packages that the software digest speaks for."""
 
 SOURCE_BYTES_MAX = 16 << 20

@@ -10,8 +10,9 @@ import site
 import sysconfig
 from pathlib import Path
 
+from schemas.kinds.registry import OUR_DISTRIBUTIONS
+
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
-_OURS = "drivetwin"
 
 
 def claimants(folder: Path, top: str, *, shared: bool = False) -> list[str]:
@@ -51,7 +52,7 @@ def contents(names: set[str]) -> dict[str, str]:
     See :func:`record_digest`.
     """
     digests: dict[str, str] = {}
-    waiting, reached = sorted(names), {_OURS}
+    waiting, reached = sorted(names), set(OUR_DISTRIBUTIONS)
     while waiting:
         name = _plain(waiting.pop())
         if name in reached:

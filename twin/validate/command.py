@@ -192,10 +192,12 @@ def vehicle(
     from twin.world.kernel_cache import prepare_kernels
 
     prepare_kernels()  # before the modules that define kernels
+    if out is not None:
+        from twin.validate import page  # what is missing for it is said before minutes of driving
 
     from rich.console import Console
 
-    from twin.validate import page, table
+    from twin.validate import table
     from twin.vehicle.vehicle_file import load_vehicle
 
     try:

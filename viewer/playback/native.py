@@ -35,15 +35,6 @@ def has_display() -> bool:
     return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
-def has_vulkan() -> bool:
-    """A Vulkan driver is installed; rendering without a window needs one."""
-    named = os.environ.get("VK_DRIVER_FILES") or os.environ.get("VK_ICD_FILENAMES")
-    if named:
-        return any(Path(path).is_file() for path in named.split(":"))
-    roots = ("/usr/share", "/usr/local/share", "/etc")
-    return any(any(Path(root, "vulkan", "icd.d").glob("*.json")) for root in roots)
-
-
 def free_port() -> int:
     """A port of the loopback interface that is free now."""
     with socket.socket() as probe:

@@ -14,6 +14,7 @@ from typing import IO, TypeVar
 from rerun.experimental import ViewerClient, ViewerState
 
 from twin.base.errors import InfrastructureError
+from twin.base.gpu.vulkan import has_vulkan
 from twin.base.process import end, last_lines, spawn
 from viewer.playback import native
 from viewer.playback.folder import RecordedMoment
@@ -87,7 +88,7 @@ def window(arguments: Sequence[str], *, headless: bool = False) -> Iterator[View
     Raises:
         InfrastructureError: it cannot start, e.g. for want of a Vulkan driver.
     """
-    if headless and not native.has_vulkan():
+    if headless and not has_vulkan():
         raise InfrastructureError(NO_VULKAN)
     port = native.free_port()
     # The viewer leaves a folder behind whenever it is ended from outside.

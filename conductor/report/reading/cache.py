@@ -7,7 +7,6 @@ case the digest it was committed with. The folder may be removed at any time.
 from __future__ import annotations
 
 import contextlib
-import importlib.metadata
 from pathlib import Path
 
 import msgspec
@@ -18,19 +17,13 @@ from conductor.records.fingerprint import Fingerprint
 from conductor.report.reading.curves import BINS, CURVES, SHARED, KpiCurve
 from schemas.files.regular_file import RUN_FILE_BYTES_MAX, read_regular
 from twin.base.files import write_atomic
+from twin.base.software import own_version
 
 FOLDER = ".report"
 _FILE = "read.msgpack"
 _VERSION = 3
 """Version of the entries' meaning, together with the columns that are drawn and the package's
 version: the byte stream of a fingerprint and the thinning of curves are code too."""
-
-
-def _package() -> str:
-    try:
-        return importlib.metadata.version("drivetwin")
-    except importlib.metadata.PackageNotFoundError:
-        return ""
 
 
 class Stamp(Struct, frozen=True, array_like=True):
@@ -59,7 +52,7 @@ class Entry(Struct, frozen=True, array_like=True):
 class Cache(Struct):
     """Entries by case, and the fingerprint of a complete campaign."""
 
-    version: str = f"{_VERSION} {_package()} {' '.join(CURVES)}"
+    version: str = f"{_VERSION} {own_version()} {' '.join(CURVES)}"
     entries: dict[str, Entry] = {}
     fingerprint: Fingerprint | None = None
     fingerprint_of: str = ""

@@ -70,6 +70,8 @@ class BridgeParameters(Struct, frozen=True, forbid_unknown_fields=True):
 class AutodriveBridge(ScriptBridge):
     """One car, driven by a script that waits for the AutoDRIVE Simulator."""
 
+    PARAMETERS = (BridgeParameters,)
+
     def __init__(self, slots: int, **parameters: Any) -> None:
         """See :class:`BridgeParameters`."""
         super().__init__(slots)

@@ -10,7 +10,7 @@ import pytest
 from page_blocks import PAGES, blocks
 from typer.main import get_command
 
-PROGRAMS = ("conductor", "devkit", "hpc", "twin", "viewer")
+PROGRAMS = ("conductor", "devkit", "drivetwin", "hpc", "twin", "viewer")
 STARTS = re.compile(rf"^(?:\$ )?(?:{'|'.join(PROGRAMS)}) [a-z]")
 
 

@@ -13,7 +13,6 @@ from waiting import PATIENCE_S
 
 from hpc.doctor import Address, Facts, judge
 from hpc.interactive import shell_command
-from hpc.look import filesystem
 from hpc.pbs.commands import Pbs, parse_queues
 from hpc.pbs.commands import parse_job as parse_pbs
 from hpc.pull import pull_command
@@ -21,6 +20,7 @@ from hpc.scheduler import JobStatus, Partition
 from hpc.slurm.array import render as render_array
 from hpc.slurm.commands import Slurm, minutes, parse_account, parse_job, parse_sinfo
 from twin.base.errors import UsageError
+from twin.base.files import filesystem
 
 FACTS = Facts(
     scheduler="slurm",

@@ -132,7 +132,7 @@ class Fronted:
         try:
             folder = PrivateFolder(Path(tempfile.gettempdir()))  # gone also if we are killed here
         except OSError as error:
-            raise storage_error(error, tempfile.gettempdir()) from None
+            raise storage_error(error, error.filename or tempfile.gettempdir()) from None
         key = self._key if connect else inner_key()
         listen = [] if connect else [to_listen(LOOPBACK, keyed=True)]
         was_set = "ZENOH_RUNTIME" in os.environ

@@ -35,8 +35,11 @@ def test_every_case_is_proved(row):
 
 
 def test_a_case_that_is_not_there():
-    with pytest.raises(UsageError, match="no case of 'table'"):
+    with pytest.raises(UsageError, match="no case of 'table'; it has 13 cases") as caught:
         prove(CERTIFICATE, "x")
+    assert str(caught.value).endswith(", ".join(row.case for row in CERTIFICATE.rows[:3]))
+    with pytest.raises(UsageError, match=f"e.g. {CASE}"):
+        prove(CERTIFICATE, CASE[:-1])
 
 
 @pytest.mark.parametrize(

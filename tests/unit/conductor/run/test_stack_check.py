@@ -222,3 +222,36 @@ def test_what_a_campaign_file_claims_of_its_stack_does_not_count(tmp_path, monke
 )
 def test_shipped_campaigns_say_whether_devices_may_mix(name, portable):
     assert is_portable(load(name).campaign) is portable
+
+
+@pytest.mark.parametrize(
+    ("bridge", "parameters", "words"),
+    [
+        ("autodrive", {"port": 70_000}, ["parameters.port: given 70000, allowed: a whole number"]),
+        ("autodrive", {"prot": 4000}, ["parameters.prot: unknown parameter"]),
+        ("autodrive", {"port": 4000, "start_s": 1.5}, []),
+        ("ros2", {"answer": "stmp"}, ["parameters.answer: given 'stmp', allowed: newest, stamp"]),
+        ("ros2", {"domian": 3}, ["parameters.domian: unknown parameter"]),
+        (
+            "ros2",
+            {"domain": 999, "throttle_gain": "x"},
+            ["parameters.domain: given 999", "parameters.throttle_gain: given 'x'"],
+        ),
+    ],
+)
+def test_parameters_of_a_bridge_are_looked_at_before_a_rig_is_built(bridge, parameters, words):
+    data = {
+        "campaign": "bridged",
+        "autonomy": {"command": ["python", "x.py"], "bridge": bridge, "parameters": parameters},
+        "matrix": {"weather": ["clear"]},
+    }
+    _, mistakes = check(data, None)
+    lines = [m.line("f") for m in mistakes if m.path.startswith("autonomy.parameters")]
+    assert len(lines) == len(words), lines
+    assert all(word in line for word, line in zip(words, sorted(lines), strict=True)), lines
+
+
+def test_a_devkit_that_does_not_answer_is_no_mistake(monkeypatch):
+    monkeypatch.setattr(conductor.run.stack_check.sys, "executable", "/bin/false")
+    autonomy = Autonomy(bridge="autodrive", command=["x"], parameters={"port": 70_000})
+    assert conductor.run.stack_check.bridge_mistakes(autonomy) == []

@@ -476,7 +476,8 @@ def test_without_torch_it_says_what_to_install(data, tmp_path):
     done = subprocess.run([sys.executable, "-c", hidden], capture_output=True, text=True)
     assert done.returncode == 2
     assert done.stderr == (
-        "devkit: training needs torch; install it with: pip install 'drivetwin[train]'\n"
+        "devkit: training needs torch; install it with: pip install 'drivetwin[train]'; "
+        "see docs/training.md\n"
     )
 
 

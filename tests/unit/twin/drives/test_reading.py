@@ -210,10 +210,35 @@ def test_files_that_are_no_recordings_are_one_line(tmp_path):
     with pytest.raises(UsageError, match="No such file"):
         drive_apart(tmp_path / "nowhere.mcap", DriveQuestion())
     noise = tmp_path / "noise.mcap"
-    noise.write_bytes(b"\x89MCAP0\r\n" + zlib.compress(b"x" * 1000))
+    noise.write_bytes(b"\x89MCAP0\r\n" + zlib.compress(b"x" * 1000) + b"\x89MCAP0\r\n")
     with pytest.raises(UsageError, match="damaged, or no recording of ROS 2") as caught:
         drive_apart(noise, DriveQuestion())
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("share", [0.1, 0.5, 0.99])
+def test_a_recording_that_was_cut_off_says_what_to_do(tmp_path, share):
+    whole = next(write_bag(tmp_path / "bag", circle_rows()).glob("*.mcap")).read_bytes()
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(whole[: int(len(whole) * share)])
+    with pytest.raises(UsageError, match=r"its end is missing.*`mcap recover`") as caught:
+        drive_apart(cut, DriveQuestion())
+    assert "\n" not in str(caught.value)
+
+
+def test_objects_that_no_frame_is_called_like_are_refused(tmp_path):
+    rows = circle_rows()
+    rows += [
+        (
+            "/tf",
+            START_NS + tick * PERIOD_NS,
+            transform(START_NS + tick * PERIOD_NS, "map", "npc_a", (1.0, 0.0, 0.0)),
+        )
+        for tick in range(20)
+    ]
+    folder = write_bag(tmp_path / "bag", rows)
+    with pytest.raises(ValueError, match=r"--objects car_: no frame's name begins so; .*npc_a"):
+        read_drive(folder / "metadata.yaml", b'{"objects": "car_"}')
 
 
 def test_lies_of_a_reader_are_seen(tmp_path):

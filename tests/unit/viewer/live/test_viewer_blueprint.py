@@ -14,19 +14,19 @@ from schemas.messages import CameraSite, LidarSite
 from schemas.sections.lens import Lens
 from schemas.wire.codec import encode
 from schemas.wire.view import PointsSample
+from twin.base.gpu.vulkan import has_vulkan
 from twin.fabric.bus import Sample
 from viewer.live.focus import FocusedCase, Scenes
 from viewer.live.hub import ViewerHub
 from viewer.live.overview import Overview
 from viewer.live.pulse import Pulse
-from viewer.playback import native
 from viewer.playback.folder import RecordedMoment
 from viewer.playback.shot import shoot
 from viewer.recording import naming
 from viewer.recording.blueprint import case_blueprint, overview_blueprint
 
 pytestmark = pytest.mark.skipif(
-    not native.has_vulkan(), reason="no Vulkan driver; apt-get install mesa-vulkan-drivers"
+    not has_vulkan(), reason="no Vulkan driver; apt-get install mesa-vulkan-drivers"
 )
 
 SITE = {"position_m": [2.0, 0.0, 1.3], "rotation_deg": [0.0, 0.0, 0.0], "hz": 10}

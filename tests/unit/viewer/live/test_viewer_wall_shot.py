@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from twin.base.errors import UnreachableError
+from twin.base.gpu.vulkan import has_vulkan
 from viewer.bench import running
 from viewer.live.command import LiveOptions
 from viewer.live.wall_shot import WallShot, shoot_wall
@@ -12,7 +13,7 @@ from viewer.playback import native
 from viewer.recording.scenery import BLUE
 
 pytestmark = pytest.mark.skipif(
-    not native.has_vulkan(), reason="no Vulkan driver; apt-get install mesa-vulkan-drivers"
+    not has_vulkan(), reason="no Vulkan driver; apt-get install mesa-vulkan-drivers"
 )
 
 

@@ -10,6 +10,7 @@ from unit.viewer.recorded_case import write
 
 from schemas.files.kpi import KPI_COLUMNS
 from twin.base.errors import UsageError
+from twin.base.gpu.vulkan import has_vulkan
 from twin.records.kpi_file import kpi_table, write_kpi
 from viewer.cli import app
 from viewer.playback import native
@@ -134,7 +135,7 @@ def test_errors_are_one_line_and_say_what_to_do(tmp_path):
 
 def test_no_vulkan_driver_is_seen(monkeypatch, tmp_path):
     monkeypatch.setenv("VK_DRIVER_FILES", str(tmp_path / "none.json"))
-    assert not native.has_vulkan()
+    assert not has_vulkan()
 
 
 def test_windows_are_opened_where_there_is_no_x_server(monkeypatch):

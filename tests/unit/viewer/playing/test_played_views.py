@@ -8,12 +8,12 @@ import pytest
 from played_files import played
 from waiting import wait_for
 
-from viewer.playback import native
+from twin.base.gpu.vulkan import has_vulkan
 from viewer.playback.window import window
 from viewer.playing.recording import write_recording
 
 pytestmark = pytest.mark.skipif(
-    not native.has_vulkan(), reason="no Vulkan driver; apt-get install mesa-vulkan-drivers"
+    not has_vulkan(), reason="no Vulkan driver; apt-get install mesa-vulkan-drivers"
 )
 
 

@@ -1,0 +1,1 @@
+"""``conductor doctor``: whether this machine is ready for campaigns."""

@@ -1,0 +1,1 @@
+"""``conductor new``: files to begin with, which run as they are."""

@@ -1,0 +1,5 @@
+"""``python -m drivetwin``."""
+
+from drivetwin.cli import main
+
+main()

@@ -1,0 +1,2 @@
+"""What a release is made of, and how it is looked at: ``make dist``, ``make sbom``,
+``make licences``."""
