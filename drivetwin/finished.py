@@ -70,7 +70,7 @@ class Run:
         return read_outcomes(self.folder)
 
     def summary(self) -> str:
-        """How many cases passed, and the verdicts, in a line."""
+        """Passed cases and verdicts, in a line."""
         from conductor.records.outcomes import count_outcomes, count_verdicts
 
         outcomes = self.outcomes()

@@ -110,7 +110,7 @@ class StartedRun:
                 return
 
     async def aevents(self) -> AsyncIterator[RunEvent]:
-        """The same, for an event loop: ``async for event in run.aevents()``."""
+        """Events for an event loop, as :meth:`events`: ``async for event in run.aevents()``."""
         import asyncio
 
         loop, changed, place = asyncio.get_running_loop(), asyncio.Event(), 0
@@ -261,7 +261,7 @@ class _Events:
 
 @contextlib.contextmanager
 def _shown(progress: bool) -> Iterator[Callable[[RunEvent], None]]:
-    """How events are shown while the block lasts: on this thread, since notebooks know by it which
+    """Show events while the block lasts: on this thread, since notebooks know by it which
     cell they belong to."""
     if not progress:
         yield lambda _: None

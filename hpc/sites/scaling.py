@@ -147,7 +147,7 @@ def decide(
 def wanted_workers(
     demand: CaseDemand, rooms: Sequence[SiteRoom], target: WorkerTarget
 ) -> tuple[int, str]:
-    """How many workers there should be, and why."""
+    """Number of workers that there should be, and the reason in words."""
     useful = math.ceil(demand.left / demand.slots)
     cases = counted(demand.left, "case")
     if demand.case_s is None:

@@ -17,6 +17,7 @@ import pytest
 from waiting import wait_for
 
 ROOT = Path(__file__).parents[2]
+TOOLS = {"PYTHONPATH": str(ROOT / "tests")}
 WORKER_BYTES_MAX = 1_000_000_000
 """What an installation of the workers' distribution may take; 928 MB when it was made, of which
 Warp, pyarrow, OpenCV and NumPy are 780."""
@@ -40,14 +41,14 @@ def dist(tmp_path_factory):
     with (shared / "dist.lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         if not (folder / "SHA256SUMS").exists():
-            call(sys.executable, "-m", "release.build", "--out", str(folder))
+            call(sys.executable, "-m", "release.build", "--out", str(folder), **TOOLS)
     return folder
 
 
 def environment(dist: Path, pattern: str, folder: Path) -> tuple[Path, str]:
     """An environment with the wheel and what it declares, and what was printed about its size."""
     wheel = str(next(dist.glob(pattern)))
-    said = call(sys.executable, "-m", "release.environment", wheel, str(folder))
+    said = call(sys.executable, "-m", "release.environment", wheel, str(folder), **TOOLS)
     return folder / "bin", said
 
 

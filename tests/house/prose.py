@@ -23,7 +23,7 @@ from proselint import checks as shipped_checks
 from proselint.registry.checks import Check, types
 
 ROOT = Path(__file__).parents[2]
-PACKAGES = ("schemas", "twin", "devkit", "conductor", "viewer", "hpc")
+PACKAGES = ("schemas", "twin", "devkit", "conductor", "viewer", "hpc", "drivetwin")
 VOCABULARY = Path(__file__).with_name("vocabulary.yaml")
 DATED = ("docs/decisions/0", "docs/results/", "CHANGELOG.md")
 """Beginnings of pages that stay as they were written; only the table of sentences counts."""
@@ -47,7 +47,15 @@ POINTS_BACK = re.compile(
     r"|The same|Also|And|Each|There)\b"
 )
 """Beginnings of a docstring that say nothing without what stands before it."""
-POINTS_BACK_MAX = {"schemas": 19, "twin": 60, "devkit": 9, "conductor": 15, "viewer": 6, "hpc": 9}
+POINTS_BACK_MAX = {
+    "schemas": 19,
+    "twin": 60,
+    "devkit": 9,
+    "conductor": 15,
+    "viewer": 6,
+    "hpc": 9,
+    "drivetwin": 0,
+}
 """Docstrings that still begin so, by package. These numbers go down only."""
 
 _CODE = re.compile(r"^( *)```.*?^\1```|<!--.*?-->", re.DOTALL | re.MULTILINE)
