@@ -108,7 +108,7 @@ class Namespace:
                 "`kubectl config rename-context`"
             )
         configuration.retries = 1
-        self._client: clients.ApiClient = _bounded(client.ApiClient(configuration))
+        self._client: clients.ApiClient = bounded(client.ApiClient(configuration))
         self.name = name or usual or "default"
 
     def create(self, found: Object, *, dry_run: bool = False) -> None:
@@ -294,7 +294,7 @@ class _TooLongError(Exception):
     """An answer is longer than any that makes sense."""
 
 
-def _bounded(found: Any) -> Any:
+def bounded(found: Any) -> Any:
     """A client that reads no longer answers than :data:`ANSWER_BYTES_MAX`."""
     ask = found.call_api
 

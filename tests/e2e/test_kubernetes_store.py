@@ -19,11 +19,11 @@ from processes import outcomes
 from waiting import PATIENCE_S, wait_for
 
 from conductor.core.facts import Committed
-from conductor.journal.store import Journal, write_journal
+from conductor.journal.store import Journal
 from conductor.records.fingerprint import fingerprint
 from conductor.stored.owner import StoreClaims
 from conductor.stored.seals import StoreSeal
-from conductor.stored.successor import read_journal_of
+from conductor.stored.successor import bring_journal
 from twin.fabric.keys.key_file import load_key
 from twin.fabric.keys.own_keys import fabric_folder, fabric_name
 from twin.fabric.keys.roles import Role
@@ -103,11 +103,9 @@ def commits(site, url, folder):
     store = open_store(url)
     seal = StoreSeal(store, key)
     number, _ = StoreClaims(store, seal).latest()
-    found = read_journal_of(store, seal, number) if number else None
-    if found is None:
-        return []
     with tempfile.TemporaryDirectory(dir=folder) as name:
-        write_journal(Path(name), found)
+        if not bring_journal(store, seal, number, Path(name)):
+            return []
         journal = Journal(Path(name))
         facts = [fact for fact in journal.fold() if isinstance(fact, Committed)]
         journal.close()

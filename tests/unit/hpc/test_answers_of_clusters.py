@@ -128,7 +128,7 @@ def test_an_answer_of_the_api_that_never_ends(monkeypatch):
         pytest.raises(InfrastructureError, match="pods: the API server's answer is longer than"),
         api.refusals("pods"),
     ):
-        api._bounded(Client()).call_api()
+        api.bounded(Client()).call_api()
 
 
 @pytest.mark.parametrize(
