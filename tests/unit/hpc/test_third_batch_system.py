@@ -100,14 +100,20 @@ def test_a_script_is_rendered(hut):
     assert done.stdout.startswith("#!/bin/bash\n#HUT aeb-demo\n")
     assert "campaign=aeb-demo\n" in done.stdout
     done = hut.hpc("render", *JOB, "--scheduler", "hut", "--array")
-    assert (done.returncode, done.stderr) == (2, "hpc: --array: not in a hut\n")
+    assert (done.returncode, done.stderr) == (
+        2,
+        "hpc: --array: not in a hut; see docs/cluster.md\n",
+    )
 
 
 def test_a_job_is_tried_submitted_shown_and_cancelled(hut):
     (hut.folder / "site.yaml").write_text("scheduler: hut\n")
     job = (*JOB, "--site", "site.yaml")
     done = hut.hpc("submit", *job, "--partition", "attic")
-    assert (done.returncode, done.stderr) == (2, "hpc: Hut refuses this job: no floor attic\n")
+    assert (done.returncode, done.stderr) == (
+        2,
+        "hpc: Hut refuses this job: no floor attic; see docs/cluster.md\n",
+    )
     assert not (hut.folder / "runs").exists()
     done = hut.hpc("submit", *job, "--output", "json")
     assert (done.returncode, done.stderr) == (0, "")

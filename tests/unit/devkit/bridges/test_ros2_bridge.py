@@ -30,6 +30,7 @@ table: drive
 sensors: [{topic: /clock, source: clock}, {topic: "/picture/{name}", source: camera}]
 commands: [{topic: /drive, type: ackermann_msgs/msg/AckermannDriveStamped}]
 """
+CLOCK = "rosgraph_msgs/msg/Clock"
 DRIVE = "ackermann_msgs/msg/AckermannDriveStamped"
 TICK_NS = 50_000_000
 
@@ -116,23 +117,34 @@ def observed(tick: int) -> Observation:
     )
 
 
+def hear_clock(node: Ros2Session) -> None:
+    """Let a node hear what time it is."""
+    node.subscribe("/clock", TopicType(CLOCK, STORE.type_hash(CLOCK)), EndpointQos())
+
+
+def clock_ns(node: Ros2Session) -> int | None:
+    """The time that a node is told next; None: nothing came."""
+    arrived = node.receive(0.05)
+    if arrived is None or not hasattr(arrived, "topic"):
+        return None
+    clock = STORE.decode(CLOCK, arrived.payload).clock
+    return int(clock.sec * 10**9 + clock.nanosec)
+
+
 class Answering:
     """A node that answers every /clock with a speed, until it is stopped."""
 
     def __init__(self, node: Ros2Session, publisher: Publisher, speed_mps: float) -> None:
         self._node, self._publisher, self._speed_mps = node, publisher, speed_mps
-        clock = "rosgraph_msgs/msg/Clock"
-        node.subscribe("/clock", TopicType(clock, STORE.type_hash(clock)), EndpointQos())
+        hear_clock(node)
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._run)
         self._thread.start()
 
     def _run(self) -> None:
         while not self._ended.is_set():
-            arrived = self._node.receive(0.05)
-            if arrived is not None and hasattr(arrived, "topic"):
-                clock = STORE.decode("rosgraph_msgs/msg/Clock", arrived.payload).clock
-                stamp_ns = clock.sec * 10**9 + clock.nanosec
+            stamp_ns = clock_ns(self._node)
+            if stamp_ns is not None:
                 self._publisher.put(asked(stamp_ns, self._speed_mps), 0)
 
     def end(self) -> None:
@@ -142,12 +154,16 @@ class Answering:
 
 def test_a_node_that_never_stops_talking_does_not_hold_the_deadline_up(rigs):
     rig = rigs(answer_s=0.5)
-    publisher = driving(rig.node())
+    node = rig.node()
+    publisher = driving(node)
+    hear_clock(node)
     rig.bridge.reset(0, episode())
     ended = threading.Event()
 
     def talk() -> None:
-        """Commands of a tick that is over."""
+        """Commands of a tick that is over, once the next one has begun."""
+        while not ended.is_set() and (clock_ns(node) or 0) < 3 * TICK_NS:
+            pass
         while not ended.is_set():
             publisher.put(asked(0, 1.0), 0)
             ended.wait(0.001)

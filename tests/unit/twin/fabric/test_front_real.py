@@ -38,10 +38,13 @@ class Door:
         self.keys = keys
         self.told: list[FrontEvent] = []
         self.others = fronts()
+        before = ports_of_this_process()
         key = load_key(keys, Role.conductor)
         self.fronted = Fronted("tls/127.0.0.1:0", "twin", key, self.told.append)
         self.fronted.bus.serve(STATUS, lambda payload, respond: respond(payload))
         (self.endpoint,) = self.fronted.bus.endpoints
+        self.ports = ports_of_this_process() - before
+        """Those that this process listens at for the fabric."""
 
     def told_of(self, what: str, reason: str) -> list[FrontEvent]:
         return [event for event in self.told if (event.what, event.reason) == (what, reason)]
@@ -111,7 +114,7 @@ def test_members_join_among_garbage(door: Door, tmp_path: Path) -> None:
 def test_nobody_reaches_the_router_past_the_front(door: Door) -> None:
     """Its own port takes a key that this process alone has; a member's is of no use there."""
     worker = load_key(door.keys, Role.worker)
-    listening = {port for port in ports_of_this_process() if not door.endpoint.endswith(f":{port}")}
+    listening = {port for port in door.ports if not door.endpoint.endswith(f":{port}")}
     assert listening
     for port in listening:
         with pytest.raises(TwinError, match="another fabric"):

@@ -1,8 +1,9 @@
 """The vectorised environment: bytes, episodes, and what it refuses."""
 
 import copy
-import multiprocessing
 import pickle
+import subprocess
+import sys
 from contextlib import closing
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 from gym_rigs import SMALL, driven
 from gymnasium import error
 from gymnasium.vector import AutoresetMode
+from waiting import PATIENCE_S
 
 from schemas.files.yaml_file import dump_yaml
 from twin.base.errors import UsageError
@@ -274,22 +276,30 @@ def test_before_a_reset_and_after_the_end(campaign):
             use()
 
 
-@pytest.mark.filterwarnings("ignore:.*multi-threaded:DeprecationWarning")
-def test_a_fork_is_told_to_make_its_own(three):
-    context = multiprocessing.get_context("fork")
-    read, write = context.Pipe(duplex=False)
+FORKED = """
+import os, sys, warnings
+from twin.base.errors import UsageError
+from twin.gym import make_vec
+warnings.simplefilter("ignore", DeprecationWarning)
+envs = make_vec(sys.argv[1], 1)
+child = os.fork()
+if not child:
+    try:
+        envs.reset()
+    except UsageError as mistake:
+        print(mistake, flush=True)
+    os._exit(0)
+assert os.waitpid(child, 0)[1] == 0
+envs.close()
+"""
+"""A process of its own: a fork of one in which other tests have opened sessions may never end."""
 
-    def reset():
-        try:
-            three.reset()
-        except UsageError as mistake:
-            write.send(str(mistake))
 
-    child = context.Process(target=reset)
-    child.start()
-    child.join()
-    assert child.exitcode == 0
-    assert "a simulator does not outlive a fork" in read.recv()
+def test_a_fork_is_told_to_make_its_own(campaign):
+    words = (sys.executable, "-c", FORKED, str(campaign))
+    done = subprocess.run(words, capture_output=True, text=True, timeout=PATIENCE_S)
+    assert done.returncode == 0, done.stderr
+    assert "a simulator does not outlive a fork" in done.stdout
 
 
 def test_a_picture_of_every_environment(campaign):
