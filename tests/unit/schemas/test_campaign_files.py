@@ -284,7 +284,8 @@ def test_paths_of_a_container_are_absolute(tmp_path, monkeypatch):
         load(str(path))
     assert [line.split(": ", 1)[1] for line in str(raised.value).splitlines()] == [
         "autonomy.image.binds[1]: given './d', allowed: an absolute path (line 3)",
-        "autonomy.image.path: given 'stack.sif', allowed: an absolute path, which all workers see (line 3)",
+        "autonomy.image.path: given 'stack.sif', allowed: an absolute path, which all workers see "
+        "(line 3)",
     ]
 
 
