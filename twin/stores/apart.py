@@ -27,7 +27,12 @@ import msgspec
 
 from schemas.files.regular_file import read_regular
 from twin.base.errors import InfrastructureError, TwinError, UsageError, storage_error
-from twin.base.process import PARENT_VARIABLE, leave_signals_to_the_parent, spawn
+from twin.base.process import (
+    PARENT_VARIABLE,
+    keep_to_itself,
+    leave_signals_to_the_parent,
+    spawn,
+)
 from twin.stores.objects import put_object
 from twin.stores.opening import kind_of, open_store
 from twin.stores.protocol import (
@@ -85,6 +90,12 @@ def put_file(store: ResultStore, name: str, path: Path, size_max: int) -> None:
 def put_content(store: ResultStore, data: bytes) -> str:
     """As :func:`twin.stores.objects.put_object`; a store that runs apart computes the digest."""
     return store.put_object(data) if isinstance(store, StoreApart) else put_object(store, data)
+
+
+def end_process(store: ResultStore) -> None:
+    """End the process of a store that runs apart; a later call starts another."""
+    if isinstance(store, StoreApart):
+        store.close()
 
 
 class StoreApart:
@@ -182,11 +193,15 @@ class _Line:
         self._url = url
         self._socket, theirs = socket.socketpair()
         with theirs:
-            # Bound to us by its socket alone: the thread that starts it may end before it.
-            self.child: subprocess.Popen[bytes] = spawn(
-                [sys.executable, "-m", __name__, url, str(theirs.fileno())],
-                descriptors=[theirs.fileno()],
-            )
+            try:
+                # Bound to us by its socket alone: the thread that starts it may end before it.
+                self.child: subprocess.Popen[bytes] = spawn(
+                    [sys.executable, "-m", __name__, url, str(theirs.fileno())],
+                    descriptors=[theirs.fileno()],
+                )
+            except OSError:
+                self._socket.close()
+                raise
         self.is_over = False
         """Whether it answers no more."""
         self._count = 0
@@ -334,4 +349,5 @@ def _done(
 if __name__ == "__main__":
     os.environ.pop(PARENT_VARIABLE, None)
     leave_signals_to_the_parent()
+    keep_to_itself()  # its environment proves to the store who asks, as the conductor's does
     _serve(sys.argv[1], socket.socket(fileno=int(sys.argv[2])))
