@@ -11,6 +11,7 @@ its values; reports hold those against the digests of the outcomes.
 from __future__ import annotations
 
 import contextlib
+import os
 import re
 import subprocess
 import sys
@@ -31,6 +32,7 @@ from schemas.escape import escape
 from schemas.files.regular_file import RUN_FILE_BYTES_MAX, read_regular
 from twin.base.errors import EXIT_USAGE, InfrastructureError, UsageError, storage_error
 from twin.base.files import write_atomic
+from twin.base.process import PARENT_VARIABLE
 from twin.stores.objects import get_attempt, get_object, sha256_of
 from twin.stores.opening import PROBE, is_url, open_store
 from twin.stores.protocol import MissingObjectError, ResultStore
@@ -201,6 +203,7 @@ def _write_anew(fetched: list[_Fetched]) -> None:
         input=msgspec.json.encode(pairs),
         capture_output=True,
         check=False,
+        env={**os.environ, PARENT_VARIABLE: str(os.getpid())},  # it ends with us
     )
     if done.returncode:
         line = escape(done.stderr.decode(errors="replace").strip()[-500:])

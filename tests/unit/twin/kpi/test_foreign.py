@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import sys
+from collections.abc import Generator, Sequence
 from pathlib import Path
 
 import msgspec
@@ -14,8 +15,10 @@ import pytest
 
 from schemas.files.kpi import KPI_COLUMNS
 from twin.base.errors import EXIT_USAGE, UsageError
+from twin.kpi import foreign
 from twin.kpi.foreign import KpiValues, table_of, tables_apart, values_of
 from twin.records.kpi_file import kpi_sha256, kpi_table, read_kpi, write_kpi
+from twin.world.apart.reading import AskedFile, read_apart
 
 VALUES = {
     "bool": [True, False],
@@ -47,6 +50,24 @@ def test_values_are_written_anew_and_keep_their_digest(tmp_path: Path) -> None:
     done = subprocess.run(command, input=asked, capture_output=True, check=False)
     assert (done.returncode, done.stderr) == (0, b"")
     assert [kpi_sha256(read_kpi(Path(f"{path}.new"))) for path in paths] == digests
+
+
+@pytest.mark.parametrize(("limit", "most"), [("FILES_MAX", 2), ("FILES_BYTES_MAX", 1)])
+def test_many_files_are_read_by_several_processes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, limit: str, most: int
+) -> None:
+    paths = [tmp_path / name for name in ("one", "two", "three")]
+    digests = [kpi_file(path, len(KPI_COLUMNS) - number) for number, path in enumerate(paths)]
+    asked: list[int] = []
+
+    def read(files: Sequence[AskedFile], **limits: int) -> Generator[object, None, None]:
+        asked.append(len(files))
+        return read_apart(files, **limits)
+
+    monkeypatch.setattr(foreign, limit, most)
+    monkeypatch.setattr(foreign, "read_apart", read)
+    assert [kpi_sha256(table) for table in tables_apart(paths)] == digests
+    assert asked == ([2, 1] if limit == "FILES_MAX" else [1, 1, 1])
 
 
 def test_a_file_of_an_earlier_version_keeps_its_columns(tmp_path: Path) -> None:
