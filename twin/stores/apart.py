@@ -54,6 +54,7 @@ RECEIVE_BYTES = 1 << 20
 """Most that is taken from the socket at a time [bytes]."""
 
 _LENGTHS = struct.Struct("<IQ")
+_TIME = struct.Struct("@ll")
 _ERRORS: dict[str, type[Exception]] = {
     error.__name__: error
     for error in (
@@ -219,9 +220,14 @@ class _Line:
             self._count += 1
             number = self._count
             self.asked[number] = answer
-        # What cannot be sent fails with the process: it has no other way to stop listening.
-        with self._sending, contextlib.suppress(OSError):
-            _send(self._socket, [number, *header], data)
+        with self._sending:
+            try:
+                self._socket.setsockopt(
+                    socket.SOL_SOCKET, socket.SO_SNDTIMEO, _TIME.pack(*_parts(ANSWER_S_MAX))
+                )
+                _send(self._socket, [number, *header], data)
+            except OSError:  # it does not listen any more: all calls fail with it
+                self.close()
         return answer
 
     def close(self) -> None:
@@ -255,6 +261,11 @@ class _Line:
         return StoreError(
             f"{self._url}: the process of the store has ended; it will be tried again"
         )
+
+
+def _parts(time_s: float) -> tuple[int, int]:
+    """A time as the kernel takes it: seconds and microseconds."""
+    return int(time_s), int(time_s % 1 * 1e6)
 
 
 def _send(line: socket.socket, header: list[Any], data: bytes) -> None:

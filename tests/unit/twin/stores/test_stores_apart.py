@@ -82,6 +82,21 @@ def test_a_process_that_freezes_is_ended(
     assert store.get("one") == b"1"
 
 
+def test_a_process_that_freezes_takes_nobody_with_it_who_sends(
+    store: StoreApart, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What is sent is larger than what fits into the socket."""
+    store.put("one", b"1")
+    first = store.pid
+    os.kill(first, signal.SIGSTOP)
+    with monkeypatch.context() as patch:
+        patch.setattr(apart, "ANSWER_S_MAX", 0.1)
+        with pytest.raises(StoreError, match="it will be tried again"):
+            store.put("large", bytes(16 << 20))
+    wait_for(lambda: not psutil.pid_exists(first), "its end")
+    assert store.get("one") == b"1"
+
+
 def test_it_ends_and_a_later_call_starts_another(store: StoreApart) -> None:
     first = store.pid
     end_process(store)
