@@ -11,6 +11,7 @@ its values; reports hold those against the digests of the outcomes.
 from __future__ import annotations
 
 import contextlib
+import logging
 import os
 import re
 import subprocess
@@ -45,6 +46,7 @@ KPI_SOURCE_FILE = "kpi.object"
 TOLD_MAX = 20
 """Most campaigns of a store that are named in a message."""
 
+_log = logging.getLogger(__name__)
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,199}")
 
 
@@ -211,6 +213,8 @@ def _write_anew(fetched: list[_Fetched]) -> None:
             line = line.replace(str(item.raw), str(item.attempt / KPI_NAME))
         error = UsageError if done.returncode == EXIT_USAGE else InfrastructureError
         raise error(line or f"KPI files could not be read (exit code {done.returncode})")
+    if done.stderr:
+        _log.warning("%s", escape(done.stderr.decode(errors="replace").strip()[-500:]))
     for item in fetched:
         _write(item.attempt / KPI_SOURCE_FILE, item.digest.encode())
 

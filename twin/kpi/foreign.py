@@ -2,7 +2,8 @@
 
 ``python -m twin.kpi.foreign``, with pairs of paths as JSON on standard input: each first file is
 read by that process alone, which answers plain values; they are checked, and written as a new file
-under the second name. Who reads that one reads bytes of our own.
+under the second name. Who reads that one reads bytes of our own. A line on standard error says
+where there was no sandbox.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from twin.base.process import bind_to_parent
 from twin.records.kpi_file import kpi_table, read_kpi, write_kpi
 from twin.world.apart.checks import Array, Record
 from twin.world.apart.parser import Parser
-from twin.world.apart.reading import AskedFile, read_apart
+from twin.world.apart.reading import AskedFile, read_apart, unprotected
 
 FILES_MAX = 256
 """Files that one process reads."""
@@ -142,6 +143,8 @@ def main() -> int:
     except InfrastructureError as error:
         print(error, file=sys.stderr)
         return error.exit_code
+    if line := unprotected("KPI files of a store"):
+        print(line, file=sys.stderr)
     return 0
 
 

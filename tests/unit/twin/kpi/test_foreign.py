@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import subprocess
@@ -18,6 +19,7 @@ from twin.base.errors import EXIT_USAGE, UsageError
 from twin.kpi import foreign
 from twin.kpi.foreign import KpiValues, table_of, tables_apart, values_of
 from twin.records.kpi_file import kpi_sha256, kpi_table, read_kpi, write_kpi
+from twin.world.apart import reading
 from twin.world.apart.reading import AskedFile, read_apart
 
 VALUES = {
@@ -88,6 +90,18 @@ def test_what_is_no_kpi_file_is_one_line(tmp_path: Path, content: bytes) -> None
     assert done.stderr.decode().count("\n") == 1
     assert str(path) in done.stderr.decode()
     assert not Path(f"{path}.new").exists()
+
+
+def test_where_there_is_no_sandbox_a_line_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    kpi_file(tmp_path / "one")
+    asked = json.dumps([(str(tmp_path / "one"), str(tmp_path / "new"))]).encode()
+    monkeypatch.setattr(reading, "why_not", lambda: "no bwrap on this machine")
+    monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(asked)))
+    assert foreign.main() == 0
+    said = "KPI files of a store are read without a sandbox: no bwrap on this machine\n"
+    assert capsys.readouterr().err == said
 
 
 def test_a_pipe_is_no_kpi_file(tmp_path: Path) -> None:
