@@ -200,9 +200,10 @@ class Journal:
             JournalError: the storage still refuses.
         """
         try:
-            self._connection.execute(
-                "INSERT OR REPLACE INTO meta VALUES ('probed', ?)", (str(time.time()),)
-            )
+            with self.rows.lock:
+                self._connection.execute(
+                    "INSERT OR REPLACE INTO meta VALUES ('probed', ?)", (str(time.time()),)
+                )
         except sqlite3.Error as error:
             self._rollback()
             raise JournalError(
@@ -224,7 +225,7 @@ class Journal:
     def close(self) -> None:
         """Release the lock; the file is complete at any time, also without this call."""
         self._claim.release()
-        with contextlib.suppress(sqlite3.Error):
+        with self.rows.lock, contextlib.suppress(sqlite3.Error):
             self._connection.close()
 
     def _open(self) -> None:

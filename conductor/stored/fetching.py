@@ -11,6 +11,8 @@ its values; reports hold those against the digests of the outcomes.
 from __future__ import annotations
 
 import contextlib
+import logging
+import os
 import re
 import subprocess
 import sys
@@ -31,6 +33,7 @@ from schemas.escape import escape
 from schemas.files.regular_file import RUN_FILE_BYTES_MAX, read_regular
 from twin.base.errors import EXIT_USAGE, InfrastructureError, UsageError, storage_error
 from twin.base.files import write_atomic
+from twin.base.process import PARENT_VARIABLE
 from twin.stores.objects import get_attempt, get_object, sha256_of
 from twin.stores.opening import PROBE, is_url, open_store
 from twin.stores.protocol import MissingObjectError, ResultStore
@@ -43,6 +46,7 @@ KPI_SOURCE_FILE = "kpi.object"
 TOLD_MAX = 20
 """Most campaigns of a store that are named in a message."""
 
+_log = logging.getLogger(__name__)
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,199}")
 
 
@@ -201,6 +205,7 @@ def _write_anew(fetched: list[_Fetched]) -> None:
         input=msgspec.json.encode(pairs),
         capture_output=True,
         check=False,
+        env={**os.environ, PARENT_VARIABLE: str(os.getpid())},  # it ends with us
     )
     if done.returncode:
         line = escape(done.stderr.decode(errors="replace").strip()[-500:])
@@ -208,6 +213,8 @@ def _write_anew(fetched: list[_Fetched]) -> None:
             line = line.replace(str(item.raw), str(item.attempt / KPI_NAME))
         error = UsageError if done.returncode == EXIT_USAGE else InfrastructureError
         raise error(line or f"KPI files could not be read (exit code {done.returncode})")
+    if done.stderr:
+        _log.warning("%s", escape(done.stderr.decode(errors="replace").strip()[-500:]))
     for item in fetched:
         _write(item.attempt / KPI_SOURCE_FILE, item.digest.encode())
 

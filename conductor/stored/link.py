@@ -41,7 +41,7 @@ from schemas.words import counted
 from twin.base.errors import TwinError, UsageError, storage_error
 from twin.base.files import write_atomic
 from twin.fabric.keys.key_file import MemberKey
-from twin.stores.apart import open_apart
+from twin.stores.apart import end_process, open_apart
 from twin.stores.opening import checked_url, has_winners
 from twin.stores.protocol import MissingObjectError, ResultStore
 
@@ -209,11 +209,13 @@ class StoreLink:
 
     def keep_runs(self, folders: list[Path]) -> None:
         """Put the small files of runs as they are after the end, with their signatures, if the
-        store is still ours."""
+        store is still ours; the last that is asked of it."""
         try:
             RunFiles(self._store, lambda: folders, self.owns).put_changed()
         except TwinError as error:
             _log.error("the store has not the last files of a run: %s", error)
+        finally:
+            end_process(self._store)
 
     def owns(self) -> bool:
         """Whether the newest claim is ours: we have begun, and nobody has taken over.
@@ -230,20 +232,27 @@ class StoreLink:
     def _take_over(self, number: int, found: StoreOwner) -> None:
         began_s = time.monotonic()
         head = read_head(self._store, self._seal, found.claim)
+        ended = (head is not None and head.released) or restarted(found.owner, this_process())
         ahead = None
-        if not (head is not None and head.released) and not restarted(found.owner, this_process()):
-            if head is not None:
-                ahead = JournalAhead(self._store, head, self._folder)
-            await_silence(
-                lambda: self._seen(found.claim),
-                f"{self._store.url}: in use by another conductor (pid {found.owner.pid} on "
-                f"{found.owner.host}); stop it, or give another --store",
-                self.options.stale_s,
-                time.monotonic,
+        if head is not None and not ended:
+            ahead = JournalAhead(self._store, head, self._folder)
+        try:
+            if not ended:
+                await_silence(
+                    lambda: self._seen(found.claim),
+                    f"{self._store.url}: in use by another conductor (pid {found.owner.pid} on "
+                    f"{found.owner.host}); stop it, or give another --store",
+                    self.options.stale_s,
+                    time.monotonic,
+                )
+            self._own = self._claims.claim(
+                number + 1, found.epoch + 1, this_process(), self._lease()
             )
-        self._own = self._claims.claim(number + 1, found.epoch + 1, this_process(), self._lease())
-        if ahead is None or not ahead.take(read_head(self._store, self._seal, found.claim)):
-            bring_journal(self._store, self._seal, found.claim, self._folder)
+            if ahead is None or not ahead.take(read_head(self._store, self._seal, found.claim)):
+                bring_journal(self._store, self._seal, found.claim, self._folder)
+        finally:
+            if ahead is not None:
+                ahead.close()
         self.taken_over_s = time.monotonic() - began_s
         _log.warning("%s: %s", self._store.url, taken_by(self._own))
 

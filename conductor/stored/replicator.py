@@ -36,7 +36,7 @@ from conductor.stored.replica import (
 from conductor.stored.seals import StoreSeal
 from twin.base.errors import TwinError
 from twin.stores.objects import object_name
-from twin.stores.protocol import ResultStore
+from twin.stores.protocol import DamagedObjectError, MissingObjectError, ResultStore
 
 FLUSH_S = 1.0
 """Least time between two rounds, unless replies wait for them [s]."""
@@ -216,6 +216,9 @@ class Replicator:
                 break
             except CutMeanwhileError:
                 self._put_back(changes)
+            except (MissingObjectError, DamagedObjectError):
+                self._put_back(None)  # a part that was to be merged: all is put anew
+                raise
             except BaseException:
                 self._put_back(changes)
                 raise

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import shutil
 import threading
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -13,6 +13,7 @@ from conductor.core.facts import Committed
 from conductor.core.state import CampaignState, State
 from conductor.journal.store import FILE_NAME as JOURNAL_NAME
 from conductor.journal.store import write_journal
+from conductor.journal.written import JournalPart
 from conductor.records.attempts import attempt_folder
 from conductor.stored.replica import ReplicaHead, read_head, read_replica
 from conductor.stored.seals import StoreSeal
@@ -75,12 +76,13 @@ class JournalAhead:
     Args:
         store: the store.
         head: as it is now.
-        folder: state folder; a folder in it is used and removed again.
+        folder: state folder; a folder in it is used, which :meth:`close` removes.
     """
 
     def __init__(self, store: ResultStore, head: ReplicaHead, folder: Path) -> None:
         self._store, self._head, self._folder = store, head, folder
         self._ahead = folder / AHEAD_FOLDER
+        self._closed = threading.Event()
         self._thread = threading.Thread(target=self._fetch, name="journal ahead", daemon=True)
         shutil.rmtree(self._ahead, ignore_errors=True)
         self._thread.start()
@@ -100,15 +102,26 @@ class JournalAhead:
                 (self._ahead / JOURNAL_NAME).rename(self._folder / JOURNAL_NAME)
             except OSError as error:
                 raise storage_error(error, str(self._folder)) from None
-            shutil.rmtree(self._ahead, ignore_errors=True)
         return taken
+
+    def close(self) -> None:
+        """Fetch nothing more, and leave nothing behind."""
+        self._closed.set()
+        self._thread.join()
+        shutil.rmtree(self._ahead, ignore_errors=True)
 
     def _fetch(self) -> None:
         try:
             self._ahead.mkdir(parents=True)
-            write_journal(self._ahead, self._head.chain, read_replica(self._store, self._head))
+            write_journal(self._ahead, self._head.chain, self._parts())
         except (TwinError, OSError) as error:
             _log.debug("%s; it is fetched again", error)
+
+    def _parts(self) -> Iterator[JournalPart]:
+        for part in read_replica(self._store, self._head):
+            if self._closed.is_set():
+                raise StoreError(f"{self._store.url}: nobody waits for its journal any more")
+            yield part
 
 
 def found_results(store: ResultStore, state: State) -> list[Sealed]:

@@ -135,10 +135,10 @@ def _unpack(namespace: Namespace, pod: str, container: str, target: Path) -> Non
             "at it in its pod"
         ) from None
     except (tarfile.TarError, EOFError) as error:
-        words = source.errors.strip() or str(error)
+        lines = (source.errors.strip() or str(error)).splitlines() or ["it says nothing"]
         raise InfrastructureError(
-            f"the copy out of pod {pod} broke off: {words.splitlines()[-1]}; the same command "
-            "begins it anew"
+            f"the copy out of pod {pod} broke off: {escape(lines[-1], NAME_CHARS_MAX)}; the same "
+            "command begins it anew"
         ) from None
     except OSError as error:
         raise storage_error(error, str(target)) from None

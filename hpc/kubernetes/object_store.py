@@ -196,10 +196,16 @@ def _endpoint(text: str) -> tuple[str, int] | None:
     """Host and port of an endpoint, or None."""
     try:
         parts = urlsplit(text)
-        port = parts.port or {"https": 443, "http": 80}.get(parts.scheme, 0)
+        usual = {"https": 443, "http": 80}.get(parts.scheme, 0)
+        port = usual if parts.port is None else parts.port
     except ValueError:
         return None
-    usual = f"{parts.scheme}://{parts.netloc}"
-    if not port or text.rstrip("/") != usual or not _HOST.fullmatch(parts.hostname or ""):
+    plain = f"{parts.scheme}://{parts.netloc}"
+    if (
+        not usual
+        or not port
+        or text.rstrip("/") != plain
+        or not _HOST.fullmatch(parts.hostname or "")
+    ):
         return None
     return (parts.hostname or "", port) if "@" not in parts.netloc else None

@@ -2,7 +2,8 @@
 
 ``python -m twin.kpi.foreign``, with pairs of paths as JSON on standard input: each first file is
 read by that process alone, which answers plain values; they are checked, and written as a new file
-under the second name. Who reads that one reads bytes of our own.
+under the second name. Who reads that one reads bytes of our own. A line on standard error says
+where there was no sandbox.
 """
 
 from __future__ import annotations
@@ -24,10 +25,13 @@ from twin.base.process import bind_to_parent
 from twin.records.kpi_file import kpi_table, read_kpi, write_kpi
 from twin.world.apart.checks import Array, Record
 from twin.world.apart.parser import Parser
-from twin.world.apart.reading import AskedFile, read_apart
+from twin.world.apart.reading import AskedFile, read_apart, unprotected
 
 FILES_MAX = 256
 """Files that one process reads."""
+FILES_BYTES_MAX = 1 << 25
+"""Size of those files together, unless it is a single one: processor time and answer of a process
+have limits, too [bytes]."""
 VALUES_BYTES_MAX = 1 << 28
 """Most that the values of a file may take [bytes]."""
 MEMORY_BYTES_MAX = 4 << 30
@@ -96,8 +100,7 @@ def tables_apart(paths: Sequence[Path]) -> Iterator[pa.Table]:
         UsageError: a file cannot be used; one line that names it.
         InfrastructureError: the process did not start.
     """
-    for first in range(0, len(paths), FILES_MAX):
-        some = paths[first : first + FILES_MAX]
+    for some in _batches(paths):
         answers = read_apart(
             [AskedFile("twin.kpi.foreign:KPI", path) for path in some],
             cpu_s=CPU_S,
@@ -110,6 +113,21 @@ def tables_apart(paths: Sequence[Path]) -> Iterator[pa.Table]:
                 except ValueError as error:
                     raise UsageError(str(error)) from None
                 yield table_of(values, path)
+
+
+def _batches(paths: Sequence[Path]) -> Iterator[list[Path]]:
+    """Files that are read by one process each."""
+    some: list[Path] = []
+    left = FILES_BYTES_MAX
+    for path in paths:
+        size = path.stat().st_size if path.is_file() else 0
+        if some and (size > left or len(some) == FILES_MAX):
+            yield some
+            some, left = [], FILES_BYTES_MAX
+        some.append(path)
+        left -= size
+    if some:
+        yield some
 
 
 def main() -> int:
@@ -125,6 +143,8 @@ def main() -> int:
     except InfrastructureError as error:
         print(error, file=sys.stderr)
         return error.exit_code
+    if line := unprotected("KPI files of a store"):
+        print(line, file=sys.stderr)
     return 0
 
 

@@ -27,7 +27,12 @@ import msgspec
 
 from schemas.files.regular_file import read_regular
 from twin.base.errors import InfrastructureError, TwinError, UsageError, storage_error
-from twin.base.process import PARENT_VARIABLE, leave_signals_to_the_parent, spawn
+from twin.base.process import (
+    PARENT_VARIABLE,
+    keep_to_itself,
+    leave_signals_to_the_parent,
+    spawn,
+)
 from twin.stores.objects import put_object
 from twin.stores.opening import kind_of, open_store
 from twin.stores.protocol import (
@@ -49,6 +54,7 @@ RECEIVE_BYTES = 1 << 20
 """Most that is taken from the socket at a time [bytes]."""
 
 _LENGTHS = struct.Struct("<IQ")
+_TIME = struct.Struct("@ll")
 _ERRORS: dict[str, type[Exception]] = {
     error.__name__: error
     for error in (
@@ -85,6 +91,12 @@ def put_file(store: ResultStore, name: str, path: Path, size_max: int) -> None:
 def put_content(store: ResultStore, data: bytes) -> str:
     """As :func:`twin.stores.objects.put_object`; a store that runs apart computes the digest."""
     return store.put_object(data) if isinstance(store, StoreApart) else put_object(store, data)
+
+
+def end_process(store: ResultStore) -> None:
+    """End the process of a store that runs apart; a later call starts another."""
+    if isinstance(store, StoreApart):
+        store.close()
 
 
 class StoreApart:
@@ -182,11 +194,15 @@ class _Line:
         self._url = url
         self._socket, theirs = socket.socketpair()
         with theirs:
-            # Bound to us by its socket alone: the thread that starts it may end before it.
-            self.child: subprocess.Popen[bytes] = spawn(
-                [sys.executable, "-m", __name__, url, str(theirs.fileno())],
-                descriptors=[theirs.fileno()],
-            )
+            try:
+                # Bound to us by its socket alone: the thread that starts it may end before it.
+                self.child: subprocess.Popen[bytes] = spawn(
+                    [sys.executable, "-m", __name__, url, str(theirs.fileno())],
+                    descriptors=[theirs.fileno()],
+                )
+            except OSError:
+                self._socket.close()
+                raise
         self.is_over = False
         """Whether it answers no more."""
         self._count = 0
@@ -204,9 +220,14 @@ class _Line:
             self._count += 1
             number = self._count
             self.asked[number] = answer
-        # What cannot be sent fails with the process: it has no other way to stop listening.
-        with self._sending, contextlib.suppress(OSError):
-            _send(self._socket, [number, *header], data)
+        with self._sending:
+            try:
+                self._socket.setsockopt(
+                    socket.SOL_SOCKET, socket.SO_SNDTIMEO, _TIME.pack(*_parts(ANSWER_S_MAX))
+                )
+                _send(self._socket, [number, *header], data)
+            except OSError:  # it does not listen any more: all calls fail with it
+                self.close()
         return answer
 
     def close(self) -> None:
@@ -240,6 +261,11 @@ class _Line:
         return StoreError(
             f"{self._url}: the process of the store has ended; it will be tried again"
         )
+
+
+def _parts(time_s: float) -> tuple[int, int]:
+    """A time as the kernel takes it: seconds and microseconds."""
+    return int(time_s), int(time_s % 1 * 1e6)
 
 
 def _send(line: socket.socket, header: list[Any], data: bytes) -> None:
@@ -334,4 +360,5 @@ def _done(
 if __name__ == "__main__":
     os.environ.pop(PARENT_VARIABLE, None)
     leave_signals_to_the_parent()
+    keep_to_itself()  # its environment proves to the store who asks, as the conductor's does
     _serve(sys.argv[1], socket.socket(fileno=int(sys.argv[2])))

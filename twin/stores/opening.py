@@ -8,10 +8,12 @@ from schemas.escape import escape
 from schemas.kinds.registry import implementation
 from schemas.kinds.result_store import ResultStoreKind, result_stores
 from twin.base.errors import UsageError
-from twin.stores.protocol import ResultStore
+from twin.stores.protocol import ResultStore, StoreError
 
 PROBE = "probe"
 """Prefix of objects that are made to see what a store can do."""
+_PROBES = 5
+"""How often that is tried where objects are written in part."""
 
 
 def is_url(text: str) -> bool:
@@ -80,11 +82,15 @@ def has_winners(store: ResultStore) -> bool:
     Raises:
         TwinError: the store does not answer, or lets nobody write.
     """
-    name = f"{PROBE}/{secrets.token_hex(8)}"
-    first = store.create(name, b"first")
-    second = store.create(name, b"second")
-    store.delete(name)
-    return first and not second
+    for _ in range(_PROBES):
+        name = f"{PROBE}/{secrets.token_hex(8)}"
+        first = store.create(name, b"first")
+        second = store.create(name, b"second")
+        store.delete(name)
+        if first or second:
+            return first and not second
+        # Nobody else knows the name: it was written in part, which says nothing of the store.
+    raise StoreError(f"{store.url}: what is created there is not what was written; try again")
 
 
 def _examples() -> str:

@@ -14,6 +14,7 @@ from conductor.core.snapshot import take
 from conductor.journal.owner import this_process
 from conductor.journal.store import Journal
 from conductor.serve.folders import CAMPAIGN_FILE
+from conductor.stored import replicator as replicator_module
 from conductor.stored import successor
 from conductor.stored.link import StoreLink, StoreOptions
 from conductor.stored.owner import StoreClaims
@@ -106,6 +107,34 @@ def test_a_round_that_fails_anywhere_is_repeated_without_a_trace(
         assert found == expected, f"call {fails_at} of {calls}"
         assert len(other.names("objects/")) <= left + 1, "what counts for nothing is removed"
     assert failures > 8, "puts and looks for a successor fail a round, deletes do not"
+
+
+def test_a_part_that_somebody_has_removed_is_put_anew(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(replicator_module, "TAIL_MAX", 2)
+    store = FolderStore(tmp_path / "store")
+    seal = StoreSeal(store, None)
+    own = StoreClaims(store, seal).claim(1, 1, this_process(), "ab" * 16)
+    journal = Journal(tmp_path)
+    made = Replicator(store, seal, own, journal.rows)
+    journal.mirror = made
+    for epoch in (1, 2):
+        journal.append([EpochRaised(epoch)])
+        made.round()
+    for name in store.names("objects/"):
+        store.delete(name)
+    journal.append([EpochRaised(3)])
+    with pytest.raises(MissingObjectError):
+        made.round()
+    made.round()
+    brought = tmp_path / "brought"
+    brought.mkdir()
+    assert bring_journal(store, seal, 1, brought)
+    expected, again = list(journal.fold()), Journal(brought)
+    assert list(again.fold()) == expected
+    again.close()
+    journal.close()
 
 
 # --- the owner alone keeps the files of a run ---------------------------------------------------

@@ -231,6 +231,7 @@ def test_a_journal_that_was_fetched_too_early_is_fetched_again(
 
     monkeypatch.setattr(link_module, "await_silence", silence)
     assert len(site.node("b").engine.state.leases) == 3
+    assert not (site._folder / "b" / AHEAD_FOLDER).exists()
 
 
 def test_a_reply_that_waits_for_the_store_never_leaves_without_it(site: Site) -> None:
@@ -256,6 +257,7 @@ def test_a_conductor_that_lives_is_left_alone(site: Site) -> None:
     with pytest.raises(UsageError, match="in use by another conductor"):
         site.node("b", stale_s=PATIENCE_S)
     assert not (site._folder / "b" / "conductor.db").exists()
+    assert not (site._folder / "b" / AHEAD_FOLDER).exists(), "what was fetched meanwhile"
 
 
 def test_after_an_end_in_good_order_nobody_waits(

@@ -174,6 +174,8 @@ def test_all_that_came_is_not_all_there_is(tmp_path):
             unpacked(tmp_path, whole[:1024], code=code)
     with pytest.raises(InfrastructureError, match=r"broke off: tar: \./b: Cannot open"):
         unpacked(tmp_path, whole, b"tar: ./b: Cannot open: Permission denied\n", code=2)
+    with pytest.raises(InfrastructureError, match=r"broke off: \\x1b\[2Jtar; the same"):
+        unpacked(tmp_path, whole, b"more\n\x1b[2Jtar\n", code=2)
     with pytest.raises(InfrastructureError, match="broke off: tar ended with 137"):
         unpacked(tmp_path, whole, code=137)
 

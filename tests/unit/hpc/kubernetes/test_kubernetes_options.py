@@ -67,6 +67,8 @@ BAD = {
     "--store-endpoint=https://minio/path": "expected http://HOST:PORT",
     "--store-endpoint=https://minio:99999": "expected http://HOST:PORT",
     "--store-endpoint=https://mi nio": "expected http://HOST:PORT",
+    "--store-endpoint=ftp://minio:21": "expected http://HOST:PORT",
+    "--store-endpoint=http://minio:0": "expected http://HOST:PORT",
     "--store-endpoint=https://[::1": "expected http://HOST:PORT",
     "--store-endpoint=https://minio": "belongs to --store=URL",
     "--store-network=10.1.0.1/16": "expected the network of the store's addresses",

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import subprocess
 import sys
+from collections.abc import Generator, Sequence
 from pathlib import Path
 
 import msgspec
@@ -14,8 +16,11 @@ import pytest
 
 from schemas.files.kpi import KPI_COLUMNS
 from twin.base.errors import EXIT_USAGE, UsageError
+from twin.kpi import foreign
 from twin.kpi.foreign import KpiValues, table_of, tables_apart, values_of
 from twin.records.kpi_file import kpi_sha256, kpi_table, read_kpi, write_kpi
+from twin.world.apart import reading
+from twin.world.apart.reading import AskedFile, read_apart
 
 VALUES = {
     "bool": [True, False],
@@ -49,6 +54,24 @@ def test_values_are_written_anew_and_keep_their_digest(tmp_path: Path) -> None:
     assert [kpi_sha256(read_kpi(Path(f"{path}.new"))) for path in paths] == digests
 
 
+@pytest.mark.parametrize(("limit", "most"), [("FILES_MAX", 2), ("FILES_BYTES_MAX", 1)])
+def test_many_files_are_read_by_several_processes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, limit: str, most: int
+) -> None:
+    paths = [tmp_path / name for name in ("one", "two", "three")]
+    digests = [kpi_file(path, len(KPI_COLUMNS) - number) for number, path in enumerate(paths)]
+    asked: list[int] = []
+
+    def read(files: Sequence[AskedFile], **limits: int) -> Generator[object, None, None]:
+        asked.append(len(files))
+        return read_apart(files, **limits)
+
+    monkeypatch.setattr(foreign, limit, most)
+    monkeypatch.setattr(foreign, "read_apart", read)
+    assert [kpi_sha256(table) for table in tables_apart(paths)] == digests
+    assert asked == ([2, 1] if limit == "FILES_MAX" else [1, 1, 1])
+
+
 def test_a_file_of_an_earlier_version_keeps_its_columns(tmp_path: Path) -> None:
     count = [column.name for column in KPI_COLUMNS].index("detections") + 1
     digest = kpi_file(tmp_path / "old", count)
@@ -67,6 +90,18 @@ def test_what_is_no_kpi_file_is_one_line(tmp_path: Path, content: bytes) -> None
     assert done.stderr.decode().count("\n") == 1
     assert str(path) in done.stderr.decode()
     assert not Path(f"{path}.new").exists()
+
+
+def test_where_there_is_no_sandbox_a_line_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    kpi_file(tmp_path / "one")
+    asked = json.dumps([(str(tmp_path / "one"), str(tmp_path / "new"))]).encode()
+    monkeypatch.setattr(reading, "why_not", lambda: "no bwrap on this machine")
+    monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(asked)))
+    assert foreign.main() == 0
+    said = "KPI files of a store are read without a sandbox: no bwrap on this machine\n"
+    assert capsys.readouterr().err == said
 
 
 def test_a_pipe_is_no_kpi_file(tmp_path: Path) -> None:

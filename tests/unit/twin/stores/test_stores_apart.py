@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
+import sys
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,7 +15,7 @@ import pytest
 from waiting import wait_for
 
 from twin.stores import apart
-from twin.stores.apart import StoreApart, open_apart, put_content, put_file
+from twin.stores.apart import StoreApart, end_process, open_apart, put_content, put_file
 from twin.stores.folder import FolderStore
 from twin.stores.objects import get_object, sha256_of
 from twin.stores.protocol import MissingObjectError, StoreError
@@ -80,12 +82,52 @@ def test_a_process_that_freezes_is_ended(
     assert store.get("one") == b"1"
 
 
-def test_it_ends_with_the_socket_also_while_it_works(store: StoreApart) -> None:
-    process = psutil.Process(store.pid)
-    store.close()
-    process.wait(30)
+def test_a_process_that_freezes_takes_nobody_with_it_who_sends(
+    store: StoreApart, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What is sent is larger than what fits into the socket."""
+    store.put("one", b"1")
+    first = store.pid
+    os.kill(first, signal.SIGSTOP)
+    with monkeypatch.context() as patch:
+        patch.setattr(apart, "ANSWER_S_MAX", 0.1)
+        with pytest.raises(StoreError, match="it will be tried again"):
+            store.put("large", bytes(16 << 20))
+    wait_for(lambda: not psutil.pid_exists(first), "its end")
+    assert store.get("one") == b"1"
+
+
+def test_it_ends_and_a_later_call_starts_another(store: StoreApart) -> None:
+    first = store.pid
+    end_process(store)
+    wait_for(lambda: not psutil.pid_exists(first), "its end")
     with pytest.raises(MissingObjectError):
-        store.get("a later call starts another")
+        store.get("none")
+    assert store.pid not in (0, first)
+
+
+HOLD = """
+import sys
+from twin.stores.apart import StoreApart
+store = StoreApart(sys.argv[1])
+print(store.pid, flush=True)
+sys.stdin.read()
+"""
+"""A program that has a store apart."""
+
+
+def test_it_ends_with_the_process_that_started_it(tmp_path: Path) -> None:
+    command = [sys.executable, "-c", HOLD, str(tmp_path / "store")]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as holder:
+        assert holder.stdout is not None
+        process = psutil.Process(int(holder.stdout.readline()))
+        holder.kill()
+        wait_for(lambda: is_over(process), "its end")
+
+
+def is_over(process: psutil.Process) -> bool:
+    """Whether it has ended; nobody may have asked how yet."""
+    return not process.is_running() or process.status() == psutil.STATUS_ZOMBIE
 
 
 def test_a_file_is_read_by_the_process(store: StoreApart, tmp_path: Path) -> None:

@@ -100,12 +100,36 @@ def test_a_conductor_keeps_its_own():
             conductor.communicate(timeout=PATIENCE_S)
 
 
+STORE = """
+import sys
+from twin.stores.apart import StoreApart
+store = StoreApart(sys.argv[1])
+print(store.pid, flush=True)
+sys.stdin.read()
+"""
+"""A program that has the process of a store, in place of a conductor."""
+
+
+def test_the_process_of_a_store_keeps_its_own():
+    with tempfile.TemporaryDirectory(dir="/tmp") as folder:
+        Path(folder).chmod(0o777)
+        words = [PYTHON, "-c", STORE, f"{folder}/store"]
+        with run_by_nobody(folder, words, subprocess.PIPE) as conductor:
+            pid = int(conductor.stdout.readline())
+            assert owner_of(pid) == 0
+            conductor.kill()
+
+
 def started(folder, *command):
     """A program of ours that nobody runs."""
+    return run_by_nobody(folder, [PYTHON, "-m", *command], subprocess.DEVNULL)
+
+
+def run_by_nobody(folder, words, output):
     return subprocess.Popen(
-        [PYTHON, "-m", *command],
+        words,
         stdin=subprocess.PIPE,
-        stdout=subprocess.DEVNULL,
+        stdout=output,
         cwd=folder,
         user=NOBODY,
         group=NOBODY,
