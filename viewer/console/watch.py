@@ -75,12 +75,14 @@ class LiveWatch:
         here: bool,
         say: Callable[[str], None] = lambda _: None,
     ) -> None:
-        """Args:
-        site: what is shown; campaigns of the conductor are added to it.
-        resolve: where the conductor is now.
-        stream: takes the events.
-        here: folders that the conductor names are at hand.
-        say: takes a line for people.
+        """Make a watch that hears nothing yet.
+
+        Args:
+            site: what is shown; campaigns of the conductor are added to it.
+            resolve: where the conductor is now.
+            stream: takes the events.
+            here: folders that the conductor names are at hand.
+            say: takes a line for people.
         """
         self.stream = stream
         self.slots = LatestSlots()
