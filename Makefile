@@ -38,6 +38,11 @@ help:
 EXTRAS ?= scenarios,search
 install: $(VENV)/.installed
 
+# Extras that are asked for by name are installed into an environment that is there, too.
+ifeq ($(origin EXTRAS),command line)
+.PHONY: $(VENV)/.installed
+endif
+
 $(VENV)/.installed: pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; v = sys.version_info[:2]; sys.exit(None if (3, 11) <= v < (3, 14) else "Python 3.11, 3.12 or 3.13 is needed, this is %d.%d; use e.g. make PYTHON=python3.12" % v)'
 	$(PYTHON) -m venv $(VENV)

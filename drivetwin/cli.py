@@ -6,7 +6,6 @@ import twin.base.start  # noqa: F401 - before anything that takes long to load
 
 # isort: split
 import importlib
-import importlib.util
 import json
 
 import typer
@@ -40,9 +39,7 @@ def listing(
 
 
 def line_of(name: str) -> str:
-    """First sentence of a command's help; what to install if its package is not here."""
-    if importlib.util.find_spec(name) is None:
-        return "not installed; the distribution drivetwin has it, drivetwin-worker does not"
+    """First sentence of a command's help."""
     group: typer.Typer = importlib.import_module(f"{name}.cli").app
     return str(group.info.help).partition(". ")[0].rstrip(".") + "."
 

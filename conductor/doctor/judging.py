@@ -239,7 +239,8 @@ def _folder(facts: MachineFacts) -> list[MachineLine]:
 def _cache(facts: MachineFacts) -> MachineLine:
     if not facts.cache_trouble:
         return MachineLine("cache", "ok", "nobody else can write to it")
-    return MachineLine("cache", "bad", facts.cache_trouble, "see there", "docs/containers.md")
+    do = "name a folder of your own with TWIN_CACHE"
+    return MachineLine("cache", "bad", facts.cache_trouble, do, "docs/containers.md")
 
 
 def _memory(facts: MachineFacts) -> MachineLine:
@@ -256,7 +257,8 @@ def _files(facts: MachineFacts) -> MachineLine:
     found = f"{facts.files_max} may be open in a process"
     if facts.files_max >= FILES_MIN:
         return MachineLine("files", "ok", found)
-    return MachineLine("files", "warn", found, f"ulimit -n {FILES_MIN}", "docs/limits.md")
+    do = f"have the hard limit raised to {FILES_MIN} (ulimit -Hn, or limits.conf)"
+    return MachineLine("files", "warn", found, do, "docs/limits.md")
 
 
 def _clock(facts: MachineFacts) -> MachineLine:

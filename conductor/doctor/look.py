@@ -19,6 +19,7 @@ from pathlib import Path
 
 import psutil
 from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 
 from conductor.doctor.judging import MachineFacts, Package, WarpCuda
 from schemas.kinds.batch_system import batch_systems
@@ -99,19 +100,20 @@ def declared_packages(distribution: str = OUR_DISTRIBUTION) -> tuple[Package, ..
                 wanted=str(requirement.specifier),
                 found=found,
                 fits=bool(found) and requirement.specifier.contains(found, prereleases=True),
-                pinned=pinned.get(requirement.name.lower(), ""),
+                pinned=pinned.get(canonicalize_name(requirement.name), ""),
             )
         )
     return tuple(packages)
 
 
 def _pinned() -> dict[str, str]:
-    """Versions of the lock file beside our sources; none for an installed wheel."""
+    """Versions of the lock file beside our sources, by normalised name; none for an installed
+    wheel."""
     path = Path(__file__).parents[2] / LOCK_FILE
     if not path.is_file():
         return {}
     parts = (line.partition("==") for line in path.read_text(encoding="utf-8").splitlines())
-    return {name.lower(): version for name, _, version in parts if version}
+    return {canonicalize_name(name): version for name, _, version in parts if version}
 
 
 def _gpus() -> tuple[tuple[str, ...], str, str]:
@@ -172,12 +174,14 @@ def folder_trouble(folder: Path) -> str:
 
 def memory_bytes(group: Path = Path("/sys/fs/cgroup")) -> int:
     """Memory that this process may use now: what is available, or what its control group leaves,
-    if that is less [bytes]."""
+    if that is less. Pages of files that the group could drop count as free [bytes]."""
     free = psutil.virtual_memory().available
     with contextlib.suppress(OSError, ValueError):
         most = int((group / "memory.max").read_text())
         used = int((group / "memory.current").read_text())
-        free = min(free, max(0, most - used))
+        lines = (group / "memory.stat").read_text().splitlines()
+        dropped = sum(int(n) for name, n in map(str.split, lines) if name == "inactive_file")
+        free = min(free, max(0, most - used + dropped))
     return free
 
 

@@ -7,6 +7,7 @@ import keyword
 import os
 import re
 import secrets
+import shlex
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +20,8 @@ ENDING = ".template"
 NAME = re.compile(r"[a-z][a-z0-9]*(?:[_-][a-z0-9]+)*")
 NAME_MAX = 40
 """Longest name [characters]."""
+NO_TEXTS = ("true", "false", "null")
+"""Names that a YAML file takes for something else."""
 STACK = "devkit.aeb:AebStack"
 """The stack of a new campaign, unless another is given."""
 
@@ -42,7 +45,8 @@ def new_campaign(name: str, folder: Path, stack: str = STACK) -> NewThing:
     if not re.fullmatch(r"[A-Za-z_][\w.]*:[A-Za-z_]\w*", stack):
         raise UsageError(f"--stack {stack}: give MODULE:CLASS, e.g. my_stack:MyStack")
     path = _write_file("campaign.yaml", name, folder, f"{_checked(name)}.yaml", stack=stack)
-    steps = (f"conductor validate {path}", f"conductor run {path} --cases 1")
+    shown = shlex.quote(str(path))
+    steps = (f"conductor validate {shown}", f"conductor run {shown} --cases 1")
     return NewThing(path, steps, "docs/campaign.md")
 
 
@@ -55,7 +59,7 @@ def new_stack(name: str, folder: Path) -> NewThing:
     module = _module(name)
     path = _write_file("stack.py.template", name, folder, f"{module}.py")
     place = f"{module}:{_class(name)}"
-    where = f"PYTHONPATH={folder} "
+    where = f"PYTHONPATH={shlex.quote(str(folder))} "
     steps = (
         f"{where}devkit check {place}",
         f"conductor new campaign {name}-first --stack {place}",
@@ -71,7 +75,8 @@ def new_scenario(name: str, folder: Path) -> NewThing:
         UsageError: as :func:`new_campaign`.
     """
     path = _write_file("scenario.yaml", name, folder, f"{_checked(name)}.yaml")
-    steps = (f"twin validate scenario {path}", f"twin play {path}")
+    shown = shlex.quote(str(path))
+    steps = (f"twin validate scenario {shown}", f"twin play {shown}")
     return NewThing(path, steps, "docs/scenarios.md")
 
 
@@ -96,10 +101,11 @@ def new_plugin(name: str, folder: Path) -> NewThing:
         raise storage_error(error, str(target)) from None
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
+    shown = shlex.quote(str(target))
     steps = (
-        f"pip install --editable {target}",
-        f"pytest {target}/tests",
-        f"conductor validate {target}/campaign.yaml",
+        f"pip install --editable {shown}",
+        f"pytest {shown}/tests",
+        f"conductor validate {shown}/campaign.yaml",
     )
     return NewThing(target, steps, "docs/kinds.md")
 
@@ -135,6 +141,10 @@ def _checked(name: str) -> str:
         raise UsageError(
             f"NAME '{name}': allowed are at most {NAME_MAX} lower-case letters and digits, with "
             "single '-' or '_' between them, e.g. rainy-night"
+        )
+    if name in NO_TEXTS:
+        raise UsageError(
+            f"NAME '{name}': YAML has a value '{name}', which is no text; choose another"
         )
     return name
 

@@ -122,7 +122,8 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=ROOT / "build" / "site")
     out = parser.parse_args().out.resolve()
-    if out.exists() and any(out.iterdir()) and not (out / "searchindex.js").exists():
+    ours = (out / "searchindex.js").exists()
+    if out.exists() and not ours and (out.is_file() or any(out.iterdir())):
         print(f"{out} is not a built site; give --out a new folder", file=sys.stderr)
         return 2
     shutil.rmtree(out, ignore_errors=True)

@@ -66,7 +66,9 @@ class Allocations:
         request_of: RequestOf,
         key_of: Callable[[NamedSite], bytes],
     ) -> None:
-        """Args:
+        """Read the book of a run's allocations.
+
+        Args:
             folder: run folder.
             campaign: what is run.
             sites: by name, also those of which nothing more is asked.

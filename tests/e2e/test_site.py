@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import shutil
 import subprocess
 import sys
 from functools import cache
@@ -122,11 +121,11 @@ def test_a_link_that_leads_nowhere_stops_the_build(tmp_path, link):
     assert "other" in done.stderr or "nowhere" in done.stderr
 
 
-def test_a_folder_of_something_else_is_left_alone(tmp_path):
+@pytest.mark.parametrize("place", [".", "kept.txt"])
+def test_something_else_is_left_alone(tmp_path, place):
     (tmp_path / "kept.txt").write_text("mine")
-    words = [sys.executable, str(BUILD), "--out", str(tmp_path)]
+    words = [sys.executable, str(BUILD), "--out", str(tmp_path / place)]
     done = subprocess.run(words, capture_output=True, text=True)
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1
     assert (tmp_path / "kept.txt").read_text() == "mine"
-    shutil.rmtree(tmp_path)

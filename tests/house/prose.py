@@ -44,7 +44,7 @@ something else ("free memory", "resumes")."""
 
 POINTS_BACK = re.compile(
     r"(?:Of|How|It|Its|They|Their|Them|These|Those|That|This|Such|So|Both|Another|Other|Further"
-    r"|The same|Also|And|Each|There)\b"
+    r"|The same|Also|And|Each|There)\b|(?:Args|Raises|Returns|Yields):"
 )
 """Beginnings of a docstring that say nothing without what stands before it."""
 POINTS_BACK_MAX = {

@@ -46,5 +46,6 @@ def test_checks_of_the_kept_linter_run():
 def test_first_sentences_stand_alone():
     source = '"""Of these."""\n\nclass A:\n    """Width of a lane."""\n\n    def f(self):\n'
     source += '        """How wide it is."""\n'
-    assert pointing_back(source) == [1, 7]
-    assert [line for line, _ in docstrings(source)] == [1, 4, 7]
+    source += '    def g(self):\n        """Raises:\n            OSError: no file."""\n'
+    assert pointing_back(source) == [1, 7, 9]
+    assert [line for line, _ in docstrings(source)] == [1, 4, 7, 9]

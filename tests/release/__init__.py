@@ -1,2 +1,1 @@
-"""What a release is made of, and how it is looked at: ``make dist``, ``make sbom``,
-``make licences``."""
+"""What a release is made of, and how it is looked at: ``make dist``, ``make licences``."""

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import hashlib
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -41,7 +42,10 @@ def build(root: Path, out: Path) -> list[Path]:
         call_build(tree, made, "--wheel")
         wheel = next(made.glob("drivetwin-*.whl"))
         write_sbom(root, wheel, made / f"{wheel.name.rpartition('-py3')[0]}.cdx.json")
-        archives = [path.replace(out / path.name) for path in sorted(made.iterdir())]
+        archives = []
+        for path in sorted(made.iterdir()):
+            # Not renamed: the folder of temporary files may lie on another file system.
+            archives.append(Path(shutil.move(path, out / path.name)))
     sums = [f"{hashlib.sha256(path.read_bytes()).hexdigest()}  {path.name}\n" for path in archives]
     (out / SUMS).write_text("".join(sums))
     return archives

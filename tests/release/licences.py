@@ -19,9 +19,9 @@ ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "licences.md"
 EXTRAS = (
     *("export", "gltf", "scenarios", "ros2", "autodrive", "search", "timestamp", "store"),
-    "kubernetes",
+    *("kubernetes", "notebook", "gym"),
 )
-"""Extras whose packages tests install. Those of `train`, `gpu` and `bench` are not looked at."""
+"""Extras of users whose packages tests install. `train` and `gpu` are not looked at."""
 ALLOWED = frozenset(
     {
         *("0BSD", "Apache-2.0", "BSD", "BSD-2-Clause", "BSD-3-Clause", "CC0-1.0", "EPL-2.0"),
@@ -42,10 +42,12 @@ CLASSIFIERS = {
 }
 """End of a classifier -> identifier."""
 KNOWN = {
+    "asttokens": "Apache-2.0",
     "eclipse-zenoh": "EPL-2.0 OR Apache-2.0",
     "protobuf": "BSD-3-Clause",
 }
-"""Packages whose metadata do not name the licence that stands in their files."""
+"""Packages whose metadata do not name the licence that stands in their files, or not by its
+identifier."""
 HEAD = """\
 # Licences of what is installed
 
@@ -57,8 +59,8 @@ versions of a release are in its CycloneDX file ([versions.md](versions.md#makin
 Allowed: {allowed}.
 
 Wheels bundle libraries of their own: FFmpeg (LGPL-2.1) in `av` and `opencv-python-headless`, and
-others that their wheels list. The extras `train`, `gpu`, `bench`, `fuzz` and `mutation` bring more
-and are not listed.
+others that their wheels list. The extras `train` and `gpu`, and those for work on the project
+itself, bring more and are not listed.
 
 | package | licence | needed by |
 |---|---|---|
@@ -82,11 +84,36 @@ def licence(name: str) -> str:
 def is_allowed(expression: str) -> bool:
     """Whether every part that counts of an SPDX expression is allowed: all of ``AND``, one of
     ``OR``."""
-    choices = re.split(r"\s+OR\s+", expression.strip("() "))
-    return any(
-        all(part.strip("() ") in ALLOWED for part in re.split(r"\s+AND\s+", choice))
-        for choice in choices
-    )
+    words = re.findall(r"[()]|[^\s()]+", expression)
+    allowed = _choice(words)
+    return allowed and not words
+
+
+def _choice(words: list[str]) -> bool:
+    """Whether an expression at the beginning of ``words``, which are taken, is allowed."""
+    allowed = _combination(words)
+    while words[:1] == ["OR"]:
+        del words[0]
+        allowed |= _combination(words)
+    return allowed
+
+
+def _combination(words: list[str]) -> bool:
+    """The same of parts that all count."""
+    allowed = _part(words)
+    while words[:1] == ["AND"]:
+        del words[0]
+        allowed &= _part(words)
+    return allowed
+
+
+def _part(words: list[str]) -> bool:
+    """The same of an identifier, or of an expression in parentheses."""
+    word = words.pop(0) if words else ""
+    if word != "(":
+        return word in ALLOWED
+    allowed = _choice(words)
+    return (words.pop(0) if words else "") == ")" and allowed
 
 
 def needed_by(root: Path = ROOT) -> dict[str, list[str]]:

@@ -126,7 +126,8 @@ def _load(run: CampaignRun) -> float:
 def _case_ratios(pair: Pair) -> list[float]:
     """Speed of each case with a page, relative to the same case without."""
     alone, console = pair.alone.rig_wall_s, pair.console.rig_wall_s
-    return [alone[case] / console[case] for case in sorted(alone) if console.get(case)]
+    timed = [case for case in sorted(alone) if alone[case] and console.get(case)]
+    return [alone[case] / console[case] for case in timed]
 
 
 def _both(found: Sequence[Pair], measure: Any) -> dict[str, float]:

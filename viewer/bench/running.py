@@ -75,7 +75,7 @@ def simulate(options: BenchOptions, mode: str, out: Path) -> CampaignRun:
         *(() if options.workers is None else ("--workers", str(options.workers))),
         *(() if options.simulate is None else ("--cases", str(options.simulate))),
     ]
-    if mode in ("none", "record") or mode == "alone":
+    if mode in ("none", "record", "alone"):
         summary, course = _run(arguments, out)
     elif mode == "console":
         with ExitStack() as until:

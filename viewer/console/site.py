@@ -52,9 +52,11 @@ class ConsoleSite:
     """What is shown, and the answers to addresses below ``data/``."""
 
     def __init__(self, runs: list[RunFolder], *, keep: bool = True) -> None:
-        """Args:
-        runs: campaigns, in the order of the list.
-        keep: pictures are kept beside the runs, else in memory.
+        """Show some campaigns.
+
+        Args:
+            runs: campaigns, in the order of the list.
+            keep: pictures are kept beside the runs, else in memory.
         """
         self.runs: dict[str, ShownRun] = {}
         self.live = False

@@ -75,12 +75,14 @@ class LiveWatch:
         here: bool,
         say: Callable[[str], None] = lambda _: None,
     ) -> None:
-        """Args:
-        site: what is shown; campaigns of the conductor are added to it.
-        resolve: where the conductor is now.
-        stream: takes the events.
-        here: folders that the conductor names are at hand.
-        say: takes a line for people.
+        """Make a watch that hears nothing yet.
+
+        Args:
+            site: what is shown; campaigns of the conductor are added to it.
+            resolve: where the conductor is now.
+            stream: takes the events.
+            here: folders that the conductor names are at hand.
+            say: takes a line for people.
         """
         self.stream = stream
         self.slots = LatestSlots()
@@ -375,6 +377,7 @@ class LiveWatch:
             self.link.read_clocks()
 
     def _tell_pictures(self, now_s: float) -> None:
+        told = []
         for name, cases in self._fresh.items():
             shown = self._site.runs[name]
             try:
@@ -387,12 +390,21 @@ class LiveWatch:
                 if case in places and (picture := shown.live_pictures.get(case)) is not None
             ]
             if pictures:
-                self._tell_ages(name, pictures, now_s)
+                told.append(self._tell_ages(name, pictures, now_s))
         self._fresh = {}
+        if told:
+            worst_s, simulators = max(told)
+            self._tell_lag(worst_s, simulators=simulators)
 
-    def _tell_ages(self, name: str, pictures: list[tuple[int, LivePicture]], now_s: float) -> None:
-        """Say which pictures came, and how old they are: since the simulator was there, or where
-        its clock is not known since they came here."""
+    def _tell_ages(
+        self, name: str, pictures: list[tuple[int, LivePicture]], now_s: float
+    ) -> tuple[float, bool]:
+        """Say which pictures of a campaign came, and how old they are: since the simulator was
+        there, or where its clock is not known since they came here.
+
+        Returns:
+            the age of the oldest [s], and whether all count from their simulators.
+        """
         rows, off_s = [], 0.0
         simulators = True
         for place, picture in pictures:
@@ -408,7 +420,7 @@ class LiveWatch:
             rows.append([place, picture.number, picture.sim_time_ns / 1e9, round(age_s, 3)])
         event = {"run": name, "pictures": rows, "from": "simulator" if simulators else "console"}
         self.stream.put("picture", event | {"within_s": round(off_s, 3) if simulators else None})
-        self._tell_lag(max(row[3] for row in rows), simulators=simulators)
+        return max(row[3] for row in rows), simulators
 
     def _tell_lag(self, worst_s: float, *, simulators: bool) -> None:
         if (worst_s > LAG_SAID_S * (0.5 if self._lags else 1.0)) == self._lags:

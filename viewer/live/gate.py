@@ -57,7 +57,9 @@ class Gate:
     """Passes on what this user's viewers send to a loopback port, a line per viewer."""
 
     def __init__(self, port: int, say: Callable[[str], None]) -> None:
-        """Args:
+        """Listen for viewers.
+
+        Args:
             port: where viewers come; 0: a free one.
             say: takes a line for people.
 

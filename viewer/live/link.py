@@ -109,11 +109,13 @@ class Link:
         *,
         running: bool = False,
     ) -> None:
-        """Args:
-        resolve: where the conductor is now; raises UnreachableError while nobody knows.
-        wait_s: how long the first session may take to come about; None: for ever [s].
-        slots: receives thumbnails and the samples of single cases.
-        running: the status has the leases, too.
+        """Make a link that has no session yet.
+
+        Args:
+            resolve: where the conductor is now; raises UnreachableError while nobody knows.
+            wait_s: how long the first session may take to come about; None: for ever [s].
+            slots: receives thumbnails and the samples of single cases.
+            running: the status has the leases, too.
         """
         self.heard: queue.Queue[Heard] = queue.Queue(EVENTS_MAX)
         self.sessions = 0

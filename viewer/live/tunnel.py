@@ -71,8 +71,10 @@ class Tunnel:
     def __init__(
         self, far: Far, namespace: str, key: Path | None, role: Role = Role.viewer
     ) -> None:
-        """Raises:
-        UsageError: there is no ssh here, or no such key.
+        """Check that a tunnel can be tried.
+
+        Raises:
+            UsageError: there is no ssh here, or no such key.
         """
         if shutil.which("ssh") is None:
             raise UsageError("--ssh: there is no ssh on this machine; install OpenSSH's client")

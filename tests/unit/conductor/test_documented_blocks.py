@@ -23,7 +23,7 @@ from schemas.plan import parse_plan
 from twin.scenario.storyboard.native.compiler import compile_native
 from twin.scenario.storyboard.native.document import load_native
 
-PACKAGES = ("schemas", "twin", "devkit", "conductor", "viewer", "hpc")
+PACKAGES = ("schemas", "twin", "devkit", "conductor", "viewer", "hpc", "drivetwin")
 KEYS = {field.encode_name for field in msgspec.structs.fields(Campaign)}
 SHELLS = {"sh", "text", "json5", "toctree"}
 """Languages that are checked elsewhere, or are no language."""

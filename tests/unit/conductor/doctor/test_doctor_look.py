@@ -62,7 +62,8 @@ def test_memory_of_a_control_group_counts(tmp_path):
     whole = memory_bytes(tmp_path / "none")
     (tmp_path / "memory.max").write_text("1000000")
     (tmp_path / "memory.current").write_text("400000")
-    assert memory_bytes(tmp_path) == 600000
+    (tmp_path / "memory.stat").write_text("anon 200000\nfile 200000\ninactive_file 150000\n")
+    assert memory_bytes(tmp_path) == 750000
     (tmp_path / "memory.max").write_text("max")
     assert memory_bytes(tmp_path) == pytest.approx(whole, rel=0.5)
 

@@ -1,18 +1,21 @@
 """New files are written once, with names that can be used, and nothing is overwritten."""
 
 import os
+import shlex
 from pathlib import Path
 
 import pytest
 
 from conductor.new.writing import (
     NAME_MAX,
+    NO_TEXTS,
     TEMPLATES,
     new_campaign,
     new_plugin,
     new_scenario,
     new_stack,
 )
+from schemas.files.yaml_file import parse_yaml
 from twin.base.errors import InfrastructureError, UsageError
 
 MAKERS = [new_campaign, new_stack, new_scenario, new_plugin]
@@ -44,6 +47,24 @@ def test_a_name_that_cannot_be_used_is_refused(tmp_path, make, name):
     with pytest.raises(UsageError, match="allowed are at most"):
         make(name, tmp_path)
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("make", MAKERS)
+@pytest.mark.parametrize("name", NO_TEXTS)
+def test_a_name_that_yaml_takes_for_something_else_is_refused(tmp_path, make, name):
+    assert not isinstance(parse_yaml(name, "a name"), str)
+    with pytest.raises(UsageError, match="no text"):
+        make(name, tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("make", MAKERS)
+def test_steps_can_be_typed_where_a_folder_has_a_blank(tmp_path, make):
+    folder = tmp_path / "my runs"
+    folder.mkdir()
+    for step in make("a1", folder).next_steps:
+        words = shlex.split(step)
+        assert all(str(tmp_path) not in word or str(folder) in word for word in words), step
 
 
 @pytest.mark.parametrize("make", [new_stack, new_plugin])

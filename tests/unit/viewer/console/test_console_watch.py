@@ -166,6 +166,24 @@ def test_pictures_that_lag_are_said_once_and_their_end_too():
     ]
 
 
+def test_a_campaign_that_keeps_up_does_not_take_back_what_is_said_of_one_that_lags():
+    heard = Heard()
+    row = {"out": "", "cases": 4, "left": 4, "leased": 1, "paused": False}
+    leases = [
+        {"campaign": name, "case": "c1", "worker": "w1"} for name in ("lagging", "demo", "also")
+    ]
+    campaigns = dict.fromkeys((lease["campaign"] for lease in leases), row)
+    heard.watch.take(Status({"campaigns": campaigns, "workers": [], "running": leases}), 0.0)
+    heard.watch.take(ReadClocks([ClockReading(v=1, rig="r1", clock_s=0.0)], 0.0, 0.0), 0.0)
+    heard.events("log")
+    told = []
+    for lagging_s in (5.0, 5.0, 0.2):
+        for name, lag_s in (("demo", 0.1), ("lagging", lagging_s), ("also", 0.1)):
+            heard.picture("c1", campaign=name, rig="r1", at_s=heard.now_s + 30.0 - lag_s)
+        told.append([event["level"] for event in heard.events("log")])
+    assert told == [["warn"], [], ["info"]]
+
+
 def test_clocks_are_read_now_and_then_and_only_while_somebody_looks():
     heard = Heard()
     asked = []

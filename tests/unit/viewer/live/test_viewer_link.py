@@ -249,7 +249,8 @@ def test_worlds_and_events_come_as_they_are(opened, port):
     assert hear(link, ConductorEvent).fact["epoch"] == 7
 
 
-def test_clocks_of_all_rigs_are_read_at_once(opened, port):
+def test_clocks_of_all_rigs_are_read_at_once(opened, port, monkeypatch):
+    monkeypatch.setattr(linking, "CLOCK_S", PATIENCE_S)
     conductor = serve(opened, port)
     for rig, answer in (("a", ClockReading(1, "a", 5.0)), ("b", ClockReading(1, "b", 7.0))):
         key = topics.FEED_CLOCK.key.format(rig=rig)
