@@ -41,7 +41,7 @@ from twin.stores.protocol import (
 
 CALLS_MAX = 32
 """Calls that are under way at a time; further ones wait."""
-ANSWER_S_MAX = 300.0
+ANSWER_S_MAX = 300
 """Longest wait for the answer to a call; then the process is ended, and the call has failed [s]."""
 MESSAGE_BYTES_MAX = 1 << 31
 """Largest message between the two [bytes]."""
