@@ -50,8 +50,10 @@ class RadarBench:
     """Radars along the road of a scene, with noise, rain, clutter and second ways."""
 
     def __init__(self, device: str, slots: int, profile: str, scene: str = "downtown") -> None:
-        """Raises:
-        ValueError: no such profile or scene; one line.
+        """Build the radars.
+
+        Raises:
+            ValueError: no such profile or scene; one line.
         """
         self.device, self.slots = wp.get_device(device), slots
         kind, (place, world) = load_radar_profile(profile), _built(scene)

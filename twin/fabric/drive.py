@@ -133,14 +133,16 @@ class SimulatorEnd:
         device: str = "",
         resend_s: float = RESEND_S,
     ) -> None:
-        """Args:
-        bus: session of the rig.
-        rig: its id.
-        slots: of the rig.
-        frames: buffer to offer; None: there is none.
-        probe: in the GPU's memory, if frames there can be shared.
-        device: ``cuda:N`` of the probe.
-        resend_s: a seq without an answer is published again after this long [s].
+        """Open the simulator's end.
+
+        Args:
+            bus: session of the rig.
+            rig: its id.
+            slots: of the rig.
+            frames: buffer to offer; None: there is none.
+            probe: in the GPU's memory, if frames there can be shared.
+            device: ``cuda:N`` of the probe.
+            resend_s: a seq without an answer is published again after this long [s].
         """
         self._bus = bus
         self._probe = probe

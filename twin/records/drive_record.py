@@ -101,8 +101,10 @@ class RecordWriter:
     """Appends blocks to one file; every block is in the file when the call returns."""
 
     def __init__(self, path: Path, head: RecordHead) -> None:
-        """Raises:
-        OSError: it cannot be written.
+        """Begin the file.
+
+        Raises:
+            OSError: it cannot be written.
         """
         self.path = path
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -31,9 +31,11 @@ class DriveRecorder(SlotListener):
     """The records of a rig's slots; attempts whose case asks for none cost nothing."""
 
     def __init__(self, slots: int, device: str) -> None:
-        """Args:
-        slots: of the rig.
-        device: where it computes.
+        """Begin without records.
+
+        Args:
+            slots: of the rig.
+            device: where it computes.
         """
         self._records: dict[int, AttemptRecord] = {}
         self._slots, self._device = slots, device

@@ -37,10 +37,12 @@ class RealtimeLink(SlotListener):
     def __init__(
         self, end: SimulatorEnd, period_ns: int, clock: Callable[[], float] = time.monotonic
     ) -> None:
-        """Args:
-        end: the simulator's end of the drive plane.
-        period_ns: of control [ns].
-        clock: the wall clock [s].
+        """Begin without a case.
+
+        Args:
+            end: the simulator's end of the drive plane.
+            period_ns: of control [ns].
+            clock: the wall clock [s].
         """
         self._end = end
         self._period_ns = period_ns

@@ -31,12 +31,14 @@ class TickMessages:
         transport: Transport,
         offsets: dict[str, int],
     ) -> None:
-        """Args:
-        engine: of the rig.
-        slots: of the rig.
-        device: where it computes.
-        transport: how large arrays reach the stack.
-        offsets: places of arrays in shared memory, by sensor message.
+        """Take what the messages of a rig are made of.
+
+        Args:
+            engine: of the rig.
+            slots: of the rig.
+            device: where it computes.
+            transport: how large arrays reach the stack.
+            offsets: places of arrays in shared memory, by sensor message.
         """
         self._engine = engine
         self._slots = slots

@@ -58,9 +58,11 @@ class TableSender:
     """Makes a table's messages for one case."""
 
     def __init__(self, table: TopicTable, episode: Episode, store: TypeStore) -> None:
-        """Raises:
-        UsageError: two cameras or LiDARs of the case would share a topic, or the name of one
-            makes a topic that ROS 2 does not allow.
+        """Look the types of the table up.
+
+        Raises:
+            UsageError: two cameras or LiDARs of the case would share a topic, or the name of one
+                makes a topic that ROS 2 does not allow.
         """
         self.table = table
         self.episode = episode

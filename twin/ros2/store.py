@@ -41,8 +41,10 @@ class TypeStore:
     """The message types of one distribution. Names are written ``std_msgs/msg/String``."""
 
     def __init__(self, distribution: str = "jazzy") -> None:
-        """Raises:
-        UsageError: no such distribution, or rosbags is not installed.
+        """Load the types.
+
+        Raises:
+            UsageError: no such distribution, or rosbags is not installed.
         """
         if distribution not in DISTRIBUTIONS:
             raise UsageError(

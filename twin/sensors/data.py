@@ -21,10 +21,12 @@ class SensorData:
         count: np.ndarray | None = None,
         device: wp.array | None = None,
     ) -> None:
-        """Args:
-        values: [S, ...], or what brings them to the host; asked once, when somebody looks.
-        count: int32 [S]: valid rows of ragged data.
-        device: the same values in a GPU's memory.
+        """Hold readings, or what brings them.
+
+        Args:
+            values: [S, ...], or what brings them to the host; asked once, when somebody looks.
+            count: int32 [S]: valid rows of ragged data.
+            device: the same values in a GPU's memory.
         """
         self._values = values if isinstance(values, np.ndarray) else None
         self._pull = None if isinstance(values, np.ndarray) else values

@@ -136,13 +136,15 @@ class RigProcess:
         loaded: Loading | None = None,
         turn: socket.socket | None = None,
     ) -> None:
-        """Args:
-        options: of the worker.
-        lease: the first one.
-        slots: cases that it drives at once.
-        inbox: for messages.
-        loaded: processes that wait to be told what to do.
-        turn: at the port of its script, which ends with the rig.
+        """Start the processes of a rig.
+
+        Args:
+            options: of the worker.
+            lease: the first one.
+            slots: cases that it drives at once.
+            inbox: for messages.
+            loaded: processes that wait to be told what to do.
+            turn: at the port of its script, which ends with the rig.
         """
         self._turn = turn
         self._options = options

@@ -52,7 +52,9 @@ class DriveMessagesOf:
     def __init__(
         self, attempt: Path, table: TopicTable, truth: dict[int, TrueTick] | None = None
     ) -> None:
-        """Args:
+        """Open an attempt's record.
+
+        Args:
             attempt: its folder, with the drive's record.
             table: topics and types.
             truth: by sim time [ns]; None: the recording has none.
@@ -72,8 +74,10 @@ class DriveMessagesOf:
         self._make = DriveMessages(self.store)
 
     def __iter__(self) -> Iterator[TopicMessage]:
-        """Raises:
-        UsageError: the record is damaged, or does not fit the table.
+        """Yield the messages.
+
+        Raises:
+            UsageError: the record is damaged, or does not fit the table.
         """
         sender: TableSender | None = None
         for tick in self._reader.ticks():

@@ -72,8 +72,10 @@ class DeviceMemory:
     """An array of another process, opened by its handle; it stays open until this is freed."""
 
     def __init__(self, handle: bytes, dtype: str, shape: Sequence[int], device: str) -> None:
-        """Raises:
-        RuntimeError: the handle cannot be opened here.
+        """Open the array.
+
+        Raises:
+            RuntimeError: the handle cannot be opened here.
         """
         warp = _warp()
         self.shape = tuple(shape)

@@ -25,8 +25,10 @@ class Renderer:
     """One process's part of a dataset."""
 
     def __init__(self, folder: Folder, recipe: DatasetRecipe, slots: int, device: str) -> None:
-        """Raises:
-        UsageError: the recipe cannot be followed; one line.
+        """Build what the pictures are rendered with.
+
+        Raises:
+            UsageError: the recipe cannot be followed; one line.
         """
         prepare_kernels()
         self._folder, self._recipe, self._slots = folder, recipe, slots

@@ -73,8 +73,10 @@ class Studio:
         slots: int,
         device: wp.Device,
     ) -> None:
-        """Raises:
-        ValueError: a scene or lens that cannot be used, or too many slots; one line.
+        """Build the street with everything that may stand in it.
+
+        Raises:
+            ValueError: a scene or lens that cannot be used, or too many slots; one line.
         """
         self._recipe, self._street, self._vehicle, self._eyes = recipe, street, vehicle, eyes
         self._slots, self._device = slots, device

@@ -31,8 +31,10 @@ class InterventionJournal:
     """Appends to the file beside the attempt's KPIs; begun with the first action."""
 
     def __init__(self, lease: Lease, slots: int, device: str) -> None:
-        """Raises:
-        TwinError: the folder cannot be written.
+        """Begin the file.
+
+        Raises:
+            TwinError: the folder cannot be written.
         """
         folder = Path(lease.out) / "cases" / lease.case.id / f"attempt-{lease.attempt}"
         self._path = folder / JOURNAL_FILE

@@ -74,11 +74,13 @@ class RigInterventions(SlotListener):
     def __init__(
         self, rig: str, slots: int, device: str, tell: Callable[[Slot, AttemptInterventions], None]
     ) -> None:
-        """Args:
-        rig: name of the rig, for answers.
-        slots: of the rig.
-        device: where the rig computes.
-        tell: hears of every attempt in which somebody has newly intervened.
+        """Begin without interventions.
+
+        Args:
+            rig: name of the rig, for answers.
+            slots: of the rig.
+            device: where the rig computes.
+            tell: hears of every attempt in which somebody has newly intervened.
         """
         self._rig = rig
         self._slots = slots

@@ -66,8 +66,10 @@ def roadside_bodies(roads: RoadMap) -> list[RoadsideBody]:
 
 
 def _check_reach(body: RoadsideBody) -> None:
-    """Raises:
-    ValueError: it is too large, or too far away; without its place in the file.
+    """Refuse an object that reaches too far.
+
+    Raises:
+        ValueError: it is too large, or too far away; without its place in the file.
     """
     if isinstance(body, StandingBody):
         places, size = np.array([body.position_m]), max(*body.size_m, 2.0 * body.radius_m)

@@ -41,11 +41,13 @@ class RadarSensor:
         reflectors: tuple[Reflector, ...] = (),
         rows_out: np.ndarray | None = None,
     ) -> None:
-        """Args:
-        profile: what it is built like.
-        geometry: what it sees; whoever made it places the objects.
-        reflectors: targets that stand in the world besides what it has.
-        rows_out: float32 [S, N, 6] host buffer that receives the detections.
+        """Build a radar.
+
+        Args:
+            profile: what it is built like.
+            geometry: what it sees; whoever made it places the objects.
+            reflectors: targets that stand in the world besides what it has.
+            rows_out: float32 [S, N, 6] host buffer that receives the detections.
         """
         self.profile, self.geometry = profile, geometry
         slots, device, world = geometry.slots, geometry.device, geometry.world

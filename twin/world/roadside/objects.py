@@ -88,8 +88,10 @@ def add_objects(mesh: MeshBuilder, roads: RoadMap) -> RoadsideHulls:
 
 
 def check_points(mesh: MeshBuilder, file: str) -> None:
-    """Raises:
-    ValueError: the world has become too large; one line.
+    """Refuse a mesh with too many points.
+
+    Raises:
+        ValueError: the world has become too large; one line.
     """
     if mesh.count > POINTS_MAX:
         raise ValueError(

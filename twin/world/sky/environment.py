@@ -30,8 +30,10 @@ class CaseEnvironment:
     """
 
     def __init__(self, case: Case, origin: EarthPlace) -> None:
-        """Raises:
-        ValueError: the case's weather is neither a preset nor one of its own; one line.
+        """Work out the environment of a case.
+
+        Raises:
+            ValueError: the case's weather is neither a preset nor one of its own; one line.
         """
         self._environment = case.variation.environment
         self._place = origin

@@ -153,8 +153,10 @@ _built: dict[bytes, World] = {}
 
 
 def _content(file: str) -> bytes:
-    """Raises:
-    ValueError: it cannot be read; one line.
+    """The digest of a file of a scene.
+
+    Raises:
+        ValueError: it cannot be read; one line.
     """
     try:
         return file_digest(Path(file)).encode()
@@ -270,8 +272,10 @@ def _add_roads(mesh: MeshBuilder, scene: Scene, parts: _Parts) -> None:
 
 
 def _cast(scene: Scene, bodies: int) -> Cast:
-    """Raises:
-    ValueError: the scene's objects cannot be; one line.
+    """Take up what may move in a scene.
+
+    Raises:
+        ValueError: the scene's objects cannot be; one line.
     """
     if not bodies:
         return build_cast(scene.objects)
