@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from IPython.core.formatters import HTMLFormatter
 
 import drivetwin
 from devkit.idle import IdleStack
@@ -174,7 +175,8 @@ def test_a_folder_that_is_no_run(tmp_path):
 def test_the_link_to_a_report_is_one_whatever_its_folder_is_called(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for name, link in (("a b#1", "a%20b%231"), ("javascript:x", "javascript%3Ax")):
-        shown = RunReport(Path(name) / "report.html", "2 of 2", embed=False)._repr_html_()
+        report = RunReport(Path(name) / "report.html", "2 of 2", embed=False)
+        shown = HTMLFormatter()(report)
         assert f'href="{link}/report.html"' in shown
         assert f">{name}/report.html</a>" in shown
 
