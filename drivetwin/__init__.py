@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
 from conductor.run.listener import RunProgress
-from drivetwin.arguments import RunArguments, changes_of, request_of
+from drivetwin.arguments import RunArguments, request_of
 from drivetwin.finished import Run, RunReport, SearchRun, opened
 from drivetwin.shipped import CheckedCampaign, ShippedCampaign, checked, shipped
 from drivetwin.started import EventLine, RunEvent, StartedRun
@@ -70,6 +70,7 @@ def run(campaign: str | Path, *, progress: bool = True, **arguments: Unpack[RunA
     Raises:
         UsageError: it cannot be run as asked; a line per mistake, before any case runs.
         InfrastructureError: disk, network or processes let us down; the same call goes on.
+        UnfinishedError: its conductor was stopped; the same call goes on.
         KeyboardInterrupt: it was interrupted; workers have ended, the same call goes on.
     """
     return start(campaign, **arguments).wait(progress=progress)
@@ -171,4 +172,4 @@ def validate(
     Raises:
         UsageError: it is not valid; a line per mistake.
     """
-    return checked(campaign, changes_of(axes, settings), seed)
+    return checked(request_of(campaign, {"axes": axes, "settings": settings, "seed": seed}))

@@ -78,25 +78,25 @@ def request_of(
     view = given.pop("view", None)
     if view is not None and view not in VIEWS:
         raise UsageError(f"view: given {view!r}, allowed: {', '.join(VIEWS)}")
-    rows = _of_type("rows", given.pop("rows", ()), str | list | tuple)
+    rows = of_type("rows", given.pop("rows", ()), str | list | tuple)
     changes = changes_of(given.pop("axes", None), given.pop("settings", None))
     for name in ("out", "history"):
         if name in given:
-            given[name] = Path(_of_type(name, given[name], str | Path)).expanduser()
+            given[name] = Path(of_type(name, given[name], str | Path)).expanduser()
     if "workers" in given:
-        given["workers"] = str(_of_type("workers", given["workers"], int | str))
+        given["workers"] = str(of_type("workers", given["workers"], int | str))
     for name, least in (("slots", 1), ("cases", 1), ("seed", 0)):
-        if name in given and _of_type(name, given[name], int) < least:
+        if name in given and of_type(name, given[name], int) < least:
             raise UsageError(f"{name}: given {given[name]}, allowed: from {least}")
     for name in ("case", "device"):
-        _of_type(name, given.get(name, ""), str)
+        of_type(name, given.get(name, ""), str)
     for name in ("quick", "by_batch", "record_drive", "render"):
-        _of_type(name, given.get(name, False), bool)
-    memory_gb = _of_type("memory_gb", given.get("memory_gb", 1.0), int | float)
+        of_type(name, given.get(name, False), bool)
+    memory_gb = of_type("memory_gb", given.get("memory_gb", 1.0), int | float)
     if not 0.1 <= memory_gb <= 1e6:
         raise UsageError(f"memory_gb: given {memory_gb}, allowed: 0.1 to 1000000")
     return RunRequest(
-        campaign=str(_of_type("campaign", campaign, str | Path)),
+        campaign=str(of_type("campaign", campaign, str | Path)),
         changes=changes,
         view=None if view is None else ViewMode(view),
         rows=rows if isinstance(rows, str) else ",".join(map(str, rows)),
@@ -111,13 +111,15 @@ def changes_of(
     """Changes of a campaign; classes among the values become entry points.
 
     Raises:
-        UsageError: one of them is no mapping, or a class lies in no module.
+        UsageError: one of them is no mapping by names, or a class lies in no module.
     """
     from conductor.run.changes import CampaignChanges
 
     for name, given in (("axes", axes), ("settings", settings)):
         if given is not None and not isinstance(given, Mapping):
             raise UsageError(f"{name}: expected a mapping, e.g. {{'weather': ['clear']}}")
+        for key in given or ():
+            of_type(f"key of {name}", key, str)
     return CampaignChanges(
         settings={path: entry_point(value) for path, value in (settings or {}).items()},
         axes=axes or {},
@@ -141,8 +143,12 @@ def entry_point(value: Any) -> Any:
     return f"{value.__module__}:{value.__qualname__}"
 
 
-def _of_type(name: str, value: Any, allowed: Any) -> Any:
-    """A value of a type that is allowed; True is no number here."""
+def of_type(name: str, value: Any, allowed: Any) -> Any:
+    """A value of a type that is allowed; True is no number here.
+
+    Raises:
+        UsageError: it is of another type.
+    """
     if not isinstance(value, allowed) or (isinstance(value, bool) and allowed is not bool):
         types = [kind.__name__ for kind in getattr(allowed, "__args__", (allowed,))]
         raise UsageError(f"{name}: given {value!r}, allowed: {' or '.join(types)}")

@@ -8,6 +8,7 @@ from typing import Any
 from conductor.report.compare.comparison import Comparison, Flip
 from conductor.report.compare.folders import compare_folders
 from conductor.report.compare.page import as_html, as_json, as_markdown, told
+from drivetwin.arguments import of_type
 from drivetwin.finished import Run
 
 
@@ -17,7 +18,12 @@ def compared(before: Run | str | Path, after: Run | str | Path) -> RunComparison
     Raises:
         TwinError: they cannot be compared.
     """
-    folders = [run.folder if isinstance(run, Run) else Path(run) for run in (before, after)]
+    folders = [
+        run.folder
+        if isinstance(run, Run)
+        else Path(of_type("compare", run, Run | str | Path)).expanduser()
+        for run in (before, after)
+    ]
     return RunComparison(compare_folders(*folders))
 
 

@@ -7,6 +7,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from drivetwin.arguments import of_type
 from twin.base.errors import UsageError
 
 if TYPE_CHECKING:
@@ -18,6 +19,9 @@ if TYPE_CHECKING:
     from conductor.records.outcomes import Outcomes
     from schemas.files.search_result import SearchAnswer, SearchFile
     from viewer.playback.frames import RecordedCase
+
+CASES_SHOWN = 20
+"""Cases that an error names, the one that is meant among them."""
 
 
 def opened(place: str | Path, out: str | Path | None = None) -> Run:
@@ -31,7 +35,7 @@ def opened(place: str | Path, out: str | Path | None = None) -> Run:
     from schemas.files.search_result import FILE_NAME
     from twin.stores.opening import is_url
 
-    if is_url(str(place)):
+    if is_url(str(of_type("open", place, str | Path))):
         folder = fetch_run(str(place), None if out is None else Path(out).expanduser())
     elif out is not None:
         raise UsageError(f"open: out belongs to stores; {place} is read where it is")
@@ -112,15 +116,17 @@ class Run:
             UsageError: there is no such case, or it has no result.
             InfrastructureError: the file is missing, damaged, or not the one that was committed.
         """
+        from difflib import get_close_matches
+
         from conductor.records.fingerprint import committed_rows
         from conductor.trust.sign_run import require_fit
         from schemas.validation import suggest
 
         cases = self.outcomes().cases
         if case not in cases:
-            raise UsageError(
-                f"{self.folder}: no case '{case}'; {suggest(case, sorted(cases)[:20])}"
-            )
+            close = get_close_matches(case, cases, n=1)
+            shown = sorted(cases, key=lambda name: (name not in close, name))[:CASES_SHOWN]
+            raise UsageError(f"{self.folder}: no case '{case}'; {suggest(case, shown)}")
         if not cases[case].kpi_sha256:
             why = "; ".join(cases[case].reasons) or cases[case].outcome or "it has not ended"
             raise UsageError(f"{self.folder}: case '{case}' has no KPIs: {why}")
@@ -252,6 +258,7 @@ class RunReport(os.PathLike[str]):
 
     def _repr_html_(self) -> str:
         from html import escape
+        from urllib.parse import quote
 
         if self._embed:
             page = escape(self.path.read_text(encoding="utf-8"))
@@ -260,8 +267,9 @@ class RunReport(os.PathLike[str]):
                 f'<iframe srcdoc="{page}" sandbox="allow-scripts" '
                 'style="width: 100%; height: 600px; border: 0"></iframe>'
             )
-        place = escape(os.path.relpath(self.path))
-        return f'{escape(self._summary)}: <a href="{place}" target="_blank">{place}</a>'
+        place = os.path.relpath(self.path)
+        link = f'<a href="{escape(quote(place))}" target="_blank">{escape(place)}</a>'
+        return f"{escape(self._summary)}: {link}"
 
 
 def _described(table: pa.Table) -> pa.Table:

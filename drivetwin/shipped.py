@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from conductor.run.changes import CampaignChanges
+    from conductor.run.requested import RunRequest
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +37,7 @@ def shipped() -> list[ShippedCampaign]:
     return [ShippedCampaign(name, *listed(name)) for name in names()]
 
 
-def checked(campaign: str | Path, changes: CampaignChanges, seed: int | None) -> CheckedCampaign:
+def checked(request: RunRequest) -> CheckedCampaign:
     """Check a campaign and its networks, as `conductor validate` does.
 
     Raises:
@@ -47,6 +46,7 @@ def checked(campaign: str | Path, changes: CampaignChanges, seed: int | None) ->
     """
     from conductor.run.requested import checked_plan
 
-    plan = checked_plan(str(campaign), seed=seed, fetch=False, changes=changes)
+    changes = request.changes
+    plan = checked_plan(request.campaign, seed=request.seed, fetch=False, changes=changes)
     cases = tuple(case.id for case in plan.cases)
     return CheckedCampaign(plan.campaign.campaign, plan.campaign.seed, cases)

@@ -89,7 +89,7 @@ class StartedRun:
                     show(event)
         except BaseException as error:
             self.stop()
-            self._thread.join()
+            self._over()
             if progress and isinstance(error, KeyboardInterrupt):
                 print("interrupted; the same call goes on", file=sys.stderr)
             raise
@@ -143,12 +143,17 @@ class StartedRun:
             self.stop()
             async for _ in self.aevents():
                 pass
+            self._over()
             raise
         return self._result()
 
-    def _result(self) -> Run:
-        self._thread.join()  # it has nothing left to do
+    def _over(self) -> None:
+        """Wait for the thread; nothing is left for the end of this process."""
+        self._thread.join()
         atexit.unregister(self._leave)
+
+    def _result(self) -> Run:
+        self._over()
         if isinstance(self._failure, TwinError):
             # Its line says what to do; where in our code it was found is of no use to anybody.
             raise self._failure.with_traceback(None)

@@ -368,11 +368,11 @@ def _wait(
             if ended != row["cases"] - row["left"]:
                 ended = row["cases"] - row["left"]
                 workers.died = 0
-            if "search" in row and row["search"]["answer"] != said:
-                said = row["search"]["answer"]
-                listener.say(f"{campaign.campaign}: {search_line(row)}")
             name, cases = campaign.campaign, row["cases"]
             listener.progress(RunProgress(name, cases, ended, row["passed"], row["leased"]))
+            if "search" in row and row["search"]["answer"] != said:
+                said = row["search"]["answer"]
+                listener.say(f"{name}: {search_line(row)}")
             if not row["left"]:
                 return
             if row["leased"] and report is not None:

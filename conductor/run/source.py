@@ -25,6 +25,7 @@ from schemas.plan import Plan, examine, plan_of
 from schemas.sections.autonomy import driver
 from schemas.sections.lidar import Lidar
 from schemas.sections.perception import file_fields, with_absolute_files
+from schemas.sections.repeated import SEED_MAX
 from schemas.sections.search import Search
 from schemas.sections.stack_identity import StackIdentity
 from schemas.validation import Mistake, suggest
@@ -98,6 +99,8 @@ def load(
     Raises:
         UsageError: one line per mistake.
     """
+    if seed is not None and not 0 <= seed <= SEED_MAX:
+        raise UsageError(f"seed: given {seed}, allowed: 0 to {SEED_MAX}")
     path = find(name)
     shown = name if path.parent != _SHIPPED else path.name
     data = changes.made_in(read_extended(path, shown, find), shown)

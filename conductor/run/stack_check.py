@@ -50,7 +50,8 @@ def bridge_mistakes(autonomy: Autonomy) -> list[Mistake]:
         return []  # the rig says it when it starts
     if done.returncode:
         return []
-    found: dict[str, str] = json.loads(done.stdout)
+    *_, answer = done.stdout.splitlines()  # a bridge may print while it is imported
+    found: dict[str, str] = json.loads(answer)
     return [Mistake(f"autonomy.parameters.{name}", line) for name, line in found.items()]
 
 

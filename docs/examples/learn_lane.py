@@ -114,8 +114,9 @@ def collected(
                 steered[pupils] = net(small).cpu().numpy()[pupils]
         held = np.array([pedals(float(speed)) for speed in vehicle[:, SPEED]])
         seen, _, ended, cut, infos = envs.step(np.column_stack([steered, held]))
-        for env in np.flatnonzero(ended | cut).tolist():
+        for env in np.flatnonzero(infos.get("_episode", [])).tolist():
             teachers[env].begin()
+        for env in np.flatnonzero(ended | cut).tolist():
             if pupils[env]:
                 ways_m.append(float(infos["kpis"]["distance_m"][env]))
     drive.seen = seen

@@ -8,7 +8,7 @@ from pathlib import Path
 
 SMALL = {"campaign": "small", "simulator": "noop", "matrix": {"repeat": [0, 1, 2]}}
 LONG = {**SMALL, "campaign": "long", "matrix": {"repeat": list(range(1500))}}
-"""Enough cases that a stop comes before the last of them."""
+"""Enough cases that a stop comes before the last of them, one at a time."""
 
 
 def task(folder: Path, code: str) -> str:

@@ -222,7 +222,7 @@ def test_stopped_and_resumed(marked, tmp_path):
         import drivetwin
         from drivetwin import RunProgress
 
-        started = drivetwin.start("{written(tmp_path, LONG)}", workers=1, slots=4)
+        started = drivetwin.start("{written(tmp_path, LONG)}", workers=1, slots=1)
         for event in started.events():
             if isinstance(event, RunProgress) and event.ended:
                 started.stop()
@@ -255,7 +255,7 @@ def test_an_interrupt_ends_workers_and_leaves_a_run_that_goes_on(marked, tmp_pat
         import signal, threading, drivetwin
         from drivetwin import RunProgress
 
-        started = drivetwin.start("{written(tmp_path, LONG)}", workers=1, slots=4)
+        started = drivetwin.start("{written(tmp_path, LONG)}", workers=1, slots=1)
 
         def interrupt():
             for event in started.events():
@@ -281,7 +281,7 @@ def test_one_run_at_a_time_in_a_process_and_in_a_folder(marked, tmp_path):
         import subprocess, sys, drivetwin, psutil
         from drivetwin import RunProgress
 
-        started = drivetwin.start("{written(tmp_path, LONG)}", workers=1, slots=4)
+        started = drivetwin.start("{written(tmp_path, LONG)}", workers=1, slots=1)
         next(e for e in started.events() if isinstance(e, RunProgress) and e.ended)
         workers = [p for p in psutil.Process().children() if "worker" in p.cmdline()]
         for worker in workers:
@@ -314,7 +314,7 @@ def test_a_process_that_ends_without_waiting_leaves_nothing(marked, tmp_path):
         import drivetwin
         from drivetwin import RunProgress
 
-        started = drivetwin.start("{written(tmp_path, LONG)}", workers=1, slots=4)
+        started = drivetwin.start("{written(tmp_path, LONG)}", workers=1, slots=1)
         next(e for e in started.events() if isinstance(e, RunProgress) and e.ended)
     """
     done = marked.run(task(tmp_path, code), folder=tmp_path)

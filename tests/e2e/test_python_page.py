@@ -43,7 +43,7 @@ INTERRUPT = """
 LONG_CELLS = [
     "import drivetwin, os, threading\nfrom pathlib import Path\n"
     "Path('kernel').write_text(str(os.getpid()))",
-    "started = drivetwin.start('long.yaml', workers=1, slots=4)\n"
+    "started = drivetwin.start('long.yaml', workers=1, slots=1)\n"
     "def tell():\n"
     "    for event in started.events():\n"
     "        if isinstance(event, drivetwin.RunProgress) and event.ended:\n"

@@ -20,8 +20,8 @@ from twin.base.errors import UsageError
 from twin.base.software import package_folder
 from twin.records.extended_file import read_extended
 
-SEED_MAX = 2**63 - 1
-"""Largest seed of a campaign."""
+PASSES_MAX = 16
+"""Passes over the cases of a rulebook that are kept; others are drawn again."""
 
 
 class EpisodeCases:
@@ -41,6 +41,7 @@ class EpisodeCases:
         """
         self._plan = plan
         self.cases = plan.cases
+        self._drawn = functools.lru_cache(maxsize=PASSES_MAX)(self._draw)
         self.seed = plan.campaign.seed
         """Seed of the campaign file."""
         self._check(plan.campaign.campaign)
@@ -54,7 +55,7 @@ class EpisodeCases:
         """The case of an episode.
 
         Args:
-            seed: of the environment, 0 to :data:`SEED_MAX`.
+            seed: of the environment, 0 to :data:`schemas.sections.repeated.SEED_MAX`.
             episode: from 0 on.
             first: number of the case of episode 0; None: as the seed says.
         """
@@ -87,8 +88,7 @@ class EpisodeCases:
             return msgspec.structs.replace(case, variation=variation)
         return self._drawn(seed)[number]
 
-    @functools.lru_cache(maxsize=16)  # noqa: B019 - it lives as long as its environment
-    def _drawn(self, seed: int) -> list[Case]:
+    def _draw(self, seed: int) -> list[Case]:
         """All cases with another seed, which rows of a rulebook draw by."""
         campaign = msgspec.structs.replace(self._plan.campaign, seed=seed)
         return self._plan.amended(campaign).cases

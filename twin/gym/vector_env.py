@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 
 from schemas.case import Case
 from schemas.messages import CameraSite, Command, Lights
+from schemas.sections.repeated import SEED_MAX
 from schemas.wire.control import Lease
 from twin.base.errors import UsageError
-from twin.gym.episode_cases import SEED_MAX, EpisodeCases
+from twin.gym.episode_cases import EpisodeCases
 from twin.gym.observations import ArrayForm, Observations, chosen, shapes_of, space_of
 from twin.gym.rewards import RewardFormula
 from twin.rig.need_to_know import is_withheld
@@ -130,14 +131,16 @@ class DriveVectorEnv(VectorEnv[dict[str, Any], Any, NDArray[Any]]):
         if seed is not None or any(first is not None for first in firsts):
             self._firsts = firsts
             self._episodes = [-1] * self.num_envs
+        self._begun = False  # until all have begun
         for slot in list(self._loop.slots):
             self._loop.withdraw(slot)
         infos: dict[str, Any] = {}
         for env in range(self.num_envs):
             infos = self._begin(env, infos)
         self._over[:] = False
+        seen = self._look()
         self._begun = True
-        return self._look(), infos
+        return seen, infos
 
     def step(
         self, actions: Any
@@ -153,7 +156,7 @@ class DriveVectorEnv(VectorEnv[dict[str, Any], Any, NDArray[Any]]):
             observations; rewards float64 [N]; terminated and truncated, bool [N]; infos.
 
         Raises:
-            gymnasium.error.ResetNeeded: nothing was reset yet.
+            gymnasium.error.ResetNeeded: nothing was reset yet, or the last step did not end.
             gymnasium.error.InvalidAction: wrong shape, NaN or out of range; one line.
         """
         self._check_usable()
@@ -161,6 +164,7 @@ class DriveVectorEnv(VectorEnv[dict[str, Any], Any, NDArray[Any]]):
             raise error.ResetNeeded("step before reset; call reset() first")
         driven = ~self._over
         given = self._checked(actions, driven)
+        self._begun = False  # a step that was interrupted is half done
         rewards, finished = self._drive(given)
         infos: dict[str, Any] = {}
         terminated, truncated = (np.zeros(self.num_envs, np.bool_) for _ in range(2))
@@ -172,7 +176,9 @@ class DriveVectorEnv(VectorEnv[dict[str, Any], Any, NDArray[Any]]):
         for env in np.flatnonzero(self._over).tolist():
             infos = self._begin(env, infos)
         self._over = terminated | truncated
-        return self._look(), rewards, terminated, truncated, infos
+        seen = self._look()
+        self._begun = True
+        return seen, rewards, terminated, truncated, infos
 
     def render(self) -> tuple[NDArray[Any], ...] | None:
         """What the main camera of every environment saw last, uint8 [H, W, 3] each, where
@@ -255,7 +261,7 @@ class DriveVectorEnv(VectorEnv[dict[str, Any], Any, NDArray[Any]]):
         """A case begins in the slot of an environment."""
         self._tokens += 1
         try:
-            return self._loop.begin(env, Lease(self._tokens, 1, "", case), 0.0)
+            return self._loop.begin(env, Lease(self._tokens, 1, "", case), _no_clock)
         except ValueError as mistake:
             raise UsageError(f"case {case.id}: {mistake}") from None
 
@@ -304,12 +310,14 @@ class DriveVectorEnv(VectorEnv[dict[str, Any], Any, NDArray[Any]]):
     def _given_seeds(self, seed: int | Sequence[int]) -> list[int]:
         if isinstance(seed, (int, np.integer)):
             return [self._seed_of(int(seed) + env) for env in range(self.num_envs)]
+        if not isinstance(seed, (list, tuple, np.ndarray)):
+            raise UsageError(f"seed: {seed!r} given, allowed: a number, or {self.num_envs}")
         if len(seed) != self.num_envs:
             raise UsageError(f"seed: {len(seed)} given, allowed: one, or {self.num_envs}")
         return [self._seed_of(each) for each in seed]
 
     def _seed_of(self, seed: int) -> int:
-        if not 0 <= seed <= SEED_MAX:
+        if not isinstance(seed, (int, np.integer)) or not 0 <= seed <= SEED_MAX:
             raise UsageError(f"seed: {seed} given, allowed: 0 to {SEED_MAX}")
         return int(seed)
 
@@ -319,7 +327,10 @@ class DriveVectorEnv(VectorEnv[dict[str, Any], Any, NDArray[Any]]):
         case = options.get("case")
         if case is None:
             return [None] * self.num_envs
-        names = [case] * self.num_envs if isinstance(case, str) else list(case)
+        is_list = isinstance(case, (list, tuple, np.ndarray))
+        names = list(case) if is_list else [case] * self.num_envs
+        if not all(isinstance(name, str) for name in names):
+            raise UsageError(f"options: case {case!r} given, allowed: a name, or a list of names")
         if len(names) != self.num_envs:
             raise UsageError(f"options: {len(names)} cases given, allowed: one, or {self.num_envs}")
         return [self._cases.number(name) for name in names]
@@ -340,6 +351,11 @@ class DriveVectorEnv(VectorEnv[dict[str, Any], Any, NDArray[Any]]):
         shapes = shapes_of(told)
         self._loop.withdraw(slot)
         return shapes
+
+
+def _no_clock() -> float:
+    """Nobody asks how long an episode takes by the wall clock."""
+    return 0.0
 
 
 def _told(end: Finished) -> dict[str, Any]:

@@ -206,10 +206,6 @@ class KpiRecorder:
             return None
         return float(self._values[column][slot, row])
 
-    def count(self, slot: int) -> int:
-        """Rows of a slot so far."""
-        return int(self._rows[slot])
-
     def tail(
         self, slots: Sequence[int], rows: int, columns: Iterable[str]
     ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:

@@ -251,7 +251,7 @@ class Simulator:
             return
         for index in self._slots.free[: len(self._waiting)]:
             order = self._waiting.pop(0)
-            slot = self._cases.begin(index, order.lease, time.monotonic(), order.replay)
+            slot = self._cases.begin(index, order.lease, time.monotonic, order.replay)
             self._listeners.started(slot)
 
     def _tick(self) -> None:

@@ -42,7 +42,7 @@ def pixels_at(
     Raises:
         UsageError: no such case, moment or camera, or nothing of it was recorded.
     """
-    message = _message(folder, camera) if camera else MAIN
+    message = _message(folder, case, camera) if camera else MAIN
     for attempt in attempts_of(folder, case):
         if (attempt / DRIVE_FILE).is_file():
             drive = FoundRecording(case, attempt / DRIVE_FILE, attempt / naming.KPI_FILE, True)
@@ -58,19 +58,21 @@ def pixels_at(
     if known is None or known.path != found.path:
         known = read_pictures(found.path)
     frame = known.picture_at(moment_ns)
-    pixels = cv2.imdecode(np.frombuffer(frame.jpeg or b"", np.uint8), cv2.IMREAD_COLOR_RGB)
+    data = np.frombuffer(frame.jpeg or b"none", np.uint8)  # of no bytes OpenCV makes a traceback
+    pixels = cv2.imdecode(data, cv2.IMREAD_COLOR_RGB)
     if pixels is None:
         raise UsageError(f"{found.path}: damaged: a picture that is none")
     return np.asarray(pixels, np.uint8), frame.sim_time_ns, known
 
 
-def _message(folder: Path, camera: str) -> str:
-    """Name of a camera's messages.
+def _message(folder: Path, case: str, camera: str) -> str:
+    """Name of the messages of a camera of a case.
 
     Raises:
-        UsageError: the campaign has no such camera.
+        UsageError: the case has no such camera.
     """
-    rig = read_plan(folder / "campaign.yaml").cases[0].rig
+    plan = read_plan(folder / "campaign.yaml")
+    rig = (plan.only(case) or plan).cases[0].rig
     if camera == rig.camera.name:
         return MAIN
     names = [rig.camera.name, *(other.name for other in rig.cameras)]

@@ -5,12 +5,15 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
+from IPython.core.formatters import HTMLFormatter
 
 import drivetwin
 from devkit.idle import IdleStack
 from drivetwin.arguments import changes_of, entry_point, request_of
+from drivetwin.finished import RunReport
 
 HEAVY = ("numpy", "pyarrow", "warp", "cv2", "zenoh", "rerun", "rich", "typer", "asyncio")
 
@@ -32,6 +35,8 @@ HEAVY = ("numpy", "pyarrow", "warp", "cv2", "zenoh", "rerun", "rich", "typer", "
         ({"memory_gb": 0.0}, "memory_gb: given 0.0, allowed: 0.1 to 1000000"),
         ({"axes": ["clear"]}, "axes: expected a mapping"),
         ({"settings": "seed"}, "settings: expected a mapping"),
+        ({"settings": {1: 2}}, "key of settings: given 1, allowed: str"),
+        ({"axes": {None: ["clear"]}}, "key of axes: given None, allowed: str"),
     ],
 )
 def test_an_argument_that_is_none(given, said):
@@ -71,6 +76,21 @@ def test_a_change_that_is_none(changes, said):
     with pytest.raises(drivetwin.UsageError) as caught:
         drivetwin.validate("aeb-demo", **changes)
     assert str(caught.value).startswith(said)
+
+
+@pytest.mark.parametrize(
+    ("seed", "said"),
+    [
+        (-1, "seed: given -1, allowed: from 0"),
+        ("5", "seed: given '5', allowed: int"),
+        (2**63, "seed: given 9223372036854775808, allowed: 0 to 9223372036854775807"),
+    ],
+)
+def test_a_seed_that_is_none(seed, said):
+    with pytest.raises(drivetwin.UsageError) as caught:
+        drivetwin.validate("aeb-demo", seed=seed)
+    assert str(caught.value) == said
+    assert drivetwin.validate("aeb-demo", seed=2**63 - 1).seed == 2**63 - 1
 
 
 def test_changes_take_the_place_of_the_file(tmp_path):
@@ -124,6 +144,13 @@ def test_shipped_campaigns_are_listed():
         ({"gpus": -1}, "gpus: given -1, allowed: a number from 0"),
         ({"workers": 1, "time": "soon"}, "--time 'soon': expected HH:MM"),
         ({"site": "nowhere.yaml", "workers": 1}, "nowhere.yaml"),
+        ({"time": 5}, "time: given 5, allowed: str"),
+        ({"out": 5}, "out: given 5, allowed: str or Path"),
+        ({"signal_lead": "60"}, "signal_lead: given '60', allowed: a number from 0"),
+        ({"gpus": True}, "gpus: given True, allowed: a number from 0"),
+        ({"directive": "--qos=long"}, "directive: given '--qos=long', allowed: list or tuple"),
+        ({"container_bind": [5]}, "container_bind: given 5, allowed: str or Path"),
+        ({"account": 5}, "account: given 5, allowed: str"),
     ],
 )
 def test_a_submission_that_is_none(options, said):
@@ -139,6 +166,19 @@ def test_a_folder_that_is_no_run(tmp_path):
         drivetwin.open(tmp_path, out="here")
     with pytest.raises(drivetwin.UsageError, match=r"no outcomes\.json"):
         drivetwin.compare(tmp_path, tmp_path)
+    with pytest.raises(drivetwin.UsageError, match="open: given 5, allowed: str or Path"):
+        drivetwin.open(5)  # type: ignore[arg-type]
+    with pytest.raises(drivetwin.UsageError, match="compare: given 5, allowed: Run or str or Path"):
+        drivetwin.compare(tmp_path, 5)  # type: ignore[arg-type]
+
+
+def test_the_link_to_a_report_is_one_whatever_its_folder_is_called(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name, link in (("a b#1", "a%20b%231"), ("javascript:x", "javascript%3Ax")):
+        report = RunReport(Path(name) / "report.html", "2 of 2", embed=False)
+        shown = HTMLFormatter()(report)
+        assert f'href="{link}/report.html"' in shown
+        assert f">{name}/report.html</a>" in shown
 
 
 def test_the_import_loads_nothing_heavy():

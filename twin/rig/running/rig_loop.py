@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 from schemas.messages import Command
@@ -42,21 +42,25 @@ class RigLoop:
         return not running or tick[running[0].index] % self.engine.refill_every == 0
 
     def begin(
-        self, index: int, lease: Lease, started_s: float, replay: Sequence[RecordedAction] = ()
+        self,
+        index: int,
+        lease: Lease,
+        clock: Callable[[], float],
+        replay: Sequence[RecordedAction] = (),
     ) -> Slot:
         """A case begins in a free slot, where :attr:`is_due` allows it.
 
         Args:
             index: of the slot.
             lease: of the attempt.
-            started_s: time of now, whatever the clock [s].
+            clock: the time [s] at which the slot has taken the attempt, asked when it has.
             replay: actions from the journal of an earlier attempt, to be repeated.
 
         Raises:
             ValueError: the case cannot be simulated here; one line.
         """
         self.engine.reset(index, lease.case)
-        slot = Slot(index, lease, started_s, list(replay))
+        slot = Slot(index, lease, clock(), list(replay))
         self.slots.take(slot)
         return slot
 

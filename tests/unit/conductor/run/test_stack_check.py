@@ -251,6 +251,14 @@ def test_parameters_of_a_bridge_are_looked_at_before_a_rig_is_built(bridge, para
     assert all(word in line for word, line in zip(words, sorted(lines), strict=True)), lines
 
 
+def test_a_bridge_that_prints_while_it_is_imported_is_asked_all_the_same(tmp_path, monkeypatch):
+    (tmp_path / "sitecustomize.py").write_text("print('loaded {}')\n")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    autonomy = Autonomy(bridge="autodrive", command=["x"], parameters={"port": 70_000})
+    (mistake,) = conductor.run.stack_check.bridge_mistakes(autonomy)
+    assert mistake.path == "autonomy.parameters.port"
+
+
 def test_a_devkit_that_does_not_answer_is_no_mistake(monkeypatch):
     monkeypatch.setattr(conductor.run.stack_check.sys, "executable", "/bin/false")
     autonomy = Autonomy(bridge="autodrive", command=["x"], parameters={"port": 70_000})

@@ -250,6 +250,9 @@ def test_boxes_that_the_campaign_keeps_from_its_stack(campaign):
         ({"seed": -1}, "seed: -1 given, allowed: 0 to"),
         ({"seed": 2**63 - 1}, "seed: 9223372036854775808 given"),
         ({"seed": [1, 2]}, "seed: 2 given, allowed: one, or 3"),
+        ({"seed": [1, None, 2]}, "seed: None given, allowed: 0 to"),
+        ({"seed": 1.5}, "seed: 1.5 given, allowed: a number, or 3"),
+        ({"options": {"case": 3}}, "options: case 3 given, allowed: a name, or a list of names"),
         ({"options": {"weather": "snow"}}, "options: no 'weather'; allowed: case"),
         ({"options": {"case": ["clear"]}}, "options: 1 cases given, allowed: one, or 3"),
         ({"options": {"case": "cleer"}}, "did you mean 'clear'"),
@@ -258,6 +261,30 @@ def test_boxes_that_the_campaign_keeps_from_its_stack(campaign):
 def test_resets_that_are_none(three, given, problem):
     with pytest.raises(UsageError, match=problem):
         three.reset(**given)
+
+
+def test_a_step_that_was_interrupted_is_half_done(campaign, monkeypatch):
+    with closing(make_vec(campaign, 2, reward="1")) as envs:
+        whole = played(envs, driven(1, 3, 2), seed=5)
+        envs.reset(seed=5)
+        with monkeypatch.context() as patched:
+            patched.setattr("twin.rig.engine.Engine.wait", interrupted)
+            with pytest.raises(KeyboardInterrupt):
+                envs.step(np.zeros((2, 3)))
+        with pytest.raises(error.ResetNeeded, match="step before reset"):
+            envs.step(np.zeros((2, 3)))
+        again = played(envs, driven(1, 3, 2), seed=5)
+    same(whole, again, slice(None), slice(None))
+
+
+def interrupted(_engine):
+    raise KeyboardInterrupt
+
+
+def test_cases_may_be_given_as_infos_have_them(three):
+    _, infos = three.reset(seed=[5, 5, 5])
+    _, again = three.reset(seed=[5, 5, 5], options={"case": infos["case"]})
+    assert again["case"].tolist() == infos["case"].tolist()
 
 
 def test_before_a_reset_and_after_the_end(campaign):
