@@ -160,7 +160,7 @@ def test_an_implementation_that_cannot_be_imported_is_one_line_with_its_distribu
     assert code == 2
     assert [line.partition("c.yaml: ")[2] for line in said if "thermometer" in line] == [
         "sensors.thermometer: plugin-example 1.0: 'plugin_example.thermometer:Thermometer' cannot "
-        "be imported: No module named 'nothing_like_it'"
+        "be imported: No module named 'nothing_like_it' (line 3); see docs/campaign.md"
     ], said
     (copy / "thermometer.py").write_text(good)
     (copy / "stop_line.py").write_text("raise SystemExit(0)\n")
