@@ -312,16 +312,18 @@ def _work(
     if ViewMode(campaign.view).shows:
         look = ["look:", "viewer", "live", "--run", str(options.out), *insecure]
         listener.say(shlex.join(look))
+    shown = options.report and campaign.simulator != "noop"
+    report = ReportPreload(options.out) if shown else None
     try:
         workers.serve(WorkerStart(conductor.endpoint, slots, key), places)
-        shown = options.report and campaign.simulator != "noop"
-        report = ReportPreload(options.out) if shown else None
         _wait(conductor, campaign, workers, report, listener, signals)
         workers.ask()
         if report is not None:
             report.finish()  # while they end
     finally:
         workers.stop()
+        if report is not None:
+            report.leave()
         if not places:
             _dismiss(conductor)
 

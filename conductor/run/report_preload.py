@@ -39,11 +39,16 @@ class ReportPreload:
             self._thread = threading.Thread(target=self._run, name="report", daemon=True)
             self._thread.start()
 
-    def finish(self) -> None:
-        """All cases have ended: read what is left."""
+    def leave(self) -> None:
+        """Read no more, and wait until nothing is read: a process that ends while a thread of it is
+        inside a library is aborted by the interpreter."""
         self._over.set()
         if self._thread is not None:
             self._thread.join()
+
+    def finish(self) -> None:
+        """All cases have ended: read what is left."""
+        self.leave()
         from conductor.report.pages.content import read_shown
         from conductor.report.reading.dossier import open_dossier
 

@@ -90,7 +90,7 @@ def test_sdist_and_tree_build_the_same_wheel(dist, tmp_path):
     shutil.rmtree(out)
     call(*build, str(ROOT))
     assert (out / ours.name).read_bytes() == ours.read_bytes()
-    for name in ("Makefile", "constraints.txt", "tests/conftest.py", "release/build.py"):
+    for name in ("Makefile", "constraints.txt", "tests/conftest.py", "tests/release/build.py"):
         assert (tree / name).is_file(), "the sdist can be tested and released again"
 
 
