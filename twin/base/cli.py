@@ -180,9 +180,9 @@ def _stopped(name: str) -> None:
 
 
 def _fail(name: str, line: str, code: int, page: str = "") -> None:
-    *parts, last = line.splitlines() or [""]
-    if page and page not in last:
-        last = f"{last}; see {page}"
-    for part in (*parts, last):
+    parts = line.splitlines()  # none: a process of ours has said it
+    if parts and page and page not in parts[-1]:
+        parts[-1] = f"{parts[-1]}; see {page}"
+    for part in parts:
         print(f"{name}: {part}", file=sys.stderr)
     sys.exit(code)
