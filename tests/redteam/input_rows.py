@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import os
 import subprocess
 from pathlib import Path
 
 from attacks import Found, attack, refused_if
-from parser_theft import READS_S, read_by
+from parser_theft import READS_S, theft
 from theatre import Theatre
 
 
@@ -100,11 +99,5 @@ print(json.dumps([found, unprotected()]))
 @attack(15, "a mesh that takes its parser over", "who sends a scene", "files")
 def mesh_that_takes_over(theatre: Theatre) -> Found:
     """What code in the parser's process reaches."""
-    done = read_by(theatre, READS_MESH, TAKES_OVER, "scan.obj")
-    if done.returncode:
-        return Found("open", f"the reader broke: {done.stderr.strip().splitlines()[-1:]}")
-    reached, unprotected = json.loads(done.stdout)
-    if unprotected:
-        return Found("not run", "no bubblewrap")
     by = "it is parsed by a process in a sandbox, which sees its files and nothing else"
-    return refused_if(reached == "nothing", by, f"it {reached}")
+    return theft(theatre, READS_MESH, TAKES_OVER, "scan.obj", by)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import os
 import socket
 import subprocess
 import sys
 from pathlib import Path
 
+from attacks import Found, refused_if
 from theatre import Theatre
 
 READS_S = 60.0
@@ -68,3 +70,22 @@ def read_by(
             timeout=READS_S,
             check=False,
         )
+
+
+def theft(theatre: Theatre, reader: str, parser: str, name: str, by: str) -> Found:
+    """What a stranger's parser came to, which says what it reached and why there was no sandbox.
+
+    Args:
+        theatre: where it happens.
+        reader: see :func:`read_by`; prints both as JSON.
+        parser: see :func:`read_by`.
+        name: of the file that is read.
+        by: what holds it, where it reached nothing.
+    """
+    done = read_by(theatre, reader, parser, name)
+    if done.returncode:
+        return Found("open", f"the reader broke: {done.stderr.strip().splitlines()[-1:]}")
+    reached, unprotected = json.loads(done.stdout)
+    if unprotected:
+        return Found("not run", "no bubblewrap")
+    return refused_if(reached == "nothing", by, f"it {reached}")

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import os
 import subprocess
 
-from attacks import Found, attack, refused_if
+from attacks import Found, attack
 from hostile_scenarios import HOSTILE
 from input_rows import all_refused
-from parser_theft import READS_S, read_by
+from parser_theft import READS_S, theft
 from theatre import Theatre
 
 LINES_MAX = 3
@@ -108,11 +107,5 @@ print(json.dumps([found, unprotected()]))
 def scenario_that_takes_over(theatre: Theatre) -> Found:
     """What code in the parser's process reaches."""
     theatre.write("beside.xosc", "another scenario")
-    done = read_by(theatre, READS_SCENARIO, TAKES_OVER, "scan.xosc")
-    if done.returncode:
-        return Found("open", f"the reader broke: {done.stderr.strip().splitlines()[-1:]}")
-    reached, unprotected = json.loads(done.stdout)
-    if unprotected:
-        return Found("not run", "no bubblewrap")
     by = "it is parsed by a process in a sandbox, which sees its files and nothing else"
-    return refused_if(reached == "nothing", by, f"it {reached}")
+    return theft(theatre, READS_SCENARIO, TAKES_OVER, "scan.xosc", by)

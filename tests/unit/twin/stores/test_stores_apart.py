@@ -7,7 +7,7 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import psutil
@@ -68,31 +68,27 @@ def test_a_process_that_is_killed_fails_its_calls_and_the_next_one_starts_anothe
     assert not psutil.pid_exists(first), "it was waited for"
 
 
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda store: store.get("one"), r"no answer in 0.1 s; it will be tried again"),
+        # Larger than what fits into the socket: who sends it does not wait for ever.
+        (lambda store: store.put("large", bytes(16 << 20)), "it will be tried again"),
+    ],
+)
 def test_a_process_that_freezes_is_ended(
-    store: StoreApart, monkeypatch: pytest.MonkeyPatch
+    store: StoreApart,
+    monkeypatch: pytest.MonkeyPatch,
+    call: Callable[[StoreApart], object],
+    words: str,
 ) -> None:
     store.put("one", b"1")
     first = store.pid
     os.kill(first, signal.SIGSTOP)
     with monkeypatch.context() as patch:
         patch.setattr(apart, "ANSWER_S_MAX", 0.1)
-        with pytest.raises(StoreError, match=r"no answer in 0.1 s; it will be tried again"):
-            store.get("one")
-    wait_for(lambda: not psutil.pid_exists(first), "its end")
-    assert store.get("one") == b"1"
-
-
-def test_a_process_that_freezes_takes_nobody_with_it_who_sends(
-    store: StoreApart, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """What is sent is larger than what fits into the socket."""
-    store.put("one", b"1")
-    first = store.pid
-    os.kill(first, signal.SIGSTOP)
-    with monkeypatch.context() as patch:
-        patch.setattr(apart, "ANSWER_S_MAX", 0.1)
-        with pytest.raises(StoreError, match="it will be tried again"):
-            store.put("large", bytes(16 << 20))
+        with pytest.raises(StoreError, match=words):
+            call(store)
     wait_for(lambda: not psutil.pid_exists(first), "its end")
     assert store.get("one") == b"1"
 
