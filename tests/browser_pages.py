@@ -21,6 +21,8 @@ PATIENCE_MS = 120_000
 """Drawing in software, on a machine with other work."""
 BEAT_S = 1.0
 """Longest silence of a :class:`LiveSite` [s]."""
+CUT = ("ERR_", "Failed to fetch", "Failed to load resource")
+"""What Chromium says on the console by itself when a line is cut."""
 AXE_VERSION = "4.14.1"
 """Of axe-core (MPL-2.0), which a test fetches by npm into a folder of its own."""
 

@@ -10,7 +10,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 import pytest
-from browser_pages import CHROMIUM, PATIENCE_MS, OpenedPages, chromium
+from browser_pages import CHROMIUM, CUT, PATIENCE_MS, OpenedPages, chromium
 from console_pages import ConsolePage
 from cut_lines import CutLine
 from processes import PATIENCE_S, wait_for
@@ -32,8 +32,6 @@ pytestmark = pytest.mark.skipif(
 )
 
 CASES = 6
-CUT = ("ERR_", "Failed to fetch", "Failed to load resource")
-"""What Chromium says on the console by itself when a line is cut."""
 BURST = 400
 """Facts that are published at once: fewer than a session keeps for who is late."""
 

@@ -7,7 +7,7 @@ import re
 import signal
 
 import pytest
-from browser_pages import CHROMIUM, PATIENCE_MS, OpenedPages, axe_source, chromium, findings
+from browser_pages import CHROMIUM, CUT, PATIENCE_MS, OpenedPages, axe_source, chromium, findings
 from processes import PATIENCE_S, wait_for
 from test_conductor_restart import serve
 from test_intervene_in_a_case import caught
@@ -21,7 +21,6 @@ pytestmark = pytest.mark.skipif(
     not CHROMIUM.exists(), reason="no browser: install the Debian package 'chromium'"
 )
 
-CUT = ("ERR_CONNECTION", "ERR_EMPTY_RESPONSE", "ERR_INCOMPLETE", "ERR_NETWORK", "Failed to fetch")
 RERUN = ("INFO ", "DEBUG ", "WARN ", "GL Driver", "GPU stall", "rerun.io", "Failed to fetch")
 """What Rerun's viewer says of itself, and of its maker, whom our rules keep it from asking."""
 SLOW = """
