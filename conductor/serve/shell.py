@@ -160,7 +160,7 @@ class Conductor:
         """Start, serve until stopped or drained, shut down.
 
         Raises:
-            TwinError: it cannot start, or the journal cannot be read any more.
+            TwinError: it cannot start, or its journal cannot be read or replicated any more.
         """
         try:
             self.startup()
@@ -278,6 +278,8 @@ class Conductor:
         frozen_ns = max(self._config.ttl_ns // 4, int(FROZEN_MIN_S * 1e9))
         before_ns = time.monotonic_ns()
         while not self._stopping:
+            if self.link is not None:
+                self.link.check()
             group = self._inbox.group(self._patience_s())
             now_ns = time.monotonic_ns()
             with self._lock:

@@ -38,7 +38,7 @@ from conductor.stored.successor import (
 from schemas.files.regular_file import read_regular
 from schemas.wire.control import Sealed
 from schemas.words import counted
-from twin.base.errors import TwinError, UsageError, storage_error
+from twin.base.errors import UsageError, storage_error
 from twin.base.files import write_atomic
 from twin.fabric.keys.key_file import MemberKey
 from twin.stores.apart import end_process, open_apart
@@ -178,6 +178,15 @@ class StoreLink:
         """Whether files of committed attempts are still on their way here."""
         return self._bringing is not None and self._bringing.is_alive()
 
+    def check(self) -> None:
+        """Raise if the journal is not brought into the store any more.
+
+        Raises:
+            ReplicaEndedError: that is so.
+        """
+        if self._replicator is not None:
+            self._replicator.check_rounds()
+
     def when_kept(self, call: Callable[[], None]) -> None:
         """Call ``call`` when replies may leave: at once, unless they wait for the store."""
         if self.options.durable and self._replicator is not None:
@@ -212,7 +221,7 @@ class StoreLink:
         store is still ours; the last that is asked of it."""
         try:
             RunFiles(self._store, lambda: folders, self.owns).put_changed()
-        except TwinError as error:
+        except Exception as error:  # they are in the folder; whatever ended us is what counts
             _log.error("the store has not the last files of a run: %s", error)
         finally:
             end_process(self._store)

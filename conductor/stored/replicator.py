@@ -34,7 +34,7 @@ from conductor.stored.replica import (
     put_part,
 )
 from conductor.stored.seals import StoreSeal
-from twin.base.errors import TwinError
+from twin.base.errors import InfrastructureError, TwinError
 from twin.stores.objects import object_name
 from twin.stores.protocol import DamagedObjectError, MissingObjectError, ResultStore
 
@@ -46,10 +46,17 @@ RETRY_S = 1.0
 """Pause after a round that failed [s]."""
 TAIL_MAX = 256
 """Most parts of the tail; then small ones that follow each other become one."""
+FAULTS_MAX = 3
+"""Rounds that fail by a mistake of the program, without a good one in between; then the replica
+has ended."""
 CLOSE_S = 30.0
 """Longest wait for the last round at the end [s]."""
 
 _log = logging.getLogger(__name__)
+
+
+class ReplicaEndedError(InfrastructureError):
+    """No round of a replica can be made any more: nobody could take its journal over."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,6 +110,8 @@ class Replicator:
         self._closing = self._released = False
         self._taken: str = ""
         self._failing = ""
+        self._ended = ""
+        """Why there are no more rounds; empty: there are."""
         # Of the thread alone.
         self._standing = _Standing()
         self._beat = 0
@@ -136,6 +145,18 @@ class Replicator:
         """Whether another conductor owns the store now."""
         return bool(self._taken)
 
+    def check_rounds(self) -> None:
+        """Raise if no round can be made any more.
+
+        Without them replies would wait for ever, and the head would stand still, so that a
+        successor takes over while we go on.
+
+        Raises:
+            ReplicaEndedError: that is so.
+        """
+        if self._ended:
+            raise ReplicaEndedError(self._ended)
+
     def when_kept(self, call: Callable[[], None]) -> None:
         """Call ``call`` when all that was committed so far is in the store; at once if it is."""
         with self._changed:
@@ -158,27 +179,54 @@ class Replicator:
 
     def _run(self) -> None:
         last_s = 0.0
+        faults = 0
         while not self._taken:
-            with self._changed:
-                self._changed.wait_for(self._due, BEAT_S)
-                if not (self._closing or self._eager):
-                    pause_s = last_s + FLUSH_S - time.monotonic()
-                    self._changed.wait_for(lambda: self._closing, max(0.0, pause_s))
-                closing = self._closing
+            closing = self._waited(last_s)
             try:
                 upto = self.round(closing=closing)
-            except TwinError as error:
+            except Exception as error:
                 if closing:
                     _log.error("the store has not the end of the journal: %s", error)
                     return
-                self._said(error)
+                faults += not isinstance(error, TwinError)
+                self._failed(error, faults)
+                if self._ended:
+                    return
                 with self._changed:
                     self._changed.wait_for(lambda: self._closing, RETRY_S)
                 continue
+            faults = 0
             last_s = time.monotonic()
             self._kept_now(upto)
             if closing:
                 return
+
+    def _waited(self, last_s: float) -> bool:
+        """Return when a round is due; whether it is the last one.
+
+        ``last_s``: end of the one before, by the monotonic clock [s].
+        """
+        with self._changed:
+            self._changed.wait_for(self._due, BEAT_S)
+            if not (self._closing or self._eager):
+                pause_s = last_s + FLUSH_S - time.monotonic()
+                self._changed.wait_for(lambda: self._closing, max(0.0, pause_s))
+            return self._closing
+
+    def _failed(self, error: Exception, faults: int) -> None:
+        """A round has failed; ``faults``: so many since the last good one by a mistake of the
+        program."""
+        if isinstance(error, TwinError):
+            self._said(error)
+        else:
+            _log.error("a round of the replica has failed", exc_info=error)
+            self._put_back(None)  # whatever was noted of it may be wrong: all is put anew
+            if faults == FAULTS_MAX:
+                self._ended = (
+                    f"{self._store.url}: the journal cannot be brought there: "
+                    f"{type(error).__name__}: {error}; it is whole in the state folder, so serve "
+                    "that again; leave --store away if it does not help"
+                )
 
     def _due(self) -> bool:
         return self._kept < self._given or self._closing

@@ -114,6 +114,8 @@ class RunFiles:
                 self.put_changed()
             except TwinError as error:
                 _log.debug("%s", error)  # the journal's replica says it
+            except Exception:  # the next pass puts them
+                _log.exception("files of a run were not put")
             if last:
                 return
             pause_s = max(PERIOD_S, (time.monotonic() - began_s) / SHARE)

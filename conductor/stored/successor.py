@@ -225,6 +225,8 @@ def bring_back_all(
             bring_back(store, out, fact.result)
         except TwinError as error:
             return error
+        except Exception as error:  # of one attempt; the others come
+            return InfrastructureError(f"its files did not come: {type(error).__name__}: {error}")
         told(fact)
         return None
 
