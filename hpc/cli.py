@@ -44,6 +44,8 @@ Which = Annotated[SchedulerName, typer.Option("--scheduler", help="Batch system 
 
 
 _AUTO = SchedulerName(AUTO)
+_WORDLESS = {"gone": "not known any more; see its log", "unknown": "nothing is said of it"}
+"""Said of jobs for which the batch system has no word, by their states."""
 _OPENS = ", ".join(f"`{kind.opens}`" for kind in batch_systems().declared if kind.opens)
 
 
@@ -166,7 +168,8 @@ def status(
         )
         return
     parts = [
-        job_status.native or "not known any more; see its log",
+        job_status.native or _WORDLESS.get(job_status.state, ""),
+        "which is no known state; ask again" if job_status.state == "unknown" else "",
         f"waits for: {job_status.reason}" if job_status.reason else "",
         f"on {job_status.nodes}" if job_status.nodes else "",
         f"exit code {job_status.exit_code}{_meaning(job_status.exit_code)}"

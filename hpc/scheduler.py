@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, Protocol, runtime_checkable
 
+from hpc.commands import UnknownOutcomeError
 from hpc.request import JobRequest
 from schemas.escape import escape
 from schemas.kinds.batch_system import batch_systems
-from twin.base.errors import InfrastructureError
 
 WORDS_CHARS_MAX = 300
 """Longest text of a batch system that is told [characters]."""
@@ -20,7 +20,7 @@ PARTITIONS_MAX = 1000
 JOB_ID_CHARS_MAX = 400
 """Longest id of a job [characters]."""
 
-State = Literal["pending", "running", "ended", "unknown"]
+State = Literal["pending", "running", "ended", "gone", "unknown"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +28,8 @@ class JobStatus:
     """A job as the scheduler sees it."""
 
     state: State
-    """``unknown``: the scheduler does not remember it; it ended long ago, or never was."""
+    """``gone``: the scheduler says that it knows of no such job; it ended long ago, or never was.
+    ``unknown``: its answer says nothing of the job, which may be there."""
     native: str = ""
     """The scheduler's own word, e.g. ``PENDING`` or ``Q``."""
     reason: str = ""
@@ -70,12 +71,12 @@ def job_id(system: str, said: str) -> str:
     """What a batch system's program has answered to a submission, if it is a job's id.
 
     Raises:
-        InfrastructureError: it is none, so nobody knows whether the job was taken.
+        UnknownOutcomeError: it is none, so nobody knows whether the job was taken.
     """
     kind = batch_systems().find(system)
     if len(said) <= JOB_ID_CHARS_MAX and said.isprintable() and re.fullmatch(kind.job_ids, said):
         return said
-    raise InfrastructureError(
+    raise UnknownOutcomeError(
         f"{kind.title} answered {escape(said, 80)!r} in place of a job's id; see its queue whether "
         "the job is there before you submit again"
     )

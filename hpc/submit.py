@@ -143,6 +143,7 @@ def check_free(folder: Path, scheduler: Scheduler) -> None:
 
     Raises:
         UsageError: an earlier job is still there.
+        InfrastructureError: nobody knows whether it is.
     """
     submitted = job_of(folder)
     if submitted is None or submitted[0] != scheduler.name:
@@ -152,6 +153,12 @@ def check_free(folder: Path, scheduler: Scheduler) -> None:
         raise UsageError(
             f"{folder}: job {submitted[1]} is {status.native} and works here; "
             f"`hpc cancel {folder}` ends it, --out chooses another folder"
+        )
+    if status.state == "unknown":
+        said = repr(status.native) if status.native else "nothing is said of it"
+        raise InfrastructureError(
+            f"{folder}: job {submitted[1]} may still work here: {said} instead of a known state; "
+            f"try again, or `hpc cancel {folder}`, or choose another --out"
         )
 
 

@@ -58,7 +58,7 @@ def _joining(namespace: Namespace, run: str) -> JobStatus:
         job = namespace.read("Job", f"{run}-worker")
     except NotThereError:
         gone = "" if namespace.exists() else f"namespace {namespace.name} is not there"
-        return JobStatus("unknown", native=gone)
+        return JobStatus("gone", native=gone)
     workers = namespace.pods(run)
     running = [pod for pod in workers if pod.status.phase == "Running"]
     state, native = _state(job, running[0] if running else None)

@@ -28,7 +28,13 @@ _STATES: dict[str, State] = {
     **dict.fromkeys("RSBE", "running"),
     **dict.fromkeys("FXC", "ended"),
 }
-_NOT_ANSWERING = ("cannot connect to server", "Connection refused", "No Permission to connect")
+_NOT_ANSWERING = (
+    *("cannot connect to server", "Connection refused", "No Permission to connect"),
+    "Problem loading jobs",  # Slurm's wrapper
+)
+_GONE = (153, 35)
+"""Exit codes of ``qstat``: the low bytes of PBS's errors 15001, no such job, and 15139, a job of
+its history."""
 _NUMBER = re.compile("-?[0-9]{1,9}")
 
 
@@ -63,10 +69,10 @@ class Pbs:
         done = call("qstat", "-f", "-x", job)
         if done.code or "job_state" not in done.out:
             done = call("qstat", "-f", job)
-        if done.code or "job_state" not in done.out:
-            if any(words in done.err for words in _NOT_ANSWERING):
-                raise _refusal(f"job {job}", done)
-            return JobStatus("unknown")
+        if done.code in _GONE:
+            return JobStatus("gone")
+        if done.code:
+            raise _refusal(f"job {job}", done)
         return parse_job(done.out)
 
     def cancel(self, job: str) -> None:
@@ -124,7 +130,7 @@ def parse_job(text: str) -> JobStatus:
     """The attributes that ``qstat -f`` prints; long lines go on after a tab."""
     values = attributes(text)
     native = values.get("job_state", "")
-    state = _STATES.get(native[:1], "unknown")
+    state = _STATES.get(native, "unknown")
     code = values.get("Exit_status", values.get("exit_status", ""))
     count = values.get("run_count", "1")
     return JobStatus(

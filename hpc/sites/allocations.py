@@ -21,7 +21,7 @@ import msgspec
 from hpc.backends import backend
 from hpc.commands import UnknownOutcomeError, at, is_answered, refuse_submission, write_there
 from hpc.request import JobRequest
-from hpc.scheduler import JobStatus, RemoteScheduler, Scheduler
+from hpc.scheduler import JobStatus, RemoteScheduler, Scheduler, job_id
 from hpc.sites.file import NamedSite
 from hpc.sites.scaling import rest_s
 from schemas.escape import escape
@@ -176,7 +176,8 @@ class Allocations:
                 write_there(script, text.encode(), 0o700)
                 system.check(text, request)
             with at(once):
-                allocation.job = system.submit(Path(script), Path(request.out))
+                said = system.submit(Path(script), Path(request.out))
+            allocation.job = job_id(site.scheduler, said)
         except UnknownOutcomeError:
             # It may be there, and is looked for no more when its time is over in any case.
             if self._is_over(allocation, now_s):
@@ -236,8 +237,7 @@ class Allocations:
                 continue
             self._seen(each, found, now_s)
             if each.state != before:
-                said = f", {each.why}" if each.state == "ended" else ""
-                lines.append(f"{each.id}: {each.state}{said}")
+                lines.append(f"{each.id}: {_change(each, found)}")
         return lines
 
     def end(self, allocation: Allocation, why: str, now_s: float) -> None:
@@ -313,6 +313,9 @@ class Allocations:
         if found.state in ("pending", "running"):
             each.state = "queued" if found.state == "pending" else "running"
             return
+        if found.state == "unknown":
+            each.state = "unreachable"  # also for long: its workers may be there
+            return
         each.code = code = found.exit_code
         failed = not each.dismissed and (
             not each.joined or code not in (None, EXIT_PASS, EXIT_UNFINISHED, TERMINATED)
@@ -343,6 +346,17 @@ class Allocations:
         record = self.book.sites.setdefault(site, SiteRecord())
         record.failures += 1
         record.rests_until_s = now_s + rest_s(record.failures)
+
+
+def _change(each: Allocation, found: JobStatus) -> str:
+    """What has become of an allocation, in words."""
+    if found.state == "unknown":
+        said = f"says {found.native!r}" if found.native else "says nothing of it"
+        return (
+            f"how job {each.job} stands is not known ({each.scheduler} {said}); it is asked for "
+            "again"
+        )
+    return f"{each.state}, {each.why}" if each.state == "ended" else each.state
 
 
 def book_of(folder: Path) -> AllocationBook | None:

@@ -25,8 +25,15 @@ from schemas.escape import escape
 from schemas.kinds.batch_system import SLURM
 from twin.base.errors import InfrastructureError, TwinError, UsageError
 
-_RUNNING = ("RUNNING", "COMPLETING", "CONFIGURING", "STAGE_OUT", "SIGNALING", "SUSPENDED")
-_PENDING = ("PENDING", "REQUEUED", "REQUEUE_HOLD", "REQUEUE_FED", "SPECIAL_EXIT", "RESV_DEL_HOLD")
+_STATES: dict[str, State] = {
+    **dict.fromkeys(("PENDING", "REQUEUED", "REQUEUE_HOLD", "REQUEUE_FED"), "pending"),
+    **dict.fromkeys(("SPECIAL_EXIT", "RESV_DEL_HOLD"), "pending"),
+    **dict.fromkeys(("RUNNING", "COMPLETING", "CONFIGURING", "STAGE_OUT"), "running"),
+    **dict.fromkeys(("SIGNALING", "SUSPENDED", "STOPPED", "RESIZING"), "running"),
+    **dict.fromkeys(("COMPLETED", "FAILED", "CANCELLED", "TIMEOUT", "DEADLINE"), "ended"),
+    **dict.fromkeys(("NODE_FAIL", "BOOT_FAIL", "OUT_OF_MEMORY", "PREEMPTED", "REVOKED"), "ended"),
+}
+"""States of ``squeue``'s manual; of any other nobody knows what it means."""
 _NOT_ANSWERING = ("contact slurm controller", "Socket timed out", "Connection refused")
 _NO_SUCH_JOB = "Invalid job id"
 _NUMBER = re.compile("[0-9]{1,9}")
@@ -86,7 +93,7 @@ class Slurm:
             done = call("sacct", "-nPX", "--jobs", job, f"--format={fields}")
             if not done.code and done.out.strip():
                 return parse_account(done.out)
-        return JobStatus("unknown")
+        return JobStatus("gone")
 
     def cancel(self, job: str) -> None:
         """``scancel``: everything gets SIGTERM, then SIGKILL; nothing is queued again."""
@@ -203,11 +210,7 @@ def _count(text: str) -> int:
 
 
 def _state(native: str) -> State:
-    if native in _RUNNING:
-        return "running"
-    if native in _PENDING:
-        return "pending"
-    return "ended" if native else "unknown"
+    return _STATES.get(native, "unknown")
 
 
 def _exit_code(text: str) -> int | None:

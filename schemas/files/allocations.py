@@ -39,7 +39,7 @@ class Allocation(Struct, kw_only=True):
     """The batch system's id; empty: not known yet."""
     state: State = "wanted"
     """``wanted``: written down before it is submitted. ``unreachable``: its site does not
-    answer."""
+    answer, or says nothing of it."""
     joined: bool = False
     """Whether the conductor has seen a worker of it."""
     dismissed: bool = False

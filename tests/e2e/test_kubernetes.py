@@ -174,7 +174,7 @@ def test_an_image_that_cannot_be_pulled(site, kube):
     left = {key[0] for key in kube.store.objects if key[0] != "events"}
     wait_for(lambda: not kube.store.list("pods"), "the end of the pods")
     assert left - {"pods"} == {"persistentvolumeclaims"}, "results stay, keys do not"
-    assert site.status()["state"] == "unknown"
+    assert site.status()["state"] == "gone"
     assert run
 
 
@@ -195,7 +195,7 @@ def test_a_namespace_that_is_deleted(site, kube):
     wait_for(lambda: kube.pods("worker", "Running"), "a worker")
     kube.delete_namespace("robots")
     said = site.status()
-    assert (said["state"], said["native"]) == ("unknown", "namespace robots is not there")
+    assert (said["state"], said["native"]) == ("gone", "namespace robots is not there")
     done = site.submit()
     assert (done.returncode, done.stdout) == (2, "")
     assert 'namespaces "robots" not found' in done.stderr

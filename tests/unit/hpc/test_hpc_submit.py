@@ -41,7 +41,7 @@ class Ledger:
         return job
 
     def status(self, job):
-        return JobStatus("running" if job in self.jobs else "unknown", "RUNNING")
+        return JobStatus("running" if job in self.jobs else "gone", "RUNNING")
 
     def cancel(self, job):
         del self.jobs[job]

@@ -139,10 +139,10 @@ def test_what_nobody_knows_is_forgotten_when_its_time_is_over(ledger, tmp_path):
         (True, JobStatus("ended", "COMPLETED", exit_code=0), 0),
         (True, JobStatus("ended", "FAILED", exit_code=75), 0),
         (True, JobStatus("ended", "CANCELLED", exit_code=143), 0),
-        (True, JobStatus("unknown"), 0),
+        (True, JobStatus("gone"), 0),
         (True, JobStatus("ended", "FAILED", exit_code=137), 2),
         (False, JobStatus("ended", "COMPLETED", exit_code=0), 2),
-        (False, JobStatus("unknown"), 2),
+        (False, JobStatus("gone"), 2),
     ],
 )
 def test_ends(ledger, tmp_path, joined, status, failures):
@@ -165,6 +165,38 @@ def test_a_site_that_does_not_answer(ledger, tmp_path):
     assert [each.state for each in book.open] == ["unreachable"]
     ledger.jobs["1"] = JobStatus("running", "RUNNING")
     assert book.refresh(set(), NOW_S) == ["north-1: running"]
+
+
+def test_an_answer_that_says_nothing_is_asked_for_again(ledger, tmp_path):
+    book = allocations(tmp_path)
+    book.ask(site(), "because", NOW_S)
+    ledger.jobs["1"] = JobStatus("unknown", "FROZEN")
+    line = "north-1: how job 1 stands is not known (slurm says 'FROZEN'); it is asked for again"
+    assert book.refresh({"north-1"}, NOW_S) == [line]
+    assert book.refresh(set(), NOW_S + 60) == [], "once"
+    ledger.jobs["1"] = JobStatus("unknown")
+    assert book.refresh(set(), NOW_S + 1e6) == [], "however long it lasts"
+    (each,) = book.open
+    assert (each.state, each.code, book_of(tmp_path).sites["north"].failures) == (
+        "unreachable",
+        None,
+        0,
+    )
+    ledger.jobs["1"] = JobStatus("running", "RUNNING")
+    assert book.refresh(set(), NOW_S) == ["north-1: running"]
+
+
+def test_an_odd_answer_to_a_submission_leaves_it_wanted(ledger, tmp_path, monkeypatch):
+    answered(tmp_path)
+    book = allocations(tmp_path)
+    monkeypatch.setattr(ledger, "submit", lambda *_: "Last login: today")
+    with pytest.raises(UnknownOutcomeError, match="in place of a job's id"):
+        book.ask(site(), "because", NOW_S)
+    (wanted,) = allocations(tmp_path).open
+    assert (wanted.job, wanted.state) == ("", "wanted"), "the job may be there"
+    with pytest.raises(UnknownOutcomeError):
+        book.submit(book.open[0], NOW_S + 7200.1)
+    assert book.open == []
 
 
 def test_a_book_of_another_campaign_or_a_damaged_one(ledger, tmp_path):
