@@ -11,12 +11,15 @@ its values; reports hold those against the digests of the outcomes.
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import logging
 import os
 import re
+import shutil
 import subprocess
 import sys
 import tempfile
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -43,6 +46,10 @@ SOURCE_FILE = "store.url"
 KPI_NAME = "kpi.parquet"
 KPI_SOURCE_FILE = "kpi.object"
 """Beside a KPI file: digest of the object from which it was written."""
+RAW_PREFIX = ".fetched-"
+"""Begins the names of folders in which files lie as they came, until they are written anew."""
+LOCK_FILE = ".fetching"
+"""Held by the commands that fetch into a folder."""
 TOLD_MAX = 20
 """Most campaigns of a store that are named in a message."""
 
@@ -88,13 +95,37 @@ def fetch_run(url: str, out: Path | None = None) -> Path:
         _write(folder / name, data)
     outcomes = read_outcomes(folder)
     committed = [(case, row) for case, row in outcomes.cases.items() if row.kpi_sha256]
-    with tempfile.TemporaryDirectory(prefix=".fetched-", dir=folder) as raw:
+    with _raw_folder(folder) as raw:
         with ThreadPoolExecutor(READERS) as pool:
             fetched = list(
-                pool.map(lambda item: _fetch(store, campaign, folder, Path(raw), *item), committed)
+                pool.map(lambda item: _fetch(store, campaign, folder, raw, *item), committed)
             )
         _write_anew([item for item in fetched if item is not None])
     return folder
+
+
+@contextlib.contextmanager
+def _raw_folder(folder: Path) -> Iterator[Path]:
+    """A folder in ``folder`` for files as they come, which goes with the block.
+
+    Those of commands that were killed are removed, unless another command fetches now, whose they
+    may be.
+    """
+    with contextlib.ExitStack() as held:
+        try:
+            lock = held.enter_context((folder / LOCK_FILE).open("ab"))
+            with contextlib.suppress(OSError):  # in use, or a file system without locks
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                for left in folder.glob(f"{RAW_PREFIX}*"):
+                    shutil.rmtree(left, ignore_errors=True)
+            with contextlib.suppress(OSError):
+                fcntl.flock(lock, fcntl.LOCK_SH)  # waits for one that removes
+            raw = tempfile.TemporaryDirectory(
+                prefix=RAW_PREFIX, dir=folder, ignore_cleanup_errors=True
+            )
+        except OSError as error:
+            raise storage_error(error, str(folder)) from None
+        yield Path(held.enter_context(raw))
 
 
 def _store_of(url: str) -> tuple[ResultStore, str]:

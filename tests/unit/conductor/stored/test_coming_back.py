@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import errno
+import subprocess
+import sys
 from pathlib import Path
 
 import msgspec
@@ -165,6 +168,59 @@ def test_what_is_no_kpi_file_is_one_line_and_written_nowhere(
     with pytest.raises(UsageError, match=r"read/cases/one/attempt-1/kpi.parquet: .*Parquet"):
         fetch_run(store.url, tmp_path / "read")
     assert not (tmp_path / "read/cases/one/attempt-1/kpi.parquet").exists()
+
+
+KILLED = """
+import sys
+from pathlib import Path
+from conductor.stored import fetching
+
+def wait(*_):
+    print("fetched", flush=True)
+    sys.stdin.read()
+
+fetching._write_anew = wait
+fetching.fetch_run(sys.argv[1], Path(sys.argv[2]))
+"""
+"""Stands still when the files have come."""
+
+
+def test_what_a_killed_command_has_fetched_is_removed_and_that_of_a_living_one_is_not(
+    tmp_path: Path, store: FolderStore
+) -> None:
+    run_in(store, b"PAR1, and code")
+    out = tmp_path / "read"
+    command = [sys.executable, "-c", KILLED, store.url, str(out)]
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+    with subprocess.Popen(command, **pipes) as other:  # type: ignore[call-overload]
+        assert other.stdout.readline() == b"fetched\n"
+        (theirs,) = out.glob(".fetched-*/*")
+        with pytest.raises(UsageError, match="Parquet"):
+            fetch_run(store.url, out)
+        assert theirs.read_bytes() == b"PAR1, and code"
+        other.kill()
+    assert theirs.exists()
+    with pytest.raises(UsageError, match="Parquet"):
+        fetch_run(store.url, out)
+    assert not list(out.glob(".fetched-*"))
+    assert not list(out.glob("**/kpi.parquet")), "nothing of it became a result"
+
+
+def test_a_file_system_without_locks_keeps_leftovers(
+    tmp_path: Path, store: FolderStore, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run_in(store, b"PAR1, and code")
+    out = tmp_path / "read"
+    (out / ".fetched-x").mkdir(parents=True)
+    (out / fetching.SOURCE_FILE).write_text(f"{store.url}/runs/a\n")
+
+    def refuse(*_: object) -> None:
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    monkeypatch.setattr(fetching.fcntl, "flock", refuse)
+    with pytest.raises(UsageError, match="Parquet"):
+        fetch_run(store.url, out)
+    assert [path.name for path in out.glob(".fetched-*")] == [".fetched-x"]
 
 
 def test_a_folder_of_something_else_is_left_alone(tmp_path: Path, store: FolderStore) -> None:
