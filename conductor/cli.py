@@ -22,6 +22,7 @@ from conductor.commands.key_commands import add_key_commands, own_key
 from conductor.commands.operate import add_commands
 from conductor.commands.options import (
     AllowUnprotected,
+    Axes,
     ByBatch,
     CampaignToServe,
     Device,
@@ -42,6 +43,7 @@ from conductor.commands.options import (
     Rows,
     RunFolder,
     Seed,
+    Settings,
     Slots,
     Source,
     StateFolder,
@@ -100,6 +102,8 @@ def run_command(
     rows: Rows = "",
     quick: Quick = False,
     weather: Weather = "",
+    axis: Axes = None,
+    setting: Settings = None,
     by_batch: ByBatch = False,
     history: History = None,
     listen: Listen = LOOPBACK,
@@ -118,10 +122,12 @@ def run_command(
     The same command again resumes where it stopped. For workers that you start yourself it is
     `conductor serve --campaign NAME --until-done`.
     """
+    from conductor.run.changes import typed_changes
     from conductor.run.requested import RunRequest, made_ready
 
     request = RunRequest(
         campaign=campaign,
+        changes=typed_changes(axis, setting),
         out=out,
         workers=workers,
         slots=slots,
@@ -249,6 +255,8 @@ def submit(
     rows: Rows = "",
     quick: Quick = False,
     weather: Weather = "",
+    axis: Axes = None,
+    setting: Settings = None,
     priority: Annotated[
         int, typer.Option(help="Higher ones are served first; equals share the workers.")
     ] = 0,
@@ -258,12 +266,14 @@ def submit(
     Workers run what a campaign names, so an invitation of role admin does not open this.
     """
     from conductor.commands.client import client_of
+    from conductor.run.changes import typed_changes
     from conductor.run.requested import checked_plan
     from conductor.run.source import begun, of_rows
     from twin.fabric.keys.roles import Role
 
-    plan = of_rows(checked_plan(campaign, seed=seed, weather=weather), rows, quick=quick)
-    loaded = begun(plan).campaign
+    changes = typed_changes(axis, setting)
+    plan = checked_plan(campaign, seed=seed, weather=weather, changes=changes)
+    loaded = begun(of_rows(plan, rows, quick=quick)).campaign
     with client_of(conductor, Role.submitter) as client:
         folder = client.submit(loaded, str(out.absolute()) if out else "", priority)
     print(f"submitted {loaded.campaign}: results in {folder}")
@@ -349,17 +359,21 @@ def validate(
     rows: Rows = "",
     quick: Quick = False,
     weather: Weather = "",
+    axis: Axes = None,
+    setting: Settings = None,
     output: OutputOption = Output.human,
 ) -> None:
     """Check a campaign file, and tell in one line what is wrong with it; lists its cases.
 
     Nothing of it is run: a repository's set-up is only told.
     """
+    from conductor.run.changes import typed_changes
     from conductor.run.requested import checked_plan
     from conductor.run.source import of_rows, stack_paths
 
     try:
-        plan = checked_plan(campaign, fetch=fetch, weather=weather)
+        changes = typed_changes(axis, setting)
+        plan = checked_plan(campaign, fetch=fetch, weather=weather, changes=changes)
         plan = of_rows(plan, rows, quick=quick)
     except UsageError as error:
         if output is Output.json:
