@@ -210,7 +210,6 @@ def serve(
                 history=history,
             )
             raise typer.Exit(serve_until_done(plan, options))
-        from conductor.run.case_lengths import earlier_lengths
         from conductor.serve.command import serve_folder
 
         code = serve_folder(
@@ -224,7 +223,7 @@ def serve(
             metrics=metrics,
             allow_unprotected=allow_unprotected,
             store=kept_in,
-            lengths_s=earlier_lengths(history),
+            history=history,
         )
     raise typer.Exit(code)
 
