@@ -63,6 +63,7 @@ from twin.base.errors import (
 )
 from twin.base.option_record import with_options
 from twin.base.process import keep_to_itself
+from twin.base.progress import bars
 from twin.fabric.connection_options import (
     ConductorOptions,
     InsecureOption,
@@ -466,11 +467,12 @@ def report(
     from conductor.trust.sign_run import sign_derived
 
     run = report_folder(folder, import_autodrive, out)
-    made = make_report(run, anew=anew, serial=serial, films=films is FilmsOf.failures)
-    sign_derived(run)
-    pages = [made.page, *sorted({path.parent for path in (*made.plots, *made.films)})]
-    if markdown is not None:
-        pages.append(write_result_page(run, markdown, films=films is FilmsOf.failures))
+    with bars():
+        made = make_report(run, anew=anew, serial=serial, films=films is FilmsOf.failures)
+        sign_derived(run)
+        pages = [made.page, *sorted({path.parent for path in (*made.plots, *made.films)})]
+        if markdown is not None:
+            pages.append(write_result_page(run, markdown, films=films is FilmsOf.failures))
     as_json = output is Output.json
     print(json.dumps(tables_of(made.content)) if as_json else "\n".join(map(str, pages)))
     alarms = made.content.evidence.alarms
