@@ -22,6 +22,7 @@ from conductor.commands.key_commands import add_key_commands, own_key
 from conductor.commands.operate import add_commands
 from conductor.commands.options import (
     AllowUnprotected,
+    Axes,
     ByBatch,
     CampaignToServe,
     Device,
@@ -42,6 +43,7 @@ from conductor.commands.options import (
     Rows,
     RunFolder,
     Seed,
+    Settings,
     Slots,
     Source,
     StateFolder,
@@ -61,6 +63,7 @@ from twin.base.errors import (
 )
 from twin.base.option_record import with_options
 from twin.base.process import keep_to_itself
+from twin.base.progress import bars
 from twin.fabric.connection_options import (
     ConductorOptions,
     InsecureOption,
@@ -100,6 +103,8 @@ def run_command(
     rows: Rows = "",
     quick: Quick = False,
     weather: Weather = "",
+    axis: Axes = None,
+    setting: Settings = None,
     by_batch: ByBatch = False,
     history: History = None,
     listen: Listen = LOOPBACK,
@@ -118,10 +123,12 @@ def run_command(
     The same command again resumes where it stopped. For workers that you start yourself it is
     `conductor serve --campaign NAME --until-done`.
     """
+    from conductor.run.changes import typed_changes
     from conductor.run.requested import RunRequest, made_ready
 
     request = RunRequest(
         campaign=campaign,
+        changes=typed_changes(axis, setting),
         out=out,
         workers=workers,
         slots=slots,
@@ -204,7 +211,6 @@ def serve(
                 history=history,
             )
             raise typer.Exit(serve_until_done(plan, options))
-        from conductor.run.case_lengths import earlier_lengths
         from conductor.serve.command import serve_folder
 
         code = serve_folder(
@@ -218,7 +224,7 @@ def serve(
             metrics=metrics,
             allow_unprotected=allow_unprotected,
             store=kept_in,
-            lengths_s=earlier_lengths(history),
+            history=history,
         )
     raise typer.Exit(code)
 
@@ -249,6 +255,8 @@ def submit(
     rows: Rows = "",
     quick: Quick = False,
     weather: Weather = "",
+    axis: Axes = None,
+    setting: Settings = None,
     priority: Annotated[
         int, typer.Option(help="Higher ones are served first; equals share the workers.")
     ] = 0,
@@ -258,12 +266,14 @@ def submit(
     Workers run what a campaign names, so an invitation of role admin does not open this.
     """
     from conductor.commands.client import client_of
+    from conductor.run.changes import typed_changes
     from conductor.run.requested import checked_plan
     from conductor.run.source import begun, of_rows
     from twin.fabric.keys.roles import Role
 
-    plan = of_rows(checked_plan(campaign, seed=seed, weather=weather), rows, quick=quick)
-    loaded = begun(plan).campaign
+    changes = typed_changes(axis, setting)
+    plan = checked_plan(campaign, seed=seed, weather=weather, changes=changes)
+    loaded = begun(of_rows(plan, rows, quick=quick)).campaign
     with client_of(conductor, Role.submitter) as client:
         folder = client.submit(loaded, str(out.absolute()) if out else "", priority)
     print(f"submitted {loaded.campaign}: results in {folder}")
@@ -349,17 +359,21 @@ def validate(
     rows: Rows = "",
     quick: Quick = False,
     weather: Weather = "",
+    axis: Axes = None,
+    setting: Settings = None,
     output: OutputOption = Output.human,
 ) -> None:
     """Check a campaign file, and tell in one line what is wrong with it; lists its cases.
 
     Nothing of it is run: a repository's set-up is only told.
     """
+    from conductor.run.changes import typed_changes
     from conductor.run.requested import checked_plan
     from conductor.run.source import of_rows, stack_paths
 
     try:
-        plan = checked_plan(campaign, fetch=fetch, weather=weather)
+        changes = typed_changes(axis, setting)
+        plan = checked_plan(campaign, fetch=fetch, weather=weather, changes=changes)
         plan = of_rows(plan, rows, quick=quick)
     except UsageError as error:
         if output is Output.json:
@@ -453,11 +467,12 @@ def report(
     from conductor.trust.sign_run import sign_derived
 
     run = report_folder(folder, import_autodrive, out)
-    made = make_report(run, anew=anew, serial=serial, films=films is FilmsOf.failures)
-    sign_derived(run)
-    pages = [made.page, *sorted({path.parent for path in (*made.plots, *made.films)})]
-    if markdown is not None:
-        pages.append(write_result_page(run, markdown, films=films is FilmsOf.failures))
+    with bars():
+        made = make_report(run, anew=anew, serial=serial, films=films is FilmsOf.failures)
+        sign_derived(run)
+        pages = [made.page, *sorted({path.parent for path in (*made.plots, *made.films)})]
+        if markdown is not None:
+            pages.append(write_result_page(run, markdown, films=films is FilmsOf.failures))
     as_json = output is Output.json
     print(json.dumps(tables_of(made.content)) if as_json else "\n".join(map(str, pages)))
     alarms = made.content.evidence.alarms

@@ -19,7 +19,7 @@ NUMBERS = frozenset(
     {"gpus", "workers", "nodes", "slots", "cpus_per_worker", "signal_lead", "restarts_max"}
 )
 LISTS = frozenset({"container_bind", "directive"})
-FOLDERS = frozenset({"out", "site", "bin_folder"})
+FOLDERS = frozenset({"out", "site", "bin_folder", "history"})
 """Options that are no words."""
 
 

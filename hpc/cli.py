@@ -80,6 +80,10 @@ def render(
     facts, request = checked_request(campaign, options, site)
     if helm is not None and (into is not None or array):
         raise UsageError("--helm: writes a chart and nothing else; leave --into and --array away")
+    if array and options.history is not None:
+        raise UsageError(
+            "--history: an array has no conductor that orders its cases; leave it away"
+        )
     if into is not None or helm is not None:
         from hpc.submit import write_chart, write_files
 
@@ -129,6 +133,7 @@ def submit(
 
 def _submit_on(campaign: str, on: list[str], sites: Path | None, options: Options) -> int:
     from hpc.campaigns import checked
+    from hpc.requested import earlier_run
     from hpc.script import job_name
     from hpc.sites.command import submit_on
     from hpc.sites.file import chosen_sites, load_sites
@@ -146,6 +151,7 @@ def _submit_on(campaign: str, on: list[str], sites: Path | None, options: Option
         common=CommonOptions(
             time=options.time, workers=options.workers, gpus=options.gpus, slots=options.slots
         ),
+        history=earlier_run(options.history),
         say=partial(print, flush=True),
     )
 

@@ -95,6 +95,13 @@ class Options:
         list[Path] | None,
         typer.Option(help="Further folder that is seen inside, repeatable, e.g. of data."),
     ] = None
+    history: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="RUN",
+            help="Folder of an earlier run, which all nodes see: its longest cases begin first.",
+        ),
+    ] = None
     site: Annotated[
         Path | None,
         typer.Option(help="Site defaults; default ~/.config/drivetwin/site.yaml if it is there."),

@@ -99,6 +99,9 @@ class JobRequest:
     """Program that enters the image."""
     container_binds: tuple[str, ...] = ()
     """Further folders that are seen inside as outside, e.g. of data; absolute."""
+    history: str = ""
+    """Folder of an earlier run, whose longest cases begin first; absolute, as the nodes see it.
+    Empty: none."""
     home: str = ""
     """The user's own folder, where the conductor's keys lie; absolute. Empty: as on each node."""
     remote_stacks: bool = False
@@ -206,10 +209,12 @@ class JobRequest:
         given = {"--out": self.out, "working folder": self.folder, "--bin": self.bin_folder}
         if self.join:
             given["key of the workers"] = self.join
+        if self.history:
+            given["--history"] = self.history
         for option, path in given.items():
             if not path.startswith("/"):
                 raise UsageError(f"{option} {path!r}: give an absolute path")
-        paths = (self.out, self.folder, self.bin_folder, self.home, self.join)
+        paths = (self.out, self.folder, self.bin_folder, self.home, self.join, self.history)
         for text in (self.campaign, *paths):
             if _CONTROL.search(text):
                 raise UsageError(f"{text!r}: a name with a line break or control character")
@@ -246,10 +251,11 @@ class JobRequest:
 
     @property
     def inside(self) -> Container | None:
-        """The container; it sees working folder, results, campaign file and keys."""
+        """The container; it sees working folder, results, campaign file, keys and history."""
         if not self.container:
             return None
-        folders = (self.folder, self.out, self.campaign.rpartition("/")[0], self.home)
+        campaign = self.campaign.rpartition("/")[0]
+        folders = (self.folder, self.out, campaign, self.home, self.history)
         return Container(
             image=self.container,
             runtime=self.container_runtime,

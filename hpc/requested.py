@@ -13,7 +13,9 @@ from hpc.script import job_name
 from hpc.site import Site, load_site
 from hpc.software.container import BIN_FOLDER
 from hpc.submit import SubmittedJob, submit
+from twin.base.errors import UsageError
 from twin.base.own_folder import own_folder
+from twin.fabric.discovery import OUTCOMES_NAME
 
 
 def submit_campaign(campaign: str, options: Options) -> SubmittedJob:
@@ -95,10 +97,30 @@ def request_of(campaign: str, options: Options, site: Site, *, remote_stacks: bo
         container=_image(options),
         container_runtime=options.container_runtime.value,
         container_binds=tuple(str(path.absolute()) for path in options.container_bind or ()),
+        history=earlier_run(options.history),
         home=str(own_folder()),
-        own_paths=() if options.bin_folder is None else (str(bin_folder),),
+        own_paths=tuple(
+            str(path.absolute())
+            for path in (options.bin_folder, options.history)
+            if path is not None
+        ),
         remote_stacks=remote_stacks,
     )
+
+
+def earlier_run(folder: Path | None) -> str:
+    """Absolute path of an earlier run's folder; empty: none is given.
+
+    Raises:
+        UsageError: no campaign was run there.
+    """
+    if folder is None:
+        return ""
+    if not (folder / OUTCOMES_NAME).is_file():
+        raise UsageError(
+            f"--history {folder}: no {OUTCOMES_NAME} there; give the folder of an earlier run"
+        )
+    return str(folder.absolute())
 
 
 def _image(options: Options) -> str:

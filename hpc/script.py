@@ -65,6 +65,9 @@ kernels={kernels}
 restarts_max={request.restarts_max}
 folder={quote(request.folder)}
 cd "$folder" || exit 2"""
+    if request.history:
+        text += f"""
+history={quote(request.history)} # an earlier run, whose longest cases begin first"""
     if request.join:
         text += f"""
 # The key says where the conductor is, and lets workers commit results there, nothing else.
@@ -174,6 +177,7 @@ def _here(request: JobRequest, scheduler_address: str) -> str:
 def conductor(request: JobRequest) -> str:
     """The conductor as a child in the background, and the wait until it listens."""
     address = shlex.quote(request.address) if request.address else "$(here)"
+    history = ' \\\n  --history "$history"' if request.history else ""
     return f"""\
 # --- The conductor hands out cases and keeps the results. It runs beside the workers, here.
 setup
@@ -181,7 +185,7 @@ address={address}
 [ -n "$address" ] || exit 2
 before=$(cat "$out/conductor.json" 2>/dev/null)
 {inside(request)}"$bin/conductor" serve --campaign "$campaign" --until-done \\
-  --listen "tls/$address:0" --state "$out" &
+  --listen "tls/$address:0" --state "$out"{history} &
 conductor=$!
 {{TRAPS}}
 # Once it listens, it says where in conductor.json. An older file may be there after a crash.

@@ -13,6 +13,7 @@ import typer
 
 from twin.base.cli import Output, OutputOption, make_app, run
 from twin.base.errors import UnfinishedError, UnreachableError, UsageError
+from twin.base.progress import bars
 from twin.bench.command import app as bench_app
 from twin.dataset.command_options import (
     BatchOption,
@@ -309,7 +310,8 @@ def snapshot(
         sensors=tuple(sensor or ()),
     )
     try:
-        write_sheet(out, request)
+        with bars():
+            write_sheet(out, request)
     except ValueError as error:
         raise UsageError(str(error)) from None
     print(out)

@@ -25,6 +25,7 @@ from schemas.names import WEATHERS, TimeOfDay, minutes
 from schemas.plan import parse_plan
 from schemas.sections.environment import Environment, environment_mistakes
 from schemas.validation import Mistake, convert_all
+from twin.base.progress import counter, steps
 from twin.render.camera import RayCamera
 from twin.render.light.light import begin_sky, fill_light, fill_sky, switch_lamps
 from twin.render.trace.geometry import Geometry
@@ -121,6 +122,7 @@ def contact_sheet(
         street.carry({"scene": road or scene, "vehicle": vehicle}, sensors)
     street.stand(distance_m, at_m)
     rows = []
+    more = counter("pictures", len(times) * len(found))
     for time in times:
         pictures = []
         for name, weather in found.items():
@@ -129,6 +131,7 @@ def contact_sheet(
             key = stream_key(0, f"{time}-{name}", f"camera/{camera.name}")
             picture = street.picture(seen, lamps, key)
             pictures.append(_labelled(picture, f"{time}  {name.replace('_', ' ')}"))
+            more(1)
         rows.append(np.hstack(pictures))
     _write(path, rows)
 
@@ -162,7 +165,7 @@ def scenario_sheet(
     name = (request.weathers or ("clear",))[0]
     weather = weather_of(name, environment)
     pictures = []
-    for scenario in shipped_scenarios(of_rulebooks=False):
+    for scenario in steps("scenarios", shipped_scenarios(of_rulebooks=False)):
         at_s = critical_moment_s(scenario)
         street = _Moment(scenario, at_s, request.vehicle, camera, request.device)
         street.stand(0.0, None)

@@ -18,6 +18,7 @@ from twin.base.cli import Output, OutputOption, duration, make_app, run
 from twin.base.errors import UsageError
 from twin.base.option_record import with_options
 from twin.base.process import PARENT_VARIABLE
+from twin.base.progress import bars
 from twin.fabric.connection_options import KeyOption
 from viewer.intervening.commands import register as register_steering
 from viewer.live.place import FarPlace, LivePlace
@@ -92,12 +93,14 @@ def shot(
         from viewer.live.wall_shot import shoot_wall
 
         options = LiveOptions(run=folder, key=key, wait_s=wait)
-        wall = shoot_wall(options, out, pixels, wait, watch)
+        with bars():
+            wall = shoot_wall(options, out, pixels, wait, watch)
         print(f"{out}: {wall.told}")
         return
     recording = find_recording(folder, case)
     moment = find_moment(recording, at)
-    shoot(recording.path, moment, out, pixels)
+    with bars():
+        shoot(recording.path, moment, out, pixels)
     for line in recording.remarks():
         tell(line)
     print(f"{out}: {case}, {moment.label}")
@@ -144,7 +147,8 @@ def strip(
     check_out(out, ".jpg")
     recording = find_recording(folder, case)
     moment = find_moment(recording, at)
-    taken = write_strip(read_case(recording.path), moment, around_s, frames, out)
+    with bars():
+        taken = write_strip(read_case(recording.path), moment, around_s, frames, out)
     for line in recording.remarks():
         tell(line)
     print(f"{out}: {case}, {moment.label}, {len(taken)} pictures")
@@ -233,13 +237,15 @@ def export(
     for line in recording.remarks():
         tell(line)
     if mp4 is not None:
-        film = write_film(recorded, mp4)
+        with bars():
+            film = write_film(recorded, mp4)
         if film.held:
             tell(f"{film.held} of {film.frames} pictures are missing; their predecessors stand in")
         length_s = float(film.frames / film.rate_hz)
         print(f"{mp4}: {film.frames} frames at {float(film.rate_hz):g} Hz, {length_s:.2f} s")
     if mcap is not None:
-        written = write_mcap(recorded, mcap)
+        with bars():
+            written = write_mcap(recorded, mcap)
         print(f"{mcap}: {written.messages} messages, {written.end_ns / 1e9:.2f} s")
 
 

@@ -28,13 +28,14 @@ from conductor.records.outcomes import CaseOutcome, Outcomes, read_outcomes
 from conductor.records.software_file import read_software
 from conductor.serve.folders import CAMPAIGN_FILE
 from conductor.trust.signing import Signer, trusted_keys
-from conductor.trust.verify import Told, verify_run
+from conductor.trust.verify import verify_run
 from schemas.files.software import digest_of
 from schemas.identity import DIGESTS, campaign_digest
 from schemas.plan import Plan
 from schemas.sections.autonomy import UNPROTECTED, driver
 from schemas.words import counted, unended
 from twin.base.errors import InfrastructureError, UnfinishedError, UsageError
+from twin.base.progress import Told
 from twin.base.software import library_versions, software_digest, software_files
 from twin.records.campaign_file import read_plan
 from twin.stack_identity.identity import Named, shown_name

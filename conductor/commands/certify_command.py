@@ -8,9 +8,9 @@ from typing import Annotated
 
 import typer
 
-from conductor.commands.progress_bars import bars
 from schemas.words import counted
 from twin.base.errors import UsageError, storage_error
+from twin.base.progress import bars
 
 OutFile = Annotated[Path, typer.Option("--out", "-o", help="File to write; must not be there yet.")]
 

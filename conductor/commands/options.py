@@ -1,4 +1,4 @@
-"""Options of ``conductor run`` and ``conductor serve``, declared once."""
+"""Options of ``conductor run``, ``serve``, ``submit`` and ``validate``, declared once."""
 
 from __future__ import annotations
 
@@ -126,6 +126,24 @@ Weather = Annotated[
     typer.Option(
         help="Each case in all of these weathers, with commas between, or `all`; in place of the "
         "campaign's; choose another --out for them."
+    ),
+]
+Axes = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--axis",
+        metavar="NAME=V1,V2",
+        help="These values of an axis of the matrix, in place of the campaign's; repeatable; "
+        "choose another --out for them.",
+    ),
+]
+Settings = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="PATH=VALUE",
+        help="A key of the campaign by its path, in place of the file's, e.g. camera.width=320; "
+        "repeatable; choose another --out for it.",
     ),
 ]
 RecordDrive = Annotated[

@@ -20,6 +20,7 @@ from schemas.words import counted
 from twin.base.cli import Output, OutputOption
 from twin.base.errors import EXIT_FAILED, UsageError, storage_error
 from twin.base.files import write_atomic
+from twin.base.progress import bars
 from twin.stores.opening import is_url
 
 NOTES_MAX = 20
@@ -72,7 +73,9 @@ def report_folder(folder: str | None, logs: Path | None, out: Path | None) -> Pa
             )
         return Path(folder)
     out = out or Path("runs") / f"imported-{logs.absolute().name}"
-    _tell(import_autodrive(logs, out).left_out, f"all are in {out}/imported.json")
+    with bars():
+        imported = import_autodrive(logs, out)
+    _tell(imported.left_out, f"all are in {out}/imported.json")
     return out
 
 
@@ -93,11 +96,12 @@ def export_command(
     from conductor.report.autodrive.export import export_autodrive
     from conductor.report.pages.csv_export import export_csv
 
-    if format_ is Format.csv:
-        files, notes, last = export_csv(folder, out), list[str](), "a summary"
-    else:
-        exported = export_autodrive(folder, out)
-        files, notes, last = exported.files, exported.notes, "config.json"
+    with bars():
+        if format_ is Format.csv:
+            files, notes, last = export_csv(folder, out), list[str](), "a summary"
+        else:
+            exported = export_autodrive(folder, out)
+            files, notes, last = exported.files, exported.notes, "config.json"
     if output is Output.json:
         print(json.dumps({"files": [str(path) for path in files], "notes": notes}))
     else:
@@ -128,7 +132,8 @@ def compare_command(
     for path, suffix in ((html, ".html"), (markdown, ".md")):
         if path is not None and (path.suffix.lower() != suffix or path.is_dir()):
             raise UsageError(f"{path}: expected the name of a file that ends in {suffix}")
-    comparison = compare_folders(before, after)
+    with bars():
+        comparison = compare_folders(before, after)
     for path, render in ((html, as_html), (markdown, as_markdown)):
         if path is not None:
             _write(path, render(comparison))

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from conductor.commands.progress_bars import bars
 from schemas.words import counted
 from twin.base.cli import Output, OutputOption
 from twin.base.errors import EXIT_INFRASTRUCTURE, EXIT_PASS, UsageError
+from twin.base.progress import bars
 
 if TYPE_CHECKING:
     from conductor.trust.verify import Verified

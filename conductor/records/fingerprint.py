@@ -14,6 +14,7 @@ from conductor.records.attempts import attempt_file
 from conductor.records.outcomes import CaseOutcome, Outcomes, read_outcomes
 from schemas.words import unended
 from twin.base.errors import InfrastructureError, UnfinishedError
+from twin.base.progress import steps
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -90,7 +91,7 @@ def fingerprint(folder: Path) -> Fingerprint:
             f"{folder}: {unended(left, len(outcomes.cases))}; run the campaign again to finish it"
         )
     fingerprinter = Fingerprinter()
-    for name, case in sorted(outcomes.cases.items()):
+    for name, case in steps("KPI files", sorted(outcomes.cases.items())):
         fingerprinter.add(
             name, case, committed_rows(folder, name, case)[1] if case.kpi_sha256 else b""
         )

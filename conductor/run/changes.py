@@ -1,11 +1,12 @@
-"""Changes that a program asks for in a campaign: keys by their path, axes by their name."""
+"""Changes that are asked for in a campaign: keys by their path, axes by their name."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from schemas.files.yaml_file import YamlError, parse_yaml
 from schemas.validation import Mistake
 from twin.base.errors import UsageError
 
@@ -18,6 +19,8 @@ class CampaignChanges:
     """Path of a key, such as ``autonomy.stack`` -> its value, whole."""
     axes: Mapping[str, Sequence[Any]] = field(default_factory=dict)
     """Axis of the matrix -> its values."""
+    typed: bool = False
+    """Whether they were typed as options, ``--set`` and ``--axis``: mistakes name those."""
 
     def made_in(self, data: Any, shown: str) -> Any:
         """The content of the campaign that is ``shown``, with the changes.
@@ -28,38 +31,101 @@ class CampaignChanges:
         """
         if not isinstance(data, dict):
             return data  # checking it says what it is
+        settings, axes = ("--set", "--axis") if self.typed else ("settings", "axes")
         for path, value in self.settings.items():
-            data = _with(data, path, value)
+            data = _with(data, path, value, f"{settings}: '{path}'")
         if self.axes and data.get("cases") and not data.get("matrix"):
-            raise UsageError(f"axes: {shown} lists its cases; give them other values there")
+            raise UsageError(f"{axes}: {shown} lists its cases; give them other values there")
         for axis, values in self.axes.items():
             if isinstance(values, str) or not isinstance(values, Sequence) or not values:
-                raise UsageError(f"axes: '{axis}' takes a list of values, e.g. [{values!r}]")
+                raise UsageError(f"{axes}: '{axis}' takes a list of values, e.g. [{values!r}]")
             # A matrix that is none is said where the file is checked.
             if isinstance(matrix := data.get("matrix") or {}, dict):
                 data = {**data, "matrix": {**matrix, axis: list(values)}}
         return data
 
     def line(self, mistake: Mistake) -> str:
-        """A mistake in one line if an axis that was given made it; empty: it is the file's."""
+        """A mistake in one line if a change that was given made it; empty: it is the file's."""
         for axis in self.axes:
-            if mistake.path == f"matrix.{axis}":
-                return Mistake("", mistake.message).line(f"axes.{axis}")
+            key = mistake.path.partition("[")[0]
+            if key == f"matrix.{axis}":  # or one of its values
+                name = f"--axis {axis}" if self.typed else f"axes.{axis}"
+                return Mistake("", mistake.message).line(name)
+        for path in self.settings if self.typed else ():
+            if mistake.path == path or mistake.path.startswith((f"{path}.", f"{path}[")):
+                return Mistake("", mistake.message).line(f"--set {mistake.path}")
         return ""
+
+    def refuse_twice(self, options: Mapping[str, bool]) -> None:
+        """Refuse what an option of its own and a change would both set.
+
+        Args:
+            options: name of an option, which is that of a key or an axis, too -> whether it was
+                given.
+
+        Raises:
+            UsageError: one is set twice.
+        """
+        for name, given in options.items():
+            word = "--axis" if name in self.axes else "--set"
+            if self.typed and given and (name in self.axes or name in self.settings):
+                raise UsageError(f"--{name} and {word} {name} say the same; give one of them")
 
 
 NO_CHANGES = CampaignChanges()
 """The campaign as its file says."""
 
 
-def _with(data: dict[str, Any], path: str, value: Any) -> dict[str, Any]:
-    """A mapping with a value at a path; the mappings on the way are copied."""
+def typed_changes(axes: Sequence[str] | None, settings: Sequence[str] | None) -> CampaignChanges:
+    """Changes as people type them; values are read as a campaign file's are.
+
+    Args:
+        axes: ``NAME=V1,V2`` each.
+        settings: ``PATH=VALUE`` each.
+
+    Raises:
+        UsageError: one is not of this form, has no value, or is given twice.
+    """
+    named = {
+        name: _value("--axis", name, f"[{text}]")
+        for name, text in _pairs("--axis", axes or (), "NAME=V1,V2, e.g. weather=clear,heavy_fog")
+    }
+    set_ = {
+        path: _value("--set", path, text)
+        for path, text in _pairs("--set", settings or (), "PATH=VALUE, e.g. camera.width=320")
+    }
+    return CampaignChanges(set_, named, typed=True)
+
+
+def _pairs(option: str, words: Sequence[str], form: str) -> Iterator[tuple[str, str]]:
+    seen = set()
+    for word in words:
+        name, equals, text = word.partition("=")
+        name = name.strip()
+        if not (name and equals and text.strip()):
+            raise UsageError(f"{option} {word[:80]!r}: expected {form}")
+        if name in seen:
+            raise UsageError(f"{option} {name}: is given twice; give it once")
+        seen.add(name)
+        yield name, text
+
+
+def _value(option: str, name: str, text: str) -> Any:
+    try:
+        return parse_yaml(text, f"{option} {name}")
+    except YamlError as error:
+        raise UsageError(f"{error}; quote what YAML would take for something else") from None
+
+
+def _with(data: dict[str, Any], path: str, value: Any, named: str) -> dict[str, Any]:
+    """A mapping with a value at a path; the mappings on the way are copied. ``named``: the change,
+    in an error."""
     key, _, rest = path.partition(".")
     if not key:
-        raise UsageError(f"settings: '{path}': expected the path of a key, e.g. camera.width")
+        raise UsageError(f"{named}: expected the path of a key, e.g. camera.width")
     if not rest:
         return {**data, key: value}
     inner = data.get(key)
     if not isinstance(inner, dict | None):
-        raise UsageError(f"settings: '{path}': '{key}' is a value and has no keys; set it itself")
-    return {**data, key: _with(inner or {}, rest, value)}
+        raise UsageError(f"{named}: '{key}' is a value and has no keys; set it itself")
+    return {**data, key: _with(inner or {}, rest, value, named)}

@@ -101,6 +101,9 @@ def load(
     """
     if seed is not None and not 0 <= seed <= SEED_MAX:
         raise UsageError(f"seed: given {seed}, allowed: 0 to {SEED_MAX}")
+    changes.refuse_twice(
+        {"seed": seed is not None, "render": render is not None, WEATHER_AXIS: bool(weather)}
+    )
     path = find(name)
     shown = name if path.parent != _SHIPPED else path.name
     data = changes.made_in(read_extended(path, shown, find), shown)

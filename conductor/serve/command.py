@@ -11,17 +11,19 @@ import socket
 import sys
 import tempfile
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 from conductor.core.state import Config
 from conductor.records.outcomes import exit_code, read_outcomes
+from conductor.run.case_lengths import earlier_lengths
 from conductor.serve.shell import Conductor
 from conductor.stored.link import StoreOptions
 from conductor.trust.sign_run import require_agreement, sign_run
 from schemas.sections.view_mode import ViewMode
 from schemas.wire.status import counts_of
+from schemas.words import counted
 from twin.base.errors import EXIT_INTERRUPTED, InfrastructureError, TwinError
 from twin.base.process import end, how_it_ended, raised_in, spawn
 from twin.fabric.endpoint import is_loopback, is_tls
@@ -45,7 +47,7 @@ def serve_folder(
     metrics: str = "",
     allow_unprotected: bool = False,
     store: StoreOptions | None = None,
-    lengths_s: Mapping[str, float] | None = None,
+    history: Path | None = None,
 ) -> int:
     """Serve until SIGINT, SIGTERM or ``conductor stop``; the exit code.
 
@@ -60,17 +62,23 @@ def serve_folder(
         metrics: ``HOST:PORT`` of a Prometheus endpoint, or empty.
         allow_unprotected: stacks may run without a sandbox also if others can reach this conductor.
         store: result store beside the folder; None: there is none.
-        lengths_s: simulated time of cases in an earlier run, by name [s]: the longest begin first.
+        history: folder of an earlier run, whose longest cases begin first; None: of none.
     """
     logging.basicConfig(level=logging.INFO, format="%(levelname)s %(message)s")
     # Workers that join from anywhere have a device each, as a rule.
-    config = Config(by_batch=by_batch, view=view, spread=True, lengths_s=lengths_s or {})
+    config = Config(by_batch=by_batch, view=view, spread=True, lengths_s=_lengths(history))
     if not (is_loopback(listen) or allow_unprotected):
         config = replace(config, protected=True)
     if ttl_s is not None:
         config = replace(config, ttl_ns=int(ttl_s * 1e9))
     conductor = Conductor(
-        folder, listen=listen, namespace=namespace, key=key, config=config, store=store
+        folder,
+        listen=listen,
+        namespace=namespace,
+        key=key,
+        config=config,
+        store=store,
+        history=history,
     )
     received: list[int] = []
 
@@ -97,6 +105,15 @@ def serve_folder(
     rows = [counts_of(row) for row in conductor.snapshot().get("campaigns", {}).values()]
     counts = ("cases", "passed", "unresolved", "left")
     return exit_code(**{name: sum(row[name] for row in rows) for name in counts})
+
+
+def _lengths(history: Path | None) -> dict[str, float]:
+    """Simulated time of the cases of an earlier run by name [s], and a line about it."""
+    lengths_s = earlier_lengths(history)
+    if history is not None:
+        known = counted(len(lengths_s), "case")
+        _log.info("history: %s knows %s; the longest begin first", history, known)
+    return lengths_s
 
 
 def _sign_ended(conductor: Conductor, over: threading.Event) -> None:

@@ -32,13 +32,14 @@ from conductor.core.facts import (
     is_durable,
 )
 from conductor.core.session import folder_for
-from conductor.core.state import Config
+from conductor.core.state import CampaignState, Config
 from conductor.core.status import status
 from conductor.journal.chain import Chain
 from conductor.journal.store import FILE_NAME as JOURNAL_NAME
 from conductor.journal.store import FolderLockedError, Journal, TakenOverError
 from conductor.journal.timed_store import TimedStore
 from conductor.records.timeline import append_events, mark_start
+from conductor.run.case_lengths import history_line
 from conductor.serve.audit import Audit
 from conductor.serve.deliveries import Deliveries
 from conductor.serve.engine import ConductorEngine, TurnResult
@@ -103,6 +104,7 @@ class Conductor:
         config: limits and options; its ``folder`` is replaced.
         bus_factory: opens the session; tests pass an in-memory one.
         store: result store beside the folder; None: there is none.
+        history: folder of the earlier run that ``config`` has lengths of cases of; None: of none.
     """
 
     def __init__(
@@ -115,6 +117,7 @@ class Conductor:
         config: Config | None = None,
         bus_factory: BusFactory = open_router,
         store: StoreOptions | None = None,
+        history: Path | None = None,
     ) -> None:
         self.folder = folder.absolute()
         self.namespace = namespace
@@ -135,6 +138,7 @@ class Conductor:
         self.link: StoreLink | None = None
         """Its side of the result store, once started; None: there is none."""
         self._store_options = store
+        self._history = history
         self._in_order = False
         """Whether the loop has come to a good end."""
         self._bus_factory = bus_factory
@@ -392,6 +396,7 @@ class Conductor:
                     name = fact.campaign["campaign"]
                     self._folders.open_campaign(campaigns[name])
                     self._folders.changed(name)
+                    self._say_known(campaigns[name])
                 case Generation():
                     self._folders.grown(fact.campaign)
                 case Relocated():
@@ -413,6 +418,12 @@ class Conductor:
         self._folders.flush()
         self._folders.refresh(self._engine.state)
         append_events(facts, campaigns, time.time())
+
+    def _say_known(self, campaign: CampaignState) -> None:
+        """Say how many cases of a new campaign the earlier run knows, if one was given."""
+        names = (state.case.id for state in campaign.ordered)
+        if line := history_line(self._history, self._config.lengths_s, names):
+            _log.info("%s: %s", campaign.campaign.campaign, line)
 
     def _answer(self, group: list[Item], turn: TurnResult) -> None:
         for (_, respond), reply in zip(group, turn.replies, strict=False):

@@ -8,7 +8,6 @@ from __future__ import annotations
 import contextlib
 import os
 import time
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -35,10 +34,8 @@ from schemas.escape import escape
 from schemas.files.judging import CLAIMED, Claim, Judgement
 from twin.base.errors import TwinError, storage_error
 from twin.base.own_folder import own_folder
+from twin.base.progress import Told
 from twin.records.campaign_file import read_plan
-
-Told = Callable[[str, int, int], None]
-"""Listener to progress: what is being done, how much of it is done, and how much there is."""
 
 
 @dataclass(slots=True)

@@ -159,6 +159,7 @@ def detect(
     from devkit.detector.detector import Detector
     from devkit.detector.model_files import model_file
     from twin.base.picture_file import read_picture
+    from twin.base.progress import bars, steps
 
     detector = Detector(
         model_file(model),
@@ -166,8 +167,12 @@ def detect(
         read_description(description) if description else None,
         runtime.value,
     )
-    for path in images:
-        detections = detector.detect(read_picture(path)[None]).of(0)
+    with bars():
+        found = [
+            (path, detector.detect(read_picture(path)[None]).of(0))
+            for path in steps("images", images)
+        ]
+    for path, detections in found:
         if output is Output.json:
             print(json.dumps({"image": str(path), "detections": msgspec.to_builtins(detections)}))
             continue

@@ -189,6 +189,7 @@ def _refuse_what_is_elsewhere(request: JobRequest) -> None:
             f"{request.campaign}: names {', '.join(request.own_files[:3])}, which pods do not see; "
             "put them into the image and name their path there in a package of yours",
         ),
+        (request.history, "--history: pods see no run of this machine; leave it away"),
         (
             elsewhere,
             f"{', '.join(elsewhere[:3])}: a path of this machine, which pods do not see; put it "

@@ -65,6 +65,7 @@ def submit_on(
     file: SitesFile,
     out: Path,
     common: CommonOptions,
+    history: str = "",
     say: Callable[[str], None],
 ) -> int:
     """Serve the campaign on this host and ask each site for an allocation; the exit code.
@@ -82,7 +83,7 @@ def submit_on(
     with alone(out):
         served = conductor.serving(out)
         if served is None:
-            served = conductor.start(out, facts.name, file.listen)
+            served = conductor.start(out, facts.name, file.listen, history)
             say(f"conductor of {out} at {served.endpoint}; it says what it does in conductor.log")
         book = opened(out, facts.name, all_of(out, sites, file), served, common)
         refused = 0

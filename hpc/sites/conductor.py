@@ -44,14 +44,17 @@ def serving(out: Path) -> Target | None:
     return target
 
 
-def start(out: Path, campaign: str, listen: str) -> Target:
+def start(out: Path, campaign: str, listen: str, history: str = "") -> Target:
     """Start ``conductor serve`` in the background, and wait until it listens.
+
+    ``history``: folder of an earlier run, whose longest cases begin first; empty: none.
 
     Raises:
         UsageError: it refuses the campaign or the folder.
         InfrastructureError: it does not start.
     """
-    words = ("-m", "conductor", "serve", "--campaign", campaign, "--until-done")
+    words = ["-m", "conductor", "serve", "--campaign", campaign, "--until-done"]
+    words += ["--history", history] if history else []
     log = out / LOG_NAME
     before = log.stat().st_size if log.exists() else 0
     child = start_apart(*(sys.executable, *words, "--state", str(out), "--listen", listen), log=log)

@@ -94,8 +94,9 @@ def request_of(
         raise UsageError(f"{where}: {error}") from None
 
 
-_OF_ALL_SITES = ("time", "workers", "gpus", "slots", "out")
-"""Options of a job that mean something with ``--on``; :class:`CommonOptions` and the run folder."""
+_OF_ALL_SITES = ("time", "workers", "gpus", "slots", "out", "history")
+"""Options of a job that mean something with ``--on``: :class:`CommonOptions`, the run folder, and
+the earlier run for the conductor, which is here."""
 
 
 def refuse_of_one_site(options: Options) -> None:

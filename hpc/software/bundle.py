@@ -17,6 +17,7 @@ from pathlib import Path
 
 from hpc.software.wheels import LOCK_FILE, call, fill_wheels
 from twin.base.errors import EXIT_FAILED, EXIT_PASS, UsageError
+from twin.base.progress import steps
 
 KERNEL_CAMPAIGN = "chaos-16"
 """A campaign that needs every kernel and takes seconds."""
@@ -83,7 +84,7 @@ def write_bundle(source: Path, out: Path, devices: Sequence[str]) -> None:
         (folder / "wheels").mkdir(parents=True)
         fill_wheels(source, folder / "wheels")
         shutil.copy(source / LOCK_FILE, folder)
-        for device in devices:
+        for device in steps("devices with kernels", devices):
             _compile(device, folder / "kernels", Path(name))
         script = folder / "install.sh"
         script.write_text(install_script(f"{sys.version_info[0]}.{sys.version_info[1]}"))

@@ -10,6 +10,7 @@ import typer
 
 from hpc.software.enter import enter, leave
 from twin.base.cli import Output, OutputOption
+from twin.base.progress import bars
 
 Source = Annotated[
     Path | None,
@@ -75,7 +76,8 @@ def build_image(
     if only_print:
         print(definition(start), end="")
         return
-    build(source_folder(source), out, start, wheels)
+    with bars():
+        build(source_folder(source), out, start, wheels)
     print(out.absolute())
 
 
@@ -104,7 +106,8 @@ def write_image_context(
 
     folder = source_folder(source)
     extras = checked_extras(folder, extra or [])
-    write_context(folder, out, base or default_base(), wheels, extras)
+    with bars():
+        write_context(folder, out, base or default_base(), wheels, extras)
     print(f"{out.absolute()}; then: podman build --tag NAME {out.absolute()}")
 
 
@@ -126,7 +129,8 @@ def bundle(
     from hpc.software.bundle import write_bundle
     from hpc.software.wheels import source_folder
 
-    write_bundle(source_folder(source), out, [] if no_kernels else device or ["cpu"])
+    with bars():
+        write_bundle(source_folder(source), out, [] if no_kernels else device or ["cpu"])
     print(f"{out.absolute()}; on a node: {out.absolute()}/install.sh VENV")
 
 

@@ -18,6 +18,7 @@ from pathlib import Path
 from hpc.software.container import BIN_FOLDER, MOUNT_POINTS
 from hpc.software.wheels import LOCK_FILE, call, fill_wheels, own_wheel
 from twin.base.errors import UsageError
+from twin.base.progress import BYTES, counter
 
 DEFINITION_FILE = "drivetwin.def"
 CONTAINER_FILE = "Containerfile"
@@ -153,7 +154,7 @@ def write_context(
         folder = Path(name) / out.name
         folder.mkdir()
         (folder / CONTAINER_FILE).write_text(text)
-        _add_software(source, folder, wheels, shutil.copytree, extras)
+        _add_software(source, folder, wheels, _copy, extras)
         folder.rename(out)
 
 
@@ -178,6 +179,7 @@ def build(source: Path, out: Path, base: str, wheels: Path | None) -> None:
         (folder / DEFINITION_FILE).write_text(text)
         _add_software(source, folder, wheels, os.symlink)
         made = folder / out.name
+        more = counter("images", 1)
         scratch = {"APPTAINER_TMPDIR": name, "APPTAINER_CACHEDIR": f"{name}/cache"}
         kind = [] if out.suffix == ".sif" else ["--sandbox"]
         call(
@@ -186,6 +188,7 @@ def build(source: Path, out: Path, base: str, wheels: Path | None) -> None:
             folder=folder,
             environment={**scratch, **os.environ},
         )
+        more(1)
         made.rename(out)
 
 
@@ -218,3 +221,15 @@ def _add_software(
         return
     (folder / "wheels").mkdir()
     fill_wheels(source, folder / "wheels", extras)
+
+
+def _copy(source: Path, target: Path) -> None:
+    """Copy a folder, counted by the bytes of its files."""
+    more = counter(BYTES, sum(p.stat().st_size for p in source.rglob("*") if p.is_file()))
+
+    def copied(one: str, other: str) -> str:
+        shutil.copy2(one, other)
+        more(Path(other).stat().st_size)
+        return other
+
+    shutil.copytree(source, target, copy_function=copied)

@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from twin.base.errors import InfrastructureError, UsageError
+from twin.base.progress import counter
 
 LOCK_FILE = "constraints.txt"
 DISTRIBUTION = "drivetwin"
@@ -35,8 +36,8 @@ def checked_extras(source: Path, named: Sequence[str]) -> tuple[str, ...]:
     Raises:
         UsageError: it has no such extra.
     """
-    project = tomllib.loads((source / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    known = sorted(project.get("optional-dependencies", {}))
+    declared = tomllib.loads((source / "pyproject.toml").read_text(encoding="utf-8"))
+    known = sorted(declared.get("project", {}).get("optional-dependencies", {}))
     for name in named:
         if name not in known:
             raise UsageError(f"--extra {name[:80]!r}: the project has {', '.join(known) or 'none'}")
@@ -53,11 +54,14 @@ def fill_wheels(source: Path, folder: Path, extras: Sequence[str] = ()) -> None:
         InfrastructureError: pip failed; its words stand on stderr.
     """
     pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "--quiet"]
+    more = counter("pip runs", 2)
     call([*pip, "wheel", "--no-deps", "--wheel-dir", str(folder), str(source)], "pip wheel")
+    more(1)
     lock = str(source / LOCK_FILE)
     download = [*pip, "download", "--only-binary", ":all:", "--constraint", lock]
     wanted = f"{own_wheel(folder)}[{','.join(extras)}]" if extras else str(own_wheel(folder))
     call([*download, "--dest", str(folder), wanted], "pip download")
+    more(1)
 
 
 def own_wheel(folder: Path) -> Path:

@@ -54,7 +54,7 @@ ELSEWHERE = {
     "twin validate road": "a road file: tests/unit/twin/road/opendrive/test_road_command",
     "twin validate scenario": "a scenario file: "
     "tests/unit/twin/scenario/storyboard/openscenario/test_broken_scenarios",
-    "twin validate vehicle": "minutes: tests/kernel/test_vehicle_validation",
+    "twin validate vehicle": "manoeuvres: tests/kernel/test_vehicle_validation",
     "twin worker": "started by every conductor here",
     "viewer bench": "a measurement",
     "viewer live": "test_viewer",
@@ -122,6 +122,8 @@ SERVED = [
 """At a conductor that serves, in this order."""
 
 
+BAR = "━"
+"""Part of a bar of progress, which is for terminals."""
 WARPS_LINE = "Warp CUDA"
 """Begins what Warp says where there is no GPU, which is nothing to warn about."""
 ALSO = {"report": 1, "doctor": 3}
@@ -188,6 +190,7 @@ def test_a_run_and_all_that_reads_it(marked, ran, tmp_path):
         )
         assert done.stdout or done.stderr, words
         assert WARPS_LINE not in done.stderr, words
+        assert BAR not in done.stderr, words
 
 
 def test_a_conductor_that_serves_and_all_that_asks_it(marked, tmp_path):

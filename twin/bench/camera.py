@@ -16,6 +16,7 @@ import warp as wp
 
 from schemas.campaign import WEATHERS, Camera
 from twin.actors.motion import Placement
+from twin.base.progress import steps
 from twin.bench import newton_peer
 from twin.bench.lambert import LambertCamera
 from twin.render.build import Tuning
@@ -133,7 +134,7 @@ def measure(
     world = build_world(load_scene(SCENE))
     kind = device.partition(":")[0]
     rates = [_lambert(world, size, device, rounds)]
-    for picture in pictures or PICTURES:
+    for picture in steps("kinds of pictures", pictures or PICTURES):
         bench = CameraBench(world, size, device, picture)
         rate = bench.rate(rounds)
         target = TARGETS.get((kind, picture, size))
@@ -307,7 +308,7 @@ def _peer(world: World, size: Size, device: str, rounds: int) -> dict[str, float
     mount = load_vehicle(VEHICLE).camera(CAMERA).position_m
     warp_device = wp.get_device(device)
     rates: dict[str, float] = {}
-    for shapes in newton_peer.SHAPES:
+    for shapes in steps("kinds of the peer", newton_peer.SHAPES):
         peer = newton_peer.NewtonCamera(
             world.mesh,
             eyes(at, mount),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -12,6 +13,7 @@ import typer
 
 from twin.base.cli import Output, OutputOption
 from twin.base.errors import UsageError
+from twin.base.progress import bars
 
 app = typer.Typer(
     no_args_is_help=True, rich_markup_mode=None, help="Measure how fast parts of the simulator are."
@@ -76,7 +78,8 @@ def vehicle(
     if device not in {str(d) for d in wp.get_devices()}:
         known = ", ".join(str(d) for d in wp.get_devices())
         raise UsageError(f"device '{device}': not here; allowed: {known}")
-    figures = measure(device, vehicles or VEHICLES[device.partition(":")[0]])
+    with bars():
+        figures = measure(device, vehicles or VEHICLES[device.partition(":")[0]])
     missed = figures.substeps_per_s < figures.target
     if output is Output.json:
         result = {
@@ -151,7 +154,8 @@ def camera(
         look = camera_variants.ablate if ablate else camera_variants.time_variants
         print(json.dumps(look(device, size), indent=1))
         return
-    figures = bench.measure(device, size, peer=not quick, rounds=2 if quick else 5)
+    with bars():
+        figures = bench.measure(device, size, peer=not quick, rounds=2 if quick else 5)
     _tell(bench, figures, output, check=check)
 
 
@@ -188,9 +192,12 @@ def lidar(
     count = slots or bench.SLOTS[device.partition(":")[0]]
     try:
         if variants:
-            print(json.dumps(bench.time_tiles(device, count, profile, scene), indent=1))
+            with bars():
+                found = bench.time_tiles(device, count, profile, scene)
+            print(json.dumps(found, indent=1))
             return
-        figures = bench.measure(device, count, profile, scene)
+        with bars():
+            figures = bench.measure(device, count, profile, scene)
     except ValueError as error:
         raise UsageError(str(error)) from None
     _tell(bench, figures, output, check=check)
@@ -222,7 +229,8 @@ def radar(
         known = ", ".join(str(d) for d in wp.get_devices())
         raise UsageError(f"device '{device}': not here; allowed: {known}")
     try:
-        figures = bench.measure(device, slots or bench.SLOTS[device.partition(":")[0]], profile)
+        with bars():
+            figures = bench.measure(device, slots or bench.SLOTS[device.partition(":")[0]], profile)
     except ValueError as error:
         raise UsageError(str(error)) from None
     if output is Output.json:
@@ -264,7 +272,8 @@ def storyboard(
     if device not in {str(d) for d in wp.get_devices()}:
         known = ", ".join(str(d) for d in wp.get_devices())
         raise UsageError(f"device '{device}': not here; allowed: {known}")
-    figures = bench.measure(device, slots, actors, demo=not quick, cameras=not quick)
+    with bars():
+        figures = bench.measure(device, slots, actors, demo=not quick, cameras=not quick)
     _tell(bench, figures, output, check=check)
 
 
@@ -281,7 +290,8 @@ def drive(
     """
     from twin.bench import drive as bench
 
-    figures = bench.measure(ticks)
+    with bars():
+        figures = bench.measure(ticks)
     _tell(bench, figures, output, check=check)
 
 
@@ -343,9 +353,9 @@ def gym(
     device_class(device)  # refuses one that is not here
     from twin.gym import bench
 
-    with tempfile.TemporaryDirectory(prefix="twin-bench-") as folder:
+    with tempfile.TemporaryDirectory(prefix="twin-bench-") as folder, bars() as told:
         count = envs or (256 if device.startswith("cuda") else 2)
-        figures = bench.measure(campaign, count, device, Path(folder))
+        figures = bench.measure(campaign, count, device, Path(folder), partial(told, "cases"))
     _tell(bench, figures, output, check=check)
 
 
@@ -377,7 +387,8 @@ def sandbox(
 
     from twin.bench.sandbox import measure
 
-    figures = measure(campaign, rounds)
+    with bars():
+        figures = measure(campaign, rounds)
     if output is Output.json:
         print(json.dumps({**asdict(figures), "missed": figures.missed}))
     else:

@@ -40,6 +40,7 @@ from schemas.sections.lidar import POINT_COLUMNS
 from schemas.wire import topics
 from twin.base.errors import InfrastructureError
 from twin.base.process import end, how_it_ended, last_lines, spawn
+from twin.base.progress import steps
 from twin.fabric.drive import Outgoing, SimulatorEnd
 from twin.fabric.endpoint import LOOPBACK
 from twin.fabric.frames import FrameBuffer, FrameChannel, lay_out
@@ -141,7 +142,7 @@ def measure(ticks: int, rounds: int = ROUNDS) -> DriveFigures:
                     _running(ROS2.implementation, shared=True, cameras=1, parameters=words)
                 )
         rates: dict[str, list[float]] = {name: [] for name in PEERS}
-        for _ in range(rounds):
+        for _ in steps("rounds", range(rounds)):
             rates["shared"].append(shared.rate(ticks))
             rates["loopback"].append(loopback.rate(ticks))
             rates["payload"].append(payload.rate(ticks))

@@ -16,6 +16,7 @@ import numpy as np
 import warp as wp
 
 from schemas.sections.lidar import Lidar, LidarMount, LidarProfile
+from twin.base.progress import steps
 from twin.bench.newton_lidar import MISS, PEER, NewtonLidar
 from twin.render.trace.geometry import Geometry
 from twin.sensors.lidar.lidar import LidarSensor, LidarWeather
@@ -230,7 +231,7 @@ def _rate(launch: Callable[[], object], rays: int, device: wp.Device) -> float:
     launch()
     wp.synchronize_device(device)
     best = 0.0
-    for _ in range(_ROUNDS):
+    for _ in steps("rounds", range(_ROUNDS)):
         launches, started = 0, clock()
         while (spent := clock() - started) < _ROUND_S:
             for _ in range(1 if device.is_cpu else 5):

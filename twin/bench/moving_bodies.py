@@ -18,6 +18,7 @@ import warp as wp
 
 from twin.actors.motion import Placement
 from twin.actors.palette import build_palette, class_index, nobody
+from twin.base.progress import steps
 from twin.bench.camera import SCENE, SIZES, CameraBench, Size, views
 from twin.world.scene import load_scene
 from twin.world.street.build import build_world
@@ -94,7 +95,7 @@ def measure(device: str, size: Size | None = None, rounds: int = 30) -> MovingBo
     best_s = dict.fromkeys(kinds, float("inf"))
     on_cpu = wp.get_device(device).is_cpu
     count, clock = (1, time.process_time) if on_cpu else (_PICTURES, time.perf_counter)
-    for _ in range(rounds + 1):  # the first loads the kernels
+    for _ in steps("rounds of cameras", range(rounds + 1)):  # the first loads the kernels
         for name, (placement, launch) in kinds.items():
             bench.place(placement)
             wp.synchronize_device(device)

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from twin.base.progress import steps
 from twin.render.trace.geometry import Geometry
 from twin.sensors.radar.profile import load_radar_profile
 from twin.sensors.radar.sensor import RadarSensor
@@ -89,7 +90,7 @@ class RadarBench:
         """Measurements per second of the best round; on a CPU, of one core."""
         clock = time.process_time if self.device.is_cpu else time.perf_counter
         best = 0.0
-        for _ in range(_ROUNDS):
+        for _ in steps("rounds", range(_ROUNDS)):
             wp.synchronize_device(self.device)
             frames, started = 0, clock()
             while (spent := clock() - started) < _ROUND_S:

@@ -17,6 +17,7 @@ import psutil
 
 from schemas.files.yaml_file import load_yaml
 from twin.base.errors import InfrastructureError
+from twin.base.progress import steps
 from twin.base.software import package_folder
 from twin.sandbox.possible import why_not
 from twin.sandbox.reads import python_reads
@@ -76,11 +77,14 @@ def measure(campaign: str, rounds: int) -> SandboxFigures:
     if reason := why_not():
         raise InfrastructureError(f"no sandbox to measure: {reason}")
     first_ms = (time.perf_counter() - begun_s) * 1e3
-    inside, outside = zip(*((_start_s(True), _start_s(False)) for _ in range(STARTS)), strict=True)
+    starts = [(_start_s(True), _start_s(False)) for _ in steps("starts", range(STARTS))]
+    inside, outside = zip(*starts, strict=True)
     start_ms = (min(inside) - min(outside)) * 1e3
     if not campaign or not rounds:
         return SandboxFigures(start_ms, first_ms, "", None, ())
-    pairs = [(_run(campaign, "default"), _run(campaign, "off")) for _ in range(rounds)]
+    pairs = [
+        (_run(campaign, "default"), _run(campaign, "off")) for _ in steps("rounds", range(rounds))
+    ]
     boxed, plain = (statistics.median(pair[i][0] for pair in pairs) for i in (0, 1))
     prints = tuple(run[1] for pair in pairs for run in pair)
     return SandboxFigures(start_ms, first_ms, campaign, (boxed / plain - 1) * 100, prints)

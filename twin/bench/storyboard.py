@@ -14,6 +14,7 @@ from typing import Any
 
 import warp as wp
 
+from twin.base.progress import steps
 from twin.bench import moving_bodies
 from twin.bench.campaign import Request
 from twin.bench.campaign import measure as measure_campaign
@@ -84,7 +85,7 @@ def measure(
     for slot in range(slots):
         player.start(slot, slot % len(programs))
     best = float("inf")
-    for round_number in range(_ROUNDS + 1):
+    for round_number in steps("rounds", range(_ROUNDS + 1)):
         wp.synchronize_device(player.device)
         begin = time.perf_counter()
         count = _STEPS if round_number else _WARM

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import warp as wp
 
+from twin.base.progress import steps
 from twin.vehicle.fleet import Fleet
 from twin.vehicle.vehicle_file import load_vehicle
 
@@ -63,7 +64,7 @@ def _rate(device: str, vehicles: int) -> float:
     fleet.launch(_STEPS)
     wp.synchronize_device(warp_device)
     best = 0.0
-    for _ in range(_ROUNDS):
+    for _ in steps("rounds", range(_ROUNDS)):
         launches, started = 0, time.perf_counter()
         while (spent := time.perf_counter() - started) < _ROUND_S:
             fleet.launch(_STEPS)
@@ -87,14 +88,14 @@ def _oracle_rate() -> float:
     def slope(state: np.ndarray) -> np.ndarray:
         return np.array(vehicle_dynamics_st(state, [0.0, 0.0], parameters))
 
-    for _ in range(_ROUNDS):
-        steps, started = 0, time.perf_counter()
+    for _ in steps("rounds of the other model", range(_ROUNDS)):
+        count, started = 0, time.perf_counter()
         while (spent := time.perf_counter() - started) < _ROUND_S / 2:
             a = slope(x)
             b = slope(x + step_s / 2 * a)
             c = slope(x + step_s / 2 * b)
             d = slope(x + step_s * c)
             x = x + step_s / 6 * (a + 2 * b + 2 * c + d)
-            steps += 1
-        best = max(best, steps / spent)
+            count += 1
+        best = max(best, count / spent)
     return best

@@ -172,6 +172,8 @@ class RecordReader:
         """
         self.path = path / DRIVE_FILE if path.is_dir() else path
         self._decode = msgspec.msgpack.Decoder(RecordBlock).decode
+        self.read_bytes = 0
+        """Bytes of the file that have been read."""
         self.end: RecordEnd | None = None
         """End of the record, known when all ticks were read; None: the file was cut off."""
         try:
@@ -235,6 +237,7 @@ class RecordReader:
                 raise UsageError(f"{self.path}: damaged: its bytes are not those that were written")
             sha.update(length)
             sha.update(data)
+            self.read_bytes = file.tell()
             yield block
 
 

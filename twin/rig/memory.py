@@ -20,6 +20,7 @@ from schemas.kinds.perception import perception_kind
 from schemas.plan import parse_plan
 from schemas.sections.perception import Perception, file_fields
 from twin.base.errors import UsageError
+from twin.base.progress import bars, steps
 from twin.render.memory import MemoryPlan, MemoryRow, free_bytes
 from twin.scenario import families
 from twin.sensors.rig_memory import rig_memory
@@ -123,7 +124,10 @@ def _show(cases: list[Case], slots: int, free: int | None, *, as_json: bool) -> 
         if perception_kind(case.variation.perception).loaded
     }
     try:
-        plans = [_plan(case, list(networks.values()), slots) for case in rigs.values()]
+        with bars():
+            plans = [
+                _plan(case, list(networks.values()), slots) for case in steps("rigs", rigs.values())
+            ]
     except ValueError as error:
         raise UsageError(str(error)) from None
     largest = max(plans, key=lambda plan: plan.bytes_total)

@@ -11,6 +11,7 @@ import typer
 
 from twin.base.cli import Output, OutputOption
 from twin.base.errors import EXIT_PASS, EXIT_USAGE, UsageError
+from twin.base.progress import bars
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -202,7 +203,8 @@ def vehicle(
 
     try:
         car = load_vehicle(name)
-        checks = table.validate(car)
+        with bars():
+            checks = table.validate(car)
     except ValueError as error:
         raise UsageError(str(error)) from None
     if output is Output.json:

@@ -7,6 +7,7 @@ from typing import Any
 
 from rich.table import Table
 
+from twin.base.progress import steps
 from twin.validate import cornering, static, straight
 from twin.validate.check import ManoeuvreCheck
 from twin.vehicle.vehicle_file import Vehicle
@@ -28,7 +29,7 @@ MANOEUVRES: tuple[Callable[[Vehicle], list[ManoeuvreCheck]], ...] = (
 
 def validate(vehicle: Vehicle) -> list[ManoeuvreCheck]:
     """Drive all manoeuvres."""
-    return [check for manoeuvre in MANOEUVRES for check in manoeuvre(vehicle)]
+    return [check for manoeuvre in steps("manoeuvres", MANOEUVRES) for check in manoeuvre(vehicle)]
 
 
 def to_table(vehicle: Vehicle, checks: list[ManoeuvreCheck]) -> Table:

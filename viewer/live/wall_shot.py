@@ -8,6 +8,7 @@ from pathlib import Path
 
 from schemas.words import counted
 from twin.base.errors import InfrastructureError, UnreachableError
+from twin.base.progress import counter
 from twin.fabric.discovery import refuse_ended
 from viewer.live.command import TURN_S, Live, LiveOptions
 from viewer.live.hub import open_hub
@@ -50,6 +51,7 @@ def shoot_wall(
     live = Live(options, open_hub(0, bare=True))
     until_s = time.monotonic() + wait_s
     arguments = ["--window-size", f"{size[0]}x{size[1]}", "--connect", live.hub.url]
+    more = counter("steps", 3)
     try:
         with window(arguments, headless=True) as shown:
             while not _whole(live) and time.monotonic() < until_s:
@@ -58,16 +60,19 @@ def shoot_wall(
                 raise UnreachableError(
                     f"{options.where}: no case has shown itself for {wait_s:g} s; is one running?"
                 )
+            more(1)
             settled_s = time.monotonic() + max(SETTLE_S, watch_s)
             while time.monotonic() < settled_s:
                 _turn(live)
             shown.loaded(1)
+            more(1)
             picture = asked(shown.client.take_screenshot)
     finally:
         live.close()
     if not picture:
         raise InfrastructureError("viewer: it has rendered nothing")
     write_whole(out, picture)
+    more(1)
     return WallShot(len(live.overview.tiles), live.overview.running)
 
 

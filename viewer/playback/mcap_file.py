@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from twin.base.progress import steps
 from viewer.playback.frames import LogEvent, Mark, PlayedTick, RecordedCase
 from viewer.playback.mcap_points import PointClouds
 from viewer.playback.outputs import needed, write_whole
@@ -52,7 +53,7 @@ def write_mcap(case: RecordedCase, out: Path) -> WrittenMcap:
     writer.start(library="drivetwin")
     channels: dict[str, int] = {}
     count = 0
-    for time_ns, topic, message in _Converter().messages(case):
+    for time_ns, topic, message in steps("messages", _Converter().messages(case)):
         if topic not in channels:
             schema = register_schema(writer, type(message))
             channels[topic] = writer.register_channel(topic, "protobuf", schema)
@@ -90,7 +91,7 @@ class _Converter:
     def messages(self, case: RecordedCase) -> list[tuple[int, str, Any]]:
         """(time [ns], topic, message) of all frames and events, in order of time."""
         messages: list[tuple[int, str, Any]] = []
-        for frame in case.frames:
+        for frame in steps("frames", case.frames):
             messages += [(frame.sim_time_ns, *rest) for rest in self._of(frame)]
             for name, rows in sorted(frame.points.items()):
                 cloud = _stamped(self._clouds.of(rows, case.mounts.get(name)), frame.sim_time_ns)

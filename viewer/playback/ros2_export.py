@@ -7,6 +7,7 @@ from pathlib import Path
 
 from schemas.files.drive_record import DRIVE_FILE
 from twin.base.errors import UsageError
+from twin.base.progress import bars
 from twin.ros2.tables import load_table
 from viewer.playback.folder import attempts_of, find_recording
 from viewer.playback.frames import read_case
@@ -44,9 +45,13 @@ def export_ros2(
     if bag is not None:
         if bag.exists():
             raise UsageError(f"{bag}: it exists; give a folder that does not")
-        _say(bag, write_bag(messages, bag))
+        with bars():
+            written = write_bag(messages, bag)
+        _say(bag, written)
     if mcap is not None:
-        _say(mcap, write_ros2_mcap(messages, mcap))
+        with bars():
+            written = write_ros2_mcap(messages, mcap)
+        _say(mcap, written)
 
 
 def _say(out: Path, written: WrittenBag) -> None:

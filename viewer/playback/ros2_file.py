@@ -18,7 +18,8 @@ import numpy as np
 from schemas.files.drive_record import DRIVE_FILE
 from schemas.messages import VEHICLE_COLUMNS
 from twin.base.errors import UsageError
-from twin.records.drive_record import RecordReader, decoded
+from twin.base.progress import BYTES, counter
+from twin.records.drive_record import RecordedTick, RecordReader, decoded
 from twin.ros2.commands import write_plain
 from twin.ros2.motion import DriveMessages
 from twin.ros2.sending import CarTick, TableSender, TopicMessage
@@ -80,7 +81,7 @@ class DriveMessagesOf:
             UsageError: the record is damaged, or does not fit the table.
         """
         sender: TableSender | None = None
-        for tick in self._reader.ticks():
+        for tick in self._ticks():
             seen = tick.seen
             if seen.episode is not None:
                 sender = TableSender(self._table, seen.episode, self.store)
@@ -100,6 +101,16 @@ class DriveMessagesOf:
                 yield TopicMessage(
                     driving.topic, driving.type, command, driving.qos, seen.sim_time_ns
                 )
+
+    def _ticks(self) -> Iterator[RecordedTick]:
+        """Ticks of the record, counted by the bytes of its file."""
+        size = self._reader.path.stat().st_size
+        more, done = counter(BYTES, size), 0
+        for tick in self._reader.ticks():
+            yield tick
+            more(self._reader.read_bytes - done)
+            done = self._reader.read_bytes
+        more(size - done)
 
     def _true(self, time_ns: int) -> Iterator[TopicMessage]:
         if self._truth is None or time_ns not in self._truth:

@@ -7,6 +7,7 @@ import time
 from pathlib import Path
 
 from twin.base.errors import InfrastructureError, UsageError
+from twin.base.progress import counter
 from viewer.playback.folder import RecordedMoment
 from viewer.playback.outputs import write_whole
 from viewer.playback.window import asked, window
@@ -38,10 +39,14 @@ def shoot(recording: Path, moment: RecordedMoment, out: Path, size: tuple[int, i
         UsageError: ``out`` cannot be written.
     """
     arguments = ["--window-size", f"{size[0]}x{size[1]}", str(recording)]
+    more = counter("steps", 3)
     with window(arguments, headless=True) as shown:
         shown.show(moment)
+        more(1)
         time.sleep(SETTLE_S)
+        more(1)
         picture = asked(shown.client.take_screenshot)
     if not picture:
         raise InfrastructureError("viewer: it has rendered nothing")
     write_whole(out, picture)
+    more(1)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.base.errors import UsageError
+from twin.base.progress import steps
 from viewer.playback.drawing import drawn
 from viewer.playback.folder import RecordedMoment, find_moment, find_recording
 from viewer.playback.frames import RecordedCase, read_case
@@ -42,14 +43,16 @@ def write_strip(
     times_ns = [frame.sim_time_ns for frame in case.pictures]
     if not times_ns:
         raise UsageError(f"{case.path}: the recording holds no camera picture")
-    steps = np.linspace(-around_s, around_s, frames) if frames > 1 else np.zeros(1)
+    offsets_s = np.linspace(-around_s, around_s, frames) if frames > 1 else np.zeros(1)
 
     def at(step: float) -> int:
         return moment.sim_time_ns + round(step * 1e9)
 
-    inside = [s for s in steps if abs(s) < 1e-9 or times_ns[0] <= at(float(s)) <= times_ns[-1]]
+    inside = [s for s in offsets_s if abs(s) < 1e-9 or times_ns[0] <= at(float(s)) <= times_ns[-1]]
     tiles, taken = [], []
-    for step in inside or [0.0]:  # an even number has no picture of the moment itself
+    for step in steps(
+        "pictures", inside or [0.0]
+    ):  # an even number has no picture of the moment itself
         at_ns = at(float(step))
         frame = case.picture_at(at_ns)
         tiles.append(_tile(drawn(frame, frame), frame.sim_time_ns, step))

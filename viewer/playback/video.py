@@ -13,6 +13,7 @@ import numpy as np
 from PIL import Image
 
 from twin.base.errors import UsageError
+from twin.base.progress import steps
 from viewer.playback.drawing import drawn
 from viewer.playback.folder import find_recording
 from viewer.playback.frames import PlayedTick, RecordedCase, read_case
@@ -53,7 +54,7 @@ def write_film(case: RecordedCase, out: Path) -> WrittenFilm:
         stream.pix_fmt = "yuv420p"  # what browsers play
         stream.options = {"crf": QUALITY, "preset": "veryfast", "threads": "1"}
         stream.time_base = 1 / rate
-        for index, time_ns in enumerate(times_ns):
+        for index, time_ns in enumerate(steps("frames", times_ns)):
             shown = case.picture_at(time_ns)
             held += shown.sim_time_ns != time_ns
             picture = drawn(frames.get(time_ns, PlayedTick(time_ns)), shown)

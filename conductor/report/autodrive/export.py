@@ -61,6 +61,7 @@ from schemas.kinds.scenario import scenario_kinds
 from schemas.names import WEATHERS
 from twin.base.errors import UsageError, storage_error
 from twin.base.files import write_atomic
+from twin.base.progress import steps
 
 CONFIDENCE_MIN = 0.5
 """The study's script looks at the last box of at least this confidence [-]."""
@@ -95,7 +96,7 @@ def export_autodrive(folder: Path, out: Path) -> Exported:
     files = []
     instances = []
     try:
-        for number, row in enumerate(dossier.rows):
+        for number, row in enumerate(steps("cases", dossier.rows)):
             path = out / log_name(number // size + 1, number % size + 1)
             path.parent.mkdir(parents=True, exist_ok=True)
             if row.end.kpi_sha256:

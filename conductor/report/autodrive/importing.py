@@ -26,6 +26,7 @@ from schemas.identity import DIGESTS, campaign_digest
 from schemas.plan import Plan, parse_plan
 from twin.base.errors import UsageError, storage_error
 from twin.base.files import write_atomic
+from twin.base.progress import steps
 from twin.records.kpi_file import kpi_sha256, kpi_table, write_kpi
 
 SIMULATOR = "autodrive"
@@ -74,7 +75,7 @@ def import_autodrive(folder: Path, out: Path) -> ImportNote:
     _prepare(out)
     cases = [
         _import_case(out, case, place, source)
-        for case, place in zip(plan.cases, source.kept, strict=True)
+        for case, place in steps("logs", [*zip(plan.cases, source.kept, strict=True)])
     ]
     for one in cases:
         notes += one.log.notes

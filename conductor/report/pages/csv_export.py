@@ -14,6 +14,7 @@ from conductor.report.pages.summary import CSV_FILE, flat, inert, summary_table
 from conductor.report.reading.dossier import open_dossier
 from twin.base.errors import UsageError, storage_error
 from twin.base.files import write_atomic
+from twin.base.progress import steps
 
 
 def export_csv(folder: Path, out: Path) -> list[Path]:
@@ -30,7 +31,7 @@ def export_csv(folder: Path, out: Path) -> list[Path]:
     files = []
     try:
         out.mkdir(parents=True, exist_ok=True)
-        for row in dossier.rows:
+        for row in steps("cases", dossier.rows):
             if row.end.kpi_sha256:
                 table = committed_rows(folder, row.case.id, row.end)[0]
                 files.append(_written(out / f"{row.case.id}.csv", _plain(table)))

@@ -35,6 +35,7 @@ from conductor.report.plots.search_plot import search_plot
 from conductor.report.reading.axes import axis_label, axis_values
 from conductor.report.reading.systems import system_names
 from twin.base.files import write_atomic
+from twin.base.progress import steps
 
 PLOTS_FOLDER = "plots"
 HEAT_MAX = 64
@@ -73,7 +74,7 @@ def write_plots(content: Content) -> tuple[list[Path], str]:
     folder.mkdir(exist_ok=True)
     written = []
     with _styled():
-        for name in PLOTS:
+        for name in steps("plots", PLOTS):
             sheet = _sheet(content, name)
             if sheet is None:
                 for suffix in ("png", "svg"):

@@ -6,12 +6,14 @@ import json
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 from urllib.parse import quote
 
 from conductor.report.reading.dossier import CaseRow, Dossier
 from conductor.report.reading.recorded import TOGETHER, recording_of, run_viewer
 from schemas.words import counted
+from twin.base.progress import counter
 
 FOLDER = "films"
 """Name of their folder; their files are called by their cases."""
@@ -54,8 +56,10 @@ def make_films(dossier: Dossier, rows: Iterable[CaseRow]) -> tuple[list[Path], l
                 {row.case.id: _path(dossier, row) for row in asked[turn::turns]}
                 for turn in range(turns)
             ]
-            for told in pool.map(lambda outs: _ask(dossier, outs), paths):
+            more = counter("films", len(asked))
+            for outs, told in zip(paths, pool.map(partial(_ask, dossier), paths), strict=True):
                 errors.update(told)
+                more(len(outs))
     made = [path for row in recorded if (path := _path(dossier, row)).is_file()]
     return made, _lines(len(cases) - len(recorded), errors)
 

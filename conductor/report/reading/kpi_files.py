@@ -22,6 +22,7 @@ from conductor.report.reading.curves import KpiCurve, thin
 from conductor.report.reading.dossier import CaseRow, Dossier
 from conductor.report.reading.rest import Track
 from twin.base.errors import InfrastructureError
+from twin.base.progress import steps
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +76,7 @@ def read_cases(
     rests_m: dict[str, list[float]] = {}
     broken: dict[str, str] = {}
     read = 0
-    for row in sorted(dossier.rows, key=lambda row: row.case.id):
+    for row in steps("KPI files", sorted(dossier.rows, key=lambda row: row.case.id)):
         name = row.case.id
         limit = points if name in drawn else 0
         rows = b""

@@ -69,3 +69,23 @@ def test_help(tmp_path, arguments):
     done = hpc(*arguments, folder=tmp_path)
     assert done.returncode == 0
     assert done.stdout
+
+
+def test_an_earlier_run_is_one_that_the_nodes_see(tmp_path):
+    words = ("render", "aeb-demo", "--workers", "2", "--time", "00:10", "--history")
+    done = hpc(*words, "runs/old", folder=tmp_path)
+    assert done.returncode == 2
+    assert done.stderr.startswith(
+        "hpc: --history runs/old: no outcomes.json there; give the folder"
+    )
+    assert len(done.stderr.splitlines()) == 1
+    (tmp_path / "old").mkdir()
+    (tmp_path / "old" / "outcomes.json").write_text("{}")
+    done = hpc(*words, "old", "--container", "/images/x.sif", folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert f"\nhistory={tmp_path}/old #" in done.stdout
+    assert '--state "$out" \\\n  --history "$history" &' in done.stdout
+    assert "--history" not in hpc(*words[:-1], folder=tmp_path).stdout
+    done = hpc(*words, "old", "--array", folder=tmp_path)
+    assert done.returncode == 2
+    assert done.stderr.startswith("hpc: --history: an array has no conductor")

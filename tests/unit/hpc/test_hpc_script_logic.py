@@ -100,6 +100,12 @@ def test_the_verdict_is_the_exit_code(tmp_path, verdict):
     ]
 
 
+def test_the_conductor_learns_lengths_from_an_earlier_run(tmp_path):
+    job = Job(tmp_path, history=str(tmp_path / "an old run"))
+    assert job.run()[0] == 0
+    assert job.said("conductor").splitlines()[-2:] == ["--history", str(tmp_path / "an old run")]
+
+
 def test_bad_input_starts_no_worker(tmp_path):
     job = Job(tmp_path)
     assert job.run(BEFORE_LISTENING="2")[0] == 2

@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
 from schemas.escape import escape
 from schemas.files.json_text import JsonError, decode_json
+from twin.base.progress import steps
 
 Better = Literal["more", "less"]
 BENCH_MAX_S = 1800
@@ -145,7 +146,7 @@ BENCHES = (
 
 
 def measure(
-    benches: Iterable[Bench], device: str, run: Callable[[Sequence[str]], Outcome | str]
+    benches: Collection[Bench], device: str, run: Callable[[Sequence[str]], Outcome | str]
 ) -> dict[str, Outcome]:
     """What every bench comes to, by its name; one that fails does not keep the others.
 
@@ -155,7 +156,7 @@ def measure(
         run: runs a command; what it printed, or why it failed.
     """
     outcomes = {}
-    for bench in benches:
+    for bench in steps("benches", benches):
         said = run(bench.words(device))
         outcomes[bench.name] = said if isinstance(said, Outcome) else read_figures(bench, said)
     return outcomes

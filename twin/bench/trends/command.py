@@ -16,6 +16,7 @@ from schemas.escape import escape
 from schemas.validation import suggest
 from schemas.words import counted
 from twin.base.errors import UsageError
+from twin.base.progress import bars
 from twin.base.software import software_digest
 from twin.bench.trends.benches import BENCHES, Bench, Outcome, in_a_process, measure
 from twin.bench.trends.history import (
@@ -55,7 +56,8 @@ def bench_all(
     machine = machine_of(device)
     before = read_history(history)
     at = f"{datetime.datetime.now(datetime.UTC):%Y-%m-%dT%H:%M:%SZ}"
-    outcomes = measure(benches, device, _telling(run))
+    with bars():
+        outcomes = measure(benches, device, _telling(run))
     said = {"at": at, "machine": machine, "software": software_digest()[:12], "label": label}
     rows = [
         HistoryRow(

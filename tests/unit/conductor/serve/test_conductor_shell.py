@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import logging
 import math
 import shutil
 import threading
@@ -89,6 +90,24 @@ def test_a_campaign_from_submission_to_outcomes(tmp_path: Path, hub: MemoryHub) 
         assert conductor.snapshot()["campaigns"]["alpha"]["passed"] == 4
     assert not (tmp_path / "state/conductor.json").exists()
     assert not (out / "conductor.json").exists()
+
+
+def test_it_says_what_an_earlier_run_knows_of_a_campaign(
+    tmp_path: Path, hub: MemoryHub, caplog: pytest.LogCaptureFixture
+) -> None:
+    config = Config(lengths_s={"repeat_0": 4.0, "repeat_2": 9.0, "of another": 1.0})
+    old = tmp_path / "old"
+    with caplog.at_level(logging.INFO, "conductor.serve.shell"):
+        with serving(tmp_path / "served", hub, config=config, history=old) as served:
+            assert not served.request(submit()).error
+            assert not served.request(submit("beta", cases=1)).error
+        with serving(tmp_path / "other", hub) as served:
+            assert not served.request(submit("gamma")).error
+    said = [line for line in caplog.messages if "history" in line]
+    assert said == [
+        f"alpha: history: {old} knows 2 of 4 cases; the others begin as in the file",
+        f"beta: history: {old} knows 1 of 1 case",
+    ]
 
 
 def test_outcomes_and_leases_can_be_read_while_a_campaign_runs(

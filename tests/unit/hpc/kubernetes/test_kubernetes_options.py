@@ -105,6 +105,7 @@ def test_a_bad_directive(directive, said):
         ({"records": True}, "workers here share no disk with the conductor"),
         ({"own_files": ("nets/mine.onnx",)}, "names nets/mine.onnx, which pods do not see"),
         ({"own_paths": ("/home/me/stack",)}, "/home/me/stack: a path of this machine"),
+        ({"history": "/home/me/runs/old"}, "--history: pods see no run of this machine"),
         ({"container_binds": ("/data",)}, "--container-bind: pods see no folder"),
         ({"container_runtime": "podman"}, "--container-runtime: nodes have their own"),
         ({"partition": "Gpu_Queue"}, "--partition 'Gpu_Queue': expected a local queue of Kueue"),

@@ -47,6 +47,11 @@ def hpc(*arguments, folder):
             "--partition: differs from site to site",
         ),
         (
+            "submit aeb-demo --on slurm:north --sites sites.yaml --time 1:00 --history old",
+            2,
+            "--history old: no outcomes.json there",
+        ),
+        (
             "submit aeb-demo --on slurm:north --sites sites.yaml --time 0:01",
             2,
             "site north: --time",
