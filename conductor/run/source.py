@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import functools
 import importlib.util
 from collections.abc import Iterator
@@ -248,8 +249,10 @@ def only_case(plan: Plan, case: str) -> Plan:
     """
     chosen = plan.only(case)
     if chosen is None:
+        close = difflib.get_close_matches(case, [point.id for point in plan.points], n=1)
+        hint = f"did you mean '{close[0]}'? " if close else ""
         raise UsageError(
-            f"--case {case}: no case of '{plan.campaign.campaign}'; "
+            f"--case {case}: no case of '{plan.campaign.campaign}'; {hint}"
             "`conductor validate FILE --output json` lists them"
         )
     return chosen

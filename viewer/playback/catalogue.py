@@ -56,6 +56,7 @@ class RecordingRow:
             "weather": self.weather,
             "complete": self.found.complete,
             "moment_s": self.moment.sim_time_ns / 1e9,
+            "moment_tick": self.moment.tick,
             "moment": self.moment.label,
             "path": str(self.found.path),
         }

@@ -7,7 +7,7 @@ import difflib
 import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from schemas.files.json_text import JsonError, decode_json
 from schemas.files.regular_file import RUN_FILE_BYTES_MAX, open_below, read_regular
@@ -53,6 +53,8 @@ class RecordedMoment:
 
     sim_time_ns: int
     label: str
+    tick: int | None = None
+    """Control tick of the case; None: seconds were given, or only the recording says the time."""
 
 
 class NotKeptError(UsageError):
@@ -145,7 +147,8 @@ def find_moment(found: FoundRecording, at: str) -> RecordedMoment:
             raise UsageError(
                 f"--at {at}: expected aeb, closest, or seconds of sim time such as 2.5"
             )
-        time_ns, end_ns = round(seconds * 1e9), max((row[0] for row in _rows(found)), default=0)
+        time_ns = round(seconds * 1e9)
+        end_ns = max((row.sim_time_ns for row in _rows(found)), default=0)
         if time_ns > end_ns:
             raise PastEndError(
                 f"--at {at}: case '{found.case}' ends at {end_ns / 1e9:g} s of sim time; give "
@@ -155,29 +158,37 @@ def find_moment(found: FoundRecording, at: str) -> RecordedMoment:
         return RecordedMoment(time_ns, f"{seconds:g} s")
     rows = _rows(found)
     if at == "aeb":
-        for time_ns, braking, _ in rows:
-            if braking:
-                return RecordedMoment(time_ns, f"AEB trigger at {time_ns / 1e9:.2f} s")
-    near = [(dtc_m, time_ns) for time_ns, _, dtc_m in rows if dtc_m is not None]
+        for row in rows:
+            if row.aeb:
+                return row.moment("AEB trigger")
+    near = [(row.dtc_m, row.sim_time_ns, row) for row in rows if row.dtc_m is not None]
     if not near:
         raise UsageError(f"{found.path}: nothing says how close it came; give --at SECONDS")
-    time_ns = min(near)[1]
-    label = f"closest approach at {time_ns / 1e9:.2f} s"
-    return RecordedMoment(time_ns, f"no AEB trigger; {label}" if at == "aeb" else label)
+    prefix = "no AEB trigger; " if at == "aeb" else ""
+    return min(near, key=lambda pair: pair[:2])[-1].moment(f"{prefix}closest approach")
 
 
-Row = tuple[int, bool, float | None]
-"""Sim time [ns], AEB, distance to collision [m]."""
+class _Row(NamedTuple):
+    sim_time_ns: int
+    aeb: bool | None
+    dtc_m: float | None
+    tick: int | None = None
+    """None: only the recording says the rest."""
+
+    def moment(self, what: str) -> RecordedMoment:
+        tick = "" if self.tick is None else f" (tick {self.tick})"
+        label = f"{what} at {self.sim_time_ns / 1e9:.2f} s{tick}"
+        return RecordedMoment(self.sim_time_ns, label, self.tick)
 
 
-def _rows(recording: FoundRecording) -> list[Row]:
-    names = ("sim_time_ns", "aeb", "dtc_m")
+def _rows(recording: FoundRecording) -> list[_Row]:
+    names = ("sim_time_ns", "aeb", "dtc_m", "tick")
     try:
         columns: dict[str, list[Any]] = read_kpi_columns(recording.kpi, names).to_pydict()
     except InfrastructureError:
         frames = read_case(recording.path).frames
-        return [(frame.sim_time_ns, bool(frame.aeb), frame.dtc_m) for frame in frames]
-    return list(zip(*(columns[name] for name in names), strict=True))
+        return [_Row(frame.sim_time_ns, frame.aeb, frame.dtc_m) for frame in frames]
+    return [_Row(*row) for row in zip(*(columns[name] for name in names), strict=True)]
 
 
 def attempts_of(folder: Path, case: str) -> list[Path]:

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import pytest
+
 from conductor.run.command import RunOptions, local_workers, run_campaign
 from conductor.run.places import WorkersOption
+from conductor.run.source import only_case
 from schemas.plan import parse_plan
+from twin.base.errors import UsageError
 
 
 def test_it_says_when_nobody_computes_any_more(tmp_path, capsys):
@@ -21,3 +25,16 @@ def test_it_says_when_nobody_computes_any_more(tmp_path, capsys):
         workers.stop()
     assert (code, left) == (0, [0])
     assert "3 of 3 passed" in capsys.readouterr().out
+
+
+def test_a_case_is_chosen_by_its_name_and_a_misspelt_one_is_told_the_nearest():
+    plan, mistakes = parse_plan(
+        {"campaign": "alpha", "matrix": {"weather": ["clear", "heavy_fog", "light_rain"]}}
+    )
+    assert plan is not None, mistakes
+    assert [case.id for case in only_case(plan, "heavy_fog").cases] == ["heavy_fog"]
+    lists = "`conductor validate FILE --output json` lists them"
+    for given, hint in (("heavy-fog", "did you mean 'heavy_fog'? "), ("dusk", "")):
+        with pytest.raises(UsageError) as error:
+            only_case(plan, given)
+        assert str(error.value) == f"--case {given}: no case of 'alpha'; {hint}{lists}"

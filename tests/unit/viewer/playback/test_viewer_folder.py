@@ -28,6 +28,7 @@ def attempt(folder, case="clear-1", number=1, aeb=(), recorded=True, complete=Tr
     empty = {"int32": 0, "int64": 0, "name": None}
     columns = {c.name: [empty.get(c.type, 0.0)] * rows for c in KPI_COLUMNS}
     columns["sim_time_ns"] = [0, 50_000_000, 100_000_000]
+    columns["tick"] = [0, 1, 2]
     columns["dtc_m"] = [9.0, 3.0, 4.0]
     columns["aeb"] = [row in aeb for row in range(rows)]
     columns["detections"] = [[]] * rows
@@ -70,12 +71,15 @@ def test_moments(tmp_path):
     attempt(tmp_path, "braked", aeb=(1, 2))
     attempt(tmp_path, "not", aeb=())
     found = find_recording(tmp_path, "braked")
-    assert find_moment(found, "aeb").sim_time_ns == 50_000_000
-    assert find_moment(found, "0.1").sim_time_ns == 100_000_000
+    braked = find_moment(found, "aeb")
+    assert (braked.sim_time_ns, braked.tick) == (50_000_000, 1)
+    assert braked.label == "AEB trigger at 0.05 s (tick 1)"
+    given = find_moment(found, "0.1")
+    assert (given.sim_time_ns, given.tick, given.label) == (100_000_000, None, "0.1 s")
     moment = find_moment(find_recording(tmp_path, "not"), "aeb")
     assert moment.sim_time_ns == 50_000_000
-    assert moment.label == "no AEB trigger; closest approach at 0.05 s"
-    assert find_moment(found, "closest").label == "closest approach at 0.05 s"
+    assert moment.label == "no AEB trigger; closest approach at 0.05 s (tick 1)"
+    assert find_moment(found, "closest").label == "closest approach at 0.05 s (tick 1)"
 
 
 def test_a_moment_after_the_end_is_refused(tmp_path):
@@ -97,13 +101,15 @@ def test_rows_of_an_older_version_are_read(tmp_path):
 def test_where_rows_cannot_be_read_the_recording_says_it(tmp_path, how):
     folder = tmp_path / "cases" / "clear-1" / "attempt-1"
     write(folder)
-    table = pa.table({"sim_time_ns": [0], "aeb": ["yes"], "dtc_m": [1.0]})
+    table = pa.table({"sim_time_ns": [0], "aeb": ["yes"], "dtc_m": [1.0], "tick": [0]})
     if how == "without a column":
         table = table.drop_columns(["aeb"])
     pq.write_table(table, folder / "kpi.parquet")
     if how == "damaged":
         (folder / "kpi.parquet").write_bytes(b"PAR1")
-    assert find_moment(find_recording(tmp_path, "clear-1"), "aeb").sim_time_ns == 150_000_000
+    moment = find_moment(find_recording(tmp_path, "clear-1"), "aeb")
+    assert (moment.sim_time_ns, moment.tick) == (150_000_000, None)
+    assert moment.label == "AEB trigger at 0.15 s"
     [row] = read_catalogue(tmp_path, "closest").rows
     assert row.moment.sim_time_ns == 200_000_000
 
