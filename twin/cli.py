@@ -107,7 +107,7 @@ def worker(
     if explain:
         _explain(device)
         return
-    loading, share = None, None
+    loading = share = abilities = None
     if connect == LATER:
         from twin.worker.preload import await_start, begin_loading
 
@@ -116,13 +116,13 @@ def worker(
     # Beside those processes: this takes long, too.
     from twin.base.process import keep_to_itself
     from twin.worker.options import GPU_SLOTS, WorkerOptions
-    from twin.worker.shell import Worker
+    from twin.worker.shell import Abilities, Worker
 
     keep_to_itself()  # its session and its keys are nothing for a stack of the same user
     if connect == LATER:
+        abilities = Abilities.here()  # before it is told, so that it joins at once
         told = await_start(loading)
-        connect, slots, share = told.connect, told.slots, told.share
-        key = Path(told.key) if told.key else None
+        connect, slots, share, key = told.connect, told.slots, told.share, told.key_path
     spool = spool or (state / "spool" if state is not None and not connect else None)
     target = _conductor(connect, state, wait, namespace, key, again=started_again)
     fit = slots is None and device.startswith("cuda")
@@ -146,7 +146,7 @@ def worker(
         share=share,
         spool=spool,
     )
-    raise typer.Exit(Worker(options, loading).serve())
+    raise typer.Exit(Worker(options, loading, abilities).serve())
 
 
 def _explain(device: str) -> None:

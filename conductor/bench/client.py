@@ -8,6 +8,9 @@ first.
 
 from __future__ import annotations
 
+import twin.base.start  # noqa: F401 - as every command of ours begins
+
+# isort: split
 import hashlib
 import json
 import os

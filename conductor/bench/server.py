@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import twin.base.start  # noqa: F401 - as every command of ours begins
+
+# isort: split
 import sys
 from pathlib import Path
 

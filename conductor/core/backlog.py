@@ -14,11 +14,67 @@ from dataclasses import dataclass, field
 from itertools import chain, islice
 from operator import neg
 
+SPREAD_MAX = 4096
+"""Most waiting cases of a lane that a mixture or a share is taken from."""
+
+GOLDEN = (5.0**0.5 - 1.0) / 2.0
+"""The golden ratio's part below 1: its multiples, modulo 1, are spread evenly however many."""
+
 LOOK_MAX = 64
 """Most cases of a lane that are looked at for one that the asker may have."""
 
 Usable = Callable[[int], bool]
 """Whether the asker may have the case at this position."""
+
+
+@dataclass(slots=True)
+class LaneMixture:
+    """The first ``SPREAD_MAX`` cases of one lane, by the golden fractions of their positions.
+
+    Neighbours in a matrix are alike and take equally long: workers that took blocks of them would
+    not end together. By the smallest fractions slow axes of a matrix are met evenly. Some thousand
+    cases are ordered once, and not for each request.
+
+    It holds for a lane whose cases leave anywhere and are added behind all others. When a case
+    comes back to its own place, another mixture has to be made.
+    """
+
+    _last: int = -1
+    """Largest position that it has looked at."""
+    _heap: list[tuple[float, int]] = field(default_factory=list)
+    """(fraction, position) of those cases; some may have left the lane."""
+
+    def take(self, lane: list[int], count: int) -> list[int]:
+        """Positions of at most ``count`` cases of ``lane``, ascending; they stay in it.
+
+        ``lane``: negated positions, ascending.
+        """
+        self._look_further(lane)
+        heap = self._heap
+        chosen: list[tuple[float, int]] = []
+        while heap and len(chosen) < count:
+            entry = heapq.heappop(heap)
+            place = bisect_left(lane, -entry[1])
+            if place < len(lane) and lane[place] == -entry[1]:
+                chosen.append(entry)
+        for entry in chosen:
+            heapq.heappush(heap, entry)
+        return sorted(position for _, position in chosen)
+
+    def _look_further(self, lane: list[int]) -> None:
+        """For each case that has left, the next one of the lane is looked at."""
+        end = bisect_left(lane, -self._last)
+        missing = min(SPREAD_MAX, len(lane)) - (len(lane) - end)
+        if missing <= 0:
+            return
+        further = lane[end - missing : end]
+        self._last = -further[0]
+        if 2 * missing < len(self._heap):
+            for negated in further:
+                heapq.heappush(self._heap, (-negated * GOLDEN % 1.0, -negated))
+        else:
+            self._heap += [(-negated * GOLDEN % 1.0, -negated) for negated in further]
+            heapq.heapify(self._heap)
 
 
 @dataclass(slots=True)
@@ -30,11 +86,16 @@ class Backlog:
     count: int = 0
     _heads: list[tuple[int, int, str]] = field(default_factory=list, compare=False, repr=False)
     """(position, group, rig key) of every lane's first case, and stale ones."""
+    _mixtures: dict[tuple[str, int], LaneMixture] = field(
+        default_factory=dict, compare=False, repr=False
+    )
+    """Mixtures of lanes that were asked for one, by rig key and group."""
 
     def add(self, rig: str, order: int, group: int) -> None:
         """A case waits (again), at its own place in the order."""
         lane = self.lanes.setdefault(rig, {}).setdefault(group, [])
         insort(lane, -order)
+        self._mixtures.pop((rig, group), None)
         self.count += 1
         if lane[-1] == -order:
             self._push(order, group, rig)
@@ -63,6 +124,7 @@ class Backlog:
                 self._push(-lane[-1], group, rig)
             return
         del self.lanes[rig][group]
+        self._mixtures.pop((rig, group), None)
         if not self.lanes[rig]:
             del self.lanes[rig]
 
@@ -83,6 +145,13 @@ class Backlog:
         # Some thousand cases are looked at per request: no line of Python for each.
         after = islice(reversed(lane), before, None)
         return map(neg, chain(after, islice(reversed(lane), before)))
+
+    def mixed(self, rig: str, group: int, count: int) -> list[int]:
+        """At most ``count`` cases from all over a lane, ascending."""
+        lane = self.lanes.get(rig, {}).get(group)
+        if not lane:
+            return []
+        return self._mixtures.setdefault((rig, group), LaneMixture()).take(lane, count)
 
     def __len__(self) -> int:
         return self.count

@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice
 
+from conductor.core.backlog import GOLDEN, SPREAD_MAX
 from conductor.core.facts import SHARED, WorkerJoined
 from conductor.core.state import (
     PROTECTED_ONLY,
@@ -31,11 +32,6 @@ from schemas.wire.control import Next, Share
 
 URGENT_MAX = 1024
 """Most waiting cases of a lane among which the longest are looked for."""
-SPREAD_MAX = 4096
-"""Most waiting cases of a lane that a mixture or a share is taken from."""
-
-_GOLDEN = (5.0**0.5 - 1.0) / 2.0
-"""The golden ratio's part below 1: its multiples, modulo 1, are spread evenly however many."""
 
 
 def mismatch(campaign: CampaignState, state: WorkerState) -> str:
@@ -323,7 +319,7 @@ def _lane(asker: Asker, campaign: CampaignState, rig: str, group: int, count: in
         if urgency is not None:
             return _urgent(campaign.backlog.take(rig, group), count, urgency, mixed=mixed)
         if mixed:
-            return _spread(campaign.backlog.take(rig, group), count)
+            return iter(campaign.backlog.mixed(rig, group, count))
     return campaign.backlog.take(rig, group)
 
 
@@ -344,7 +340,7 @@ def _urgent(
     else in order."""
 
     def place(order: int) -> tuple[float, float]:
-        return urgency(order), order * _GOLDEN % 1.0 if mixed else order
+        return urgency(order), order * GOLDEN % 1.0 if mixed else order
 
     return iter(heapq.nsmallest(count, islice(lane, URGENT_MAX), key=place))
 
@@ -362,7 +358,7 @@ def _preferred(
 
     def strangeness(order: int) -> tuple[int, bool, float]:
         stretch = order * stretches // cases
-        dealt_to = int(order * _GOLDEN % 1.0 * devices)  # however long the axes of a matrix are
+        dealt_to = int(order * GOLDEN % 1.0 * devices)  # however long the axes of a matrix are
         strange = (stretch - share.stretch) % stretches, dealt_to != share.device
         return *strange, 0.0 if urgency is None else urgency(order)
 
@@ -372,26 +368,3 @@ def _preferred(
         looked_at = max(looked_at, URGENT_MAX)
     candidates = islice(campaign.backlog.take(rig, SHARED, begin), looked_at)
     return iter(heapq.nsmallest(count, candidates, key=strangeness))
-
-
-def _spread(lane: Iterator[int], count: int) -> Iterator[int]:
-    """Positions from all over a lane, at most ``count``, ascending.
-
-    Neighbours in a matrix are alike, and take equally long: workers that took blocks of them would
-    not end together. Slow axes of a matrix are met evenly.
-    """
-    candidates = list(islice(lane, SPREAD_MAX))
-    fractions = _fractions(max(candidates, default=0))
-    return iter(sorted(heapq.nsmallest(count, candidates, key=fractions.__getitem__)))
-
-
-_known_fractions: list[float] = []
-
-
-def _fractions(last: int) -> list[float]:
-    """Golden fractions of the positions up to ``last`` at least; worked out once, because some
-    thousand are compared per request."""
-    known = len(_known_fractions)
-    if last >= known:
-        _known_fractions.extend(order * _GOLDEN % 1.0 for order in range(known, 2 * last + 1))
-    return _known_fractions

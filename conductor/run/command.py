@@ -100,8 +100,9 @@ class RunOptions:
 
 
 def local_workers(plan: Plan, options: RunOptions) -> LocalWorkers:
-    """The workers of a run. Those of a new one are started here: they and their simulators load
-    while the rest of the campaign is checked, and leave nothing behind if it is refused."""
+    """The workers of a run. Those of a new one are started here: they, and simulators if there are
+    any, load while the rest of the campaign is checked, and leave nothing behind if it is
+    refused."""
     campaign, folder = plan.campaign, options.out.absolute()
     loads = campaign.simulator != "noop" and campaign.autonomy.placement != "inline"
     worker_options = [
@@ -113,7 +114,7 @@ def local_workers(plan: Plan, options: RunOptions) -> LocalWorkers:
     ]
     places = _places(options, len(plan.cases))
     workers = LocalWorkers(worker_options, folder, places, _memory_count(campaign, options))
-    if loads and _is_new(folder):
+    if _is_new(folder):
         workers.start()
     return workers
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import queue
 import threading
@@ -9,6 +10,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 
+from conductor.serve.companions import Companions
 from conductor.serve.engine import IncomingRequest
 from schemas import SCHEMA_VERSION
 from schemas.wire import topics
@@ -77,12 +79,20 @@ class Inbox:
         self._lanes[topics.RPC_WORKER.key].append((message, lambda _: None))
         self._bells.put(True)
 
+    @property
+    def waiting(self) -> int:
+        """Number of messages that wait, about."""
+        return self._bells.qsize()
+
     def wake(self) -> None:
         """Let :meth:`group` return; from any thread and from a signal handler."""
         self._bells.put(False)
 
-    def group(self, timeout_s: float) -> list[Item]:
-        """Wait for messages; up to ``GROUP_MAX`` of those that are there."""
+    def group(self, timeout_s: float, companions: Companions | None = None) -> list[Item]:
+        """Wait for messages; up to ``GROUP_MAX`` of those that are there.
+
+        ``companions``: for whom it waits a little once there is one; None: for nobody.
+        """
         rung = 0
         try:
             message = self._bells.get(timeout=timeout_s)
@@ -92,7 +102,8 @@ class Inbox:
                     break
                 message = self._bells.get_nowait()
         except queue.Empty:
-            pass
+            if rung and companions is not None:
+                rung += self._wait_for(companions, rung)
         group: list[Item] = []
         for lane in itertools.cycle(self._lanes.values()):
             if len(group) == rung:
@@ -102,6 +113,20 @@ class Inbox:
         with self._lock:
             self._bytes -= sum(len(message.payload) for message, _ in group)
         return group
+
+    def _wait_for(self, companions: Companions, rung: int) -> int:
+        """Wait for those that are about to come and share a transaction; how many came."""
+        lacking = min(companions.expected, GROUP_MAX) - rung
+        left_s = companions.until_s - time.monotonic()
+        if lacking <= 0 or left_s <= 0.0:
+            return 0
+        came = 0
+        with contextlib.suppress(queue.Empty):
+            while came < lacking and left_s > 0.0 and self._bells.get(timeout=left_s):
+                came += 1
+                left_s = companions.until_s - time.monotonic()
+        companions.waited(came)
+        return came
 
     def _turn_away(self, respond: Respond, route: str, error: str, retry_after_s: float) -> None:
         with self._lock:

@@ -41,6 +41,7 @@ from conductor.journal.timed_store import TimedStore
 from conductor.records.timeline import append_events, mark_start
 from conductor.run.case_lengths import history_line
 from conductor.serve.audit import Audit
+from conductor.serve.companions import Companions
 from conductor.serve.deliveries import Deliveries
 from conductor.serve.engine import ConductorEngine, TurnResult
 from conductor.serve.folders import Folders
@@ -281,10 +282,12 @@ class Conductor:
         assert self._engine is not None
         frozen_ns = max(self._config.ttl_ns // 4, int(FROZEN_MIN_S * 1e9))
         before_ns = time.monotonic_ns()
+        companions = Companions()
         while not self._stopping:
             if self.link is not None:
                 self.link.check()
-            group = self._inbox.group(self._patience_s())
+            group = self._inbox.group(self._patience_s(), companions)
+            before_s = self._store.wall_s
             now_ns = time.monotonic_ns()
             with self._lock:
                 if now_ns - before_ns > frozen_ns:
@@ -295,6 +298,8 @@ class Conductor:
                 self._keep_files(turn.facts)
             self._answer(group, turn)
             self._publish(turn.facts)
+            commit_s = self._store.wall_s - before_s
+            companions.committed(commit_s, len(group), self._inbox.waiting, time.monotonic())
             if self._drain_is_over():
                 return
 

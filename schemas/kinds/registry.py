@@ -110,7 +110,7 @@ def read_kinds(group: str, type_: type[D], ours: Mapping[str, str]) -> Kinds[D]:
 def installed_plugins() -> dict[str, str]:
     """Every other distribution of this installation that brings kinds of any group, by name, with
     its version."""
-    plugins = (_plugin(point) for name in _groups() for point in _foreign(name))
+    plugins = (_plugin(point) for point in _all_foreign())
     return {plugin.name: plugin.version for plugin in sorted(plugins)}
 
 
@@ -132,7 +132,7 @@ def _owner(reference: str) -> str:
     """The distribution whose kinds lie in the package of ``reference``, with a colon; empty: it is
     ours, or nobody's."""
     package = reference.partition(":")[0].partition(".")[0]
-    for point in (point for name in _groups() for point in _foreign(name)):
+    for point in _all_foreign():
         if point.module.partition(".")[0] == package:
             return f"{_distribution(point)}: "
     return ""
@@ -160,19 +160,24 @@ def _attribute(reference: str) -> Any:
     return getattr(importlib.import_module(module), attribute)
 
 
-def _groups() -> list[str]:
-    """The groups of entry points that bring kinds."""
+def _all_foreign() -> list[EntryPoint]:
+    """Entry points of other distributions, of all groups that bring kinds. Each question for entry
+    points reads the files of all distributions, so there is one for all groups."""
     from importlib.metadata import entry_points  # takes 10 ms, and some commands need no kinds
 
     points = entry_points()
-    return [name for name in points.groups if name.startswith(f"{OUR_DISTRIBUTION}.")]
+    groups = [name for name in points.groups if name.startswith(f"{OUR_DISTRIBUTION}.")]
+    return [point for name in groups for point in _others(points.select(group=name))]
 
 
-def _foreign(group: str) -> Iterable[EntryPoint]:
+def _foreign(group: str) -> list[EntryPoint]:
     """Entry points of other distributions."""
     from importlib.metadata import entry_points
 
-    points = entry_points(group=group)
+    return _others(entry_points(group=group))
+
+
+def _others(points: Iterable[EntryPoint]) -> list[EntryPoint]:
     return [p for p in points if p.dist is None or p.dist.name not in OUR_DISTRIBUTIONS]
 
 

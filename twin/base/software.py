@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import hashlib
 import importlib.util
+import os
 import re
 import sys
 from pathlib import Path
@@ -23,7 +24,7 @@ _LIBRARIES = (
     *(*DECODERS, *RUNTIMES),
     *("onnx", "lark", *TRANSLATORS),
 )
-_SUFFIXES = {".py", ".yaml", ".xodr", ".cfg", ".names", ".onnx", ".integer", ".msg"}
+_SUFFIXES = (".py", ".yaml", ".xodr", ".cfg", ".names", ".onnx", ".integer", ".msg")
 
 
 def software_digest() -> str:
@@ -42,11 +43,26 @@ def software_files() -> dict[str, str]:
     """Path, as in ``twin/cli.py`` -> SHA-256 of every file of ours that counts, sorted."""
     files = {}
     for package in _PACKAGES:
-        root = package_folder(package)
-        for path in sorted(p for p in root.rglob("*") if p.suffix in _SUFFIXES and p.is_file()):
-            name = f"{package}/{path.relative_to(root).as_posix()}"
-            files[name] = hashlib.sha256(path.read_bytes()).hexdigest()
+        root = str(package_folder(package))
+        for folder, _, names in os.walk(root):
+            for name in names:
+                path = f"{folder}/{name}"
+                if name.endswith(_SUFFIXES) and name not in _SUFFIXES and Path(path).is_file():
+                    files[package + path[len(root) :]] = _sha256(path)
     return dict(sorted(files.items()))
+
+
+_known: dict[str, tuple[tuple[int, ...], str]] = {}
+"""Path -> what the system said of a file when it was read, and its SHA-256. Processes ask for the
+digest several times, and hundreds of files have not changed since."""
+
+
+def _sha256(path: str) -> str:
+    status = Path(path).stat()
+    mark = (status.st_mtime_ns, status.st_ctime_ns, status.st_size, status.st_ino, status.st_dev)
+    if path not in _known or _known[path][0] != mark:
+        _known[path] = (mark, hashlib.sha256(Path(path).read_bytes()).hexdigest())
+    return _known[path][1]
 
 
 def library_versions() -> dict[str, str]:

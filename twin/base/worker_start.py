@@ -3,6 +3,8 @@ and are told on their standard input whom to serve."""
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from msgspec import Struct
 
 from schemas.wire.control import Share
@@ -21,3 +23,8 @@ class WorkerStart(Struct, frozen=True):
     """File to which it writes from then on; empty: where it did before."""
     share: Share | None = None
     """Cases that the worker prefers, where several work side by side; None: any."""
+
+    @property
+    def key_path(self) -> Path | None:
+        """Its key file, if it has one."""
+        return Path(self.key) if self.key else None

@@ -148,9 +148,11 @@ def open_session(config: zenoh.Config, listen: Sequence[str]) -> tuple[zenoh.Ses
     Raises:
         zenoh.ZError: it cannot listen or connect.
     """
-    before = set(_listening())
+    # Every connection of this host is looked at for it.
+    looked_for = any(map(_is_free_port, listen))
+    before = set(_listening()) if looked_for else set()
     session = zenoh.open(config)
-    opened = [port for port in _listening() if port not in before]
+    opened = [port for port in _listening() if port not in before] if looked_for else []
     return session, [_with_port(endpoint, opened) for endpoint in listen]
 
 
@@ -228,11 +230,15 @@ def _listening() -> list[int]:
     return [c.laddr.port for c in connections if c.status == psutil.CONN_LISTEN]
 
 
+def _is_free_port(endpoint: str) -> bool:
+    """Whether it listens on a port that Zenoh chooses."""
+    return endpoint.endswith(":0") and not is_socket(endpoint)
+
+
 def _with_port(endpoint: str, opened: list[int]) -> str:
-    address, _, port = endpoint.rpartition(":")
-    if port != "0" or is_socket(endpoint):
+    if not _is_free_port(endpoint):
         return endpoint
-    return f"{address}:{opened.pop(0)}"
+    return f"{endpoint.rpartition(':')[0]}:{opened.pop(0)}"
 
 
 def _explain(

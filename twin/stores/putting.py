@@ -53,6 +53,11 @@ class Storing:
             except UsageError as error:
                 raise UsageError(f"the conductor's store: {error}") from None
 
+    @property
+    def joined(self) -> bool:
+        """Whether there is a store."""
+        return self._store is not None
+
     def look(self, lease: Lease) -> None:
         """A lease came; its results will lie where it says."""
         self._attempts[lease.token] = (Path(lease.out), lease.attempt)

@@ -56,6 +56,8 @@ IDLE_NS = SECOND_NS // 2
 RESULTS_MAX = 512
 """Most results in one request: after a long silence they go in portions, see
 :data:`schemas.wire.rpc_routes.WORKER_BYTES_MAX`."""
+PORTION_MAX = 32
+"""Most cases that are asked for at once while they are ``simulator: noop``, which needs no slot."""
 BROKEN_PAUSE_MAX_NS = 10 * SECOND_NS
 """Longest pause after rigs that died one after the other [ns]."""
 GOODBYE_TRIES = 8
@@ -105,6 +107,8 @@ class Core:
     """Tokens of results that lie in the spool."""
     drain_reason: Release = "released"
     drain_detail: str = ""
+    portion: int = 0
+    """So many cases are asked for, whatever the slots: the last ones were all ``noop``."""
     cases_left: bool = True
     """Whether the conductor had cases left when it answered last."""
     drain_until_ns: int = 0
@@ -418,7 +422,7 @@ class Core:
                 v=SCHEMA_VERSION,
                 worker=self.hello.worker,
                 seq=self.seq,
-                k=self._free(),
+                k=self._wanted(),
                 rig=self.rig.key if self.rig else "",
                 results=self.results[:RESULTS_MAX],
                 ended=self.ended[:],
@@ -461,6 +465,11 @@ class Core:
             return 0
         slots = self.rig.slots if self.rig else self.hello.slots
         return max(0, slots - len(self.held))
+
+    def _wanted(self) -> int:
+        """Number of cases to ask for: one per free slot, or a portion of those that need none."""
+        free = self._free()
+        return max(free, self.portion) if free and self.rig is None else free
 
     def _joined(self, reply: Reply, now_ns: int) -> list[Effect]:
         if reply.error and reply.retry_after_s:
@@ -530,6 +539,8 @@ class Core:
 
     def _accept(self, leases: list[Lease], now_ns: int) -> list[Effect]:
         effects: list[Effect] = []
+        noops = sum(lease.case.rig.simulator == "noop" for lease in leases)
+        self.portion = min(2 * noops, PORTION_MAX) if noops == len(leases) else 0
         for lease in leases:
             if lease.case.rig.simulator == "noop":
                 self.results.append(noop_result(lease))

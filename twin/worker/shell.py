@@ -120,11 +120,40 @@ class _Signalled:
     name: str
 
 
+@dataclass(frozen=True, slots=True)
+class Abilities:
+    """What a worker finds out about this installation and this host before it joins."""
+
+    software: str
+    """Software digest."""
+    lacks: dict[str, str]
+    plugins: dict[str, str]
+    """Both as in :class:`schemas.wire.control.Hello`."""
+
+    @classmethod
+    def here(cls) -> Abilities:
+        """Look; files are read for a tenth of a second."""
+        lacks = lacking_bridges() | lacking_sandbox() | lacking_plugins()
+        return cls(software_digest(), lacks, installed_plugins())
+
+
 class Worker:
     """serve = startup, main loop, shutdown."""
 
-    def __init__(self, options: WorkerOptions, loading: Loading | None = None) -> None:
-        """``loading``: processes that wait for the first rig."""
+    def __init__(
+        self,
+        options: WorkerOptions,
+        loading: Loading | None = None,
+        abilities: Abilities | None = None,
+    ) -> None:
+        """Make a worker that has not started yet.
+
+        Args:
+            options: how, and for whom.
+            loading: processes that wait for the first rig.
+            abilities: what was found out already; None: it looks now.
+        """
+        abilities = abilities or Abilities.here()
         self._options = options
         self._loading = loading
         self._inbox: queue.SimpleQueue[Any] = queue.SimpleQueue()
@@ -154,7 +183,7 @@ class Worker:
                 host=host,
                 pid=os.getpid(),
                 device_class=device_class(options.device),
-                software=software_digest(),
+                software=abilities.software,
                 slots=options.slots,
                 walltime_end_s=None
                 if options.walltime_s is None
@@ -162,8 +191,8 @@ class Worker:
                 memory_bytes=memory_bytes,
                 tags=list(options.tags),
                 share=options.share,
-                lacks=lacking_bridges() | lacking_sandbox() | lacking_plugins(),
-                plugins=installed_plugins(),
+                lacks=abilities.lacks,
+                plugins=abilities.plugins,
                 session=session,
             ),
             until_done=options.until_done,
@@ -277,9 +306,10 @@ class Worker:
         """The request, when all that it commits is in the store; None: it has to wait."""
         line, kept = "", request
         try:
-            kept = meanwhile(
-                lambda: self._stored(request), lambda: self._beat_if_due(beat), BEAT_S / 4
-            )
+            if self._storing.joined:  # a thread for each request that may have to wait
+                kept = meanwhile(
+                    lambda: self._stored(request), lambda: self._beat_if_due(beat), BEAT_S / 4
+                )
         except StoreError as error:
             line = f"{error}; cases go on, results wait"
             self._beat_if_due(beat)

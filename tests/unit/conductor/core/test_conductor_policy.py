@@ -10,7 +10,7 @@ from dataclasses import replace
 import pytest
 from conductor_bench import Bench, S, ended, hello, result, started, submit
 
-from conductor.core.backlog import Backlog
+from conductor.core.backlog import SPREAD_MAX, Backlog
 from conductor.core.facts import (
     CaseEnded,
     Committed,
@@ -19,7 +19,7 @@ from conductor.core.facts import (
     Replied,
     WorkerDraining,
 )
-from conductor.core.grant import SPREAD_MAX, _preferred, _spread
+from conductor.core.grant import _preferred
 from conductor.core.lease import token_of
 from conductor.core.state import Config
 from schemas import SCHEMA_VERSION as V
@@ -298,15 +298,6 @@ def test_mixtures_keep_priority_and_fair_share() -> None:
     bench.ask(hello(slots=12))
     names = _campaigns(bench.lease(k=12))
     assert names == ["high", "high", *["one", "two"] * 5]
-
-
-def test_a_mixture_is_taken_from_so_many_and_no_more() -> None:
-    """A conductor has one thread: what waits behind is not looked at."""
-    waiting = iter(range(3 * SPREAD_MAX))
-    found = list(_spread(waiting, 16))
-    assert (len(found), found) == (16, sorted(found))
-    assert next(waiting) == SPREAD_MAX
-    assert list(_spread(iter([3, 7]), 16)) == [3, 7]
 
 
 def test_workers_of_a_device_get_stretches_and_devices_get_the_same() -> None:
