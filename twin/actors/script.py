@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from twin.actors.actor import Actor
 from twin.actors.motion import Placement
-from twin.base.portable.host import angle_of, sine_cosine, sine_share
+from twin.base.portable.host import angle_of, sine_cosine
 
 if TYPE_CHECKING:
     from twin.actors.variations import Variations
@@ -19,6 +19,21 @@ _BRAKING_MPS2 = 0.3
 _GRID = 2.0**20
 _STILL_MPS = 0.02
 """Slower than this it stands [m/s]."""
+
+
+class _Places(NamedTuple):
+    """Places on the actors' paths, each [S, M]."""
+
+    x_m: np.ndarray
+    y_m: np.ndarray
+    z_m: np.ndarray
+    heading_rad: np.ndarray
+    sine: np.ndarray
+    """Of the heading."""
+    cosine: np.ndarray
+    curvature_per_m: np.ndarray
+    slope: np.ndarray
+    """Upwards [-]."""
 
 
 class MotionScript:
@@ -60,7 +75,8 @@ class MotionScript:
         inside = started & (local < takes) & self._moves
         station, speed, acceleration = self._along(np.clip(local * pace, 0.0, self._duration))
         speed, acceleration = speed * pace * inside, acceleration * (pace * pace) * inside
-        x, y, z, heading, curvature, slope = self._where(station)
+        there = self._where(station)
+        x, y = there.x_m, there.y_m
         if varied is not None:
             x, y = x + varied.shift_m[..., 0], y + varied.shift_m[..., 1]
         here = self._present | inside
@@ -70,17 +86,16 @@ class MotionScript:
         kind = self._kind + np.where(going, 1 + phase % np.maximum(self._phases, 1), 0)
         standing = self._moves & started & (speed <= _STILL_MPS)
         brake = self._vehicle & ((acceleration < -_BRAKING_MPS2) | standing)
-        slope = np.where(self._vehicle, slope, 0.0)  # who walks stands upright
-        pitch = -angle_of(slope, 1.0) if self._slopes else None
-        up, across = sine_cosine(heading)
+        slope = np.where(self._vehicle, there.slope, 0.0)  # who walks stands upright
+        pitch = -_slope_angle(slope) if self._slopes else None
         return Placement(
             kind=np.where(here, kind, -1).astype(np.int32),
-            position_m=_settled(np.stack([x, y, z], axis=-1)),
-            yaw_rad=_settled(heading),
+            position_m=_settled(np.stack([x, y, there.z_m], axis=-1)),
+            yaw_rad=_settled(there.heading_rad),
             velocity_mps=_settled(
-                np.stack([speed * across, speed * up, speed * slope + 0.0], axis=-1)
+                np.stack([speed * there.cosine, speed * there.sine, speed * slope + 0.0], axis=-1)
             ),
-            yaw_rate_radps=_settled(speed * curvature),
+            yaw_rate_radps=_settled(speed * there.curvature_per_m),
             brake=brake.astype(np.float32),
             lamps=np.broadcast_to(self._vehicle, x.shape).astype(np.float32),
             pitch_rad=None if pitch is None else _settled(pitch),
@@ -105,10 +120,8 @@ class MotionScript:
         v = (h * v0 + u * (2.0 * square + 3.0 * u * cube)) / h
         return s, v, (2.0 * square + 6.0 * u * cube) / (h * h)
 
-    def _where(
-        self, station: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """x, y, z [m], heading [rad], curvature [1/m] and slope upwards [-] at stations [S, M]."""
+    def _where(self, station: np.ndarray) -> _Places:
+        """Places at stations [S, M]."""
         begin, start, bend, height = self._path
         column = np.arange(self.count)
         k = np.maximum((station[..., None] >= begin).sum(axis=-1) - 1, 0)
@@ -117,16 +130,24 @@ class MotionScript:
         curvature = bend[column, k]
         half = 0.5 * curvature * ahead
         # The chord of an arc: 2 sin(k s / 2) / k long, halfway between the two headings.
-        chord = ahead * sine_share(half)
-        up, across = sine_cosine(yaw0 + half)
-        x, y = x0 + chord * across, y0 + chord * up
+        heading = yaw0 + 2.0 * half
+        turned = np.where(half == 0.0, 1.0, half)
+        # All angles at once: a call takes as long for three of them as for one.
+        sines, cosines = sine_cosine(np.stack([turned, yaw0 + half, heading]))
+        chord = ahead * np.where(half == 0.0, 1.0, sines[0] / turned)
+        x, y = x0 + chord * cosines[1], y0 + chord * sines[1]
         q = np.maximum((station[..., None] >= height[..., 0]).sum(axis=-1) - 1, 0)
         q = np.minimum(q, self._last_height)
         s0, s1 = height[column, q, 0], height[column, q + 1, 0]
         share = np.clip((station - s0) / (s1 - s0), 0.0, 1.0)
         rise = height[column, q + 1, 1] - height[column, q, 1]
         z = height[column, q, 1] + share * rise
-        return x, y, z, yaw0 + 2.0 * half, curvature, rise / (s1 - s0)
+        return _Places(x, y, z, heading, sines[2], cosines[2], curvature, rise / (s1 - s0))
+
+
+def _slope_angle(slope: np.ndarray) -> np.ndarray:
+    """Angle of slopes [rad]; most streets are level."""
+    return angle_of(slope, 1.0) if slope.any() else slope
 
 
 def _settled(values: np.ndarray) -> np.ndarray:

@@ -30,6 +30,7 @@ from twin.render.trace.geometry import Geometry
 from twin.render.trace.raster import raster_of
 from twin.render.trace.rays import Optics, SlotPose
 from twin.world.mirror import Mirror
+from twin.world.relaunch import Relaunch
 from twin.world.scene import Furniture
 from twin.world.street.build import World
 
@@ -76,6 +77,7 @@ class RayCamera:
         self.geometry = geometry
         """Geometry that it sees; its maker places the objects."""
         self._device = device
+        self._launch = Relaunch(device)
         self._lamps = street_lamps(world, furniture, geometry.device)
         self._optics = _optics(camera, mount, lamps_m)
         table = ray_table(mount.lens, camera.width, camera.height, camera.hfov_deg)
@@ -217,7 +219,7 @@ class RayCamera:
         lights, poses, optics = self.lights.device, self._poses, self._optics
         sky = self.sky_table.device
         stride = 1 if self._device.is_cpu else STRIDE
-        wp.launch(lamps.beams_kernel, slots, [scene, lights, poses], [beams], device=self._device)
+        self._launch(lamps.beams_kernel, slots, [scene, lights, poses], [beams])
         for first in range(0, slots, self._chunk):
             own = [scene, self._lamps, optics, self._rays]
             shade = [scene, self._lamps, optics, self._projection, self._rays, self._table]
@@ -236,28 +238,19 @@ class RayCamera:
             seen.listed_count.zero_()
             seen.detailed_count.zero_()
             if self._raster is not None:
-                wp.launch(
+                self._launch(
                     raster.raster_kernel(self.geometry.features),
                     chunk,
-                    inputs=[scene, optics, self._raster, lights, poses, first],
-                    outputs=[seen],
-                    device=self._device,
+                    [scene, optics, self._raster, lights, poses, first],
+                    [seen],
                 )
             packets = 1 if self._raster is None else sun_packet.LANES
             sizes = (count // packets, stride, stride, count // self._tuning.picture.pixels)
             for (kernel, build), (inputs, outputs), size in zip(
                 self._launches(), arguments, sizes, strict=True
             ):
-                if kernel is None:
-                    continue
-                wp.launch(
-                    kernel,
-                    size,
-                    inputs=inputs,
-                    outputs=outputs,
-                    device=self._device,
-                    block_dim=build.block,
-                )
+                if kernel is not None:
+                    self._launch(kernel, size, inputs, outputs, build.block)
         if self._effects is not None:
             out = self._out
             self._effects.apply(

@@ -35,7 +35,7 @@ from twin.render.shading import (
     place_of,
     surface_functions,
 )
-from twin.render.trace.geometry import RayScene, rays_of
+from twin.render.trace.geometry import RayHit, RayScene, rays_of
 from twin.render.trace.rays import Optics, SlotPose
 from twin.render.trace.visibility import DETAILED, MIRRORED, PixelsSeen, pixel_of
 
@@ -54,8 +54,12 @@ STRIDE = 1 << 17
 
 
 @cache
-def _light_functions(features: Features) -> tuple[Any, Any]:
-    """``surface_of`` and ``far_light`` for worlds with such ``features``."""
+def _light_functions(features: Features, shell_first: bool) -> tuple[Any, Any]:
+    """``surface_of`` and ``far_light`` for worlds with such ``features``.
+
+    ``shell_first``: what lies right behind a pane is looked for before all else. Most panes belong
+    to closed bodies, and a core has nobody beside it that would wait for the others.
+    """
     looks = features.looks
     trace, occluded = rays_of(features)
     surface_of, matt_light = surface_functions(features)
@@ -80,7 +84,14 @@ def _light_functions(features: Features) -> tuple[Any, Any]:
 
         ``before``: length of the way to its start [m].
         """
-        hit = trace(scene, slot, start, direction, 0.0, RANGE_M)
+        if wp.static(shell_first):
+            hit = RayHit()
+            reach = wp.where(glass, _SHELL_M, RANGE_M)
+            while reach > 0.0:
+                hit = trace(scene, slot, start, direction, 0.0, reach)
+                reach = wp.where(hit.found or reach == RANGE_M, 0.0, RANGE_M)
+        else:
+            hit = trace(scene, slot, start, direction, 0.0, RANGE_M)
         if not hit.found:
             return smooth_sky(direction, slot, light, table)
         if glass and hit.t < _SHELL_M:
@@ -139,7 +150,7 @@ def mirror_kernel(build: KernelOptions, features: Features = NONE) -> wp.Kernel:
     a call copies the whole scene's handle.
     """
     looks = features.looks
-    surface_of, far_light = _light_functions(features)
+    surface_of, far_light = _light_functions(features, shell_first=build.block == 1)
 
     @wp.kernel(**build.arguments())
     def second_kernel(

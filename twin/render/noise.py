@@ -9,9 +9,9 @@ import warp as wp
 
 from twin.base.portable.quick import between, quotient
 
-_GOLDEN = wp.constant(wp.uint64(0x9E3779B97F4A7C15))
-_MIX_A = wp.constant(wp.uint64(0xBF58476D1CE4E5B9))
-_MIX_B = wp.constant(wp.uint64(0x94D049BB133111EB))
+GOLDEN = wp.constant(wp.uint64(0x9E3779B97F4A7C15))
+MIX_A = wp.constant(wp.uint64(0xBF58476D1CE4E5B9))
+MIX_B = wp.constant(wp.uint64(0x94D049BB133111EB))
 _S30, _S27, _S31 = (wp.constant(wp.uint64(n)) for n in (30, 27, 31))
 _TEN_BITS = wp.constant(wp.uint64(1023))
 _S10, _S20, _S40 = (wp.constant(wp.uint64(n)) for n in (10, 20, 40))
@@ -23,22 +23,22 @@ _CELL_I, _CELL_J, _CELL_SEED, _CELL_A, _CELL_B = (
 _R8, _R12, _R15 = (wp.constant(wp.uint32(n)) for n in (8, 12, 15))
 
 # A sum of four uniform 10-bit integers: mean and standard deviation.
-_SUM_MEAN = wp.constant(2046.0)
-_SUM_SIGMA = wp.constant(591.20685)
+SUM_MEAN = wp.constant(2046.0)
+SUM_SIGMA = wp.constant(591.20685)
 
 
 @wp.func
 def mix(x: wp.uint64) -> wp.uint64:
     """Scramble 64 bits."""
-    a = (x ^ (x >> _S30)) * _MIX_A
-    b = (a ^ (a >> _S27)) * _MIX_B
+    a = (x ^ (x >> _S30)) * MIX_A
+    b = (a ^ (a >> _S27)) * MIX_B
     return b ^ (b >> _S31)
 
 
 @wp.func
 def draw(key: wp.uint64, tick: wp.int32, element: wp.int32) -> wp.uint64:
     """64 random bits of a stream ``key`` at the counter (case tick, element)."""
-    return mix(mix(key + _GOLDEN * wp.uint64(tick + 1)) + _GOLDEN * wp.uint64(element + 1))
+    return mix(mix(key + GOLDEN * wp.uint64(tick + 1)) + GOLDEN * wp.uint64(element + 1))
 
 
 @wp.func
@@ -51,7 +51,7 @@ def normal(bits: wp.uint64) -> wp.float32:
     total += (bits >> _S10) & _TEN_BITS
     total += (bits >> _S20) & _TEN_BITS
     total += (bits >> _S30) & _TEN_BITS
-    return quotient(wp.float32(total) - _SUM_MEAN, _SUM_SIGMA)
+    return quotient(wp.float32(total) - SUM_MEAN, SUM_SIGMA)
 
 
 @wp.func

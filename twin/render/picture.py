@@ -22,6 +22,7 @@ from twin.render.outputs import Buffers, Wanted
 from twin.render.sensor_noise import sensor_noise
 from twin.render.shading import ShadedPoint, fresnel_of, place_of, surface_functions
 from twin.render.surface import SurfacePoint
+from twin.render.tile_tone import Signals, tone_tile
 from twin.render.tone import tone
 from twin.render.trace.geometry import DECAL_TAG, RayScene
 from twin.render.trace.rays import Optics, SlotPose
@@ -30,6 +31,7 @@ from twin.render.trace.visibility import (
     MIRRORED,
     OUTSIDE,
     TILE_COLUMNS,
+    TILE_ROWS,
     PixelsSeen,
     pixel_of,
 )
@@ -156,6 +158,8 @@ def picture_kernel(
     second, looks = wanted.second, features.looks
     lamp_air, tones_on = "air" not in without, "tone" not in without
     hdr, depth, instance = wanted.hdr, wanted.depth, wanted.instance
+    # A thread that has a whole tile makes bytes of all its pixels at once.
+    tiles = tones_on and not hdr and pixels == TILE_COLUMNS * TILE_ROWS
     semantic, normal, flow = wanted.semantic, wanted.normal, wanted.flow
     surface_of, matt_light = surface_functions(features)
     mirrored_sky = _mirrored_sky(features)
@@ -187,11 +191,12 @@ def picture_kernel(
         if not corner.inside:  # nor is what follows in its tile
             return
         slot = corner.slot
-        # What all pixels of a thread share is read once.
-        light = lights[slot]
+        light = lights[slot]  # what all pixels of a thread share is read once
         if light.active == 0:
             return
         pose = poses[slot]
+        if wp.static(tiles):
+            signals = Signals()
         place = wp.int32(0)
         while place < wp.static(pixels):
             thread = first + place
@@ -222,7 +227,6 @@ def picture_kernel(
                     way = flow_at(scene, slot, at, lens, row, column, direction, pose, before)
                 out.flow[slot, row, column, 0] = way[0]
                 out.flow[slot, row, column, 1] = way[1]
-
             color = wp.vec3(0.0, 0.0, 0.0)
             if at.face != OUTSIDE:
                 far = optics.far
@@ -269,6 +273,8 @@ def picture_kernel(
                 x = signal[channel]
                 if wp.static(hdr):
                     out.hdr[slot, row, column, channel] = wp.float16(wp.min(x, _HALF_MAX))
+                elif wp.static(tiles):
+                    signals[(place - 1) * 3 + channel] = x
                 else:
                     if light.noise != 0:
                         element = (row * optics.width + column) * 3 + channel
@@ -277,5 +283,7 @@ def picture_kernel(
                         out.image[slot, row, column, channel] = tone(x, tones)
                     else:
                         out.image[slot, row, column, channel] = wp.uint8(x)
+        if wp.static(tiles):
+            tone_tile(out.image, tones, signals, corner, optics, light)
 
     return camera_kernel

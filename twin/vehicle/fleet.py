@@ -20,6 +20,7 @@ from twin.vehicle.state import COLUMN, TELEMETRY, VehicleState, columns
 from twin.vehicle.vehicle_file import Vehicle
 from twin.vehicle.wall_grid import wall_grid
 from twin.world.mirror import Mirror
+from twin.world.relaunch import Relaunch
 
 _BLOCK = 8
 """Threads of a block: a vehicle is a thread of its own length, and the smaller the blocks, the more
@@ -60,6 +61,7 @@ class Fleet:
         self.vehicles = tuple(vehicles)
         self.slots = slots
         self._device = device
+        self._launch = Relaunch(device)
         self._host_models = [vehicle_model(v) for v in vehicles]
         # Behind those of the vehicles there is room for that of each slot's loaded vehicle 0. An
         # index, since a GPU reads what all slots share once.
@@ -70,8 +72,7 @@ class Fleet:
         self._model_of.push()
         self._loaded: dict[int, VehicleModel] = {}
         self._ground = ground or FlatGround(device)
-        self._scene = self._build_scene(colliders)
-        self._scene.stop_at_impact = int(stop_at_impact)
+        self._scene = self._build_scene(colliders, stop_at_impact)
         count = len(self.vehicles)
         self._state = Mirror((slots, count, len(TELEMETRY)), wp.float64, device)
         self._rows = wp.array(
@@ -109,12 +110,13 @@ class Fleet:
         wp.load_module(kernel, device=device, block_dim=_BLOCK)
         wp.load_module(nearest, device=device, block_dim=_BLOCK)
 
-    def _build_scene(self, colliders: np.ndarray) -> kernel.VehicleScene:
+    def _build_scene(self, colliders: np.ndarray, stop_at_impact: bool) -> kernel.VehicleScene:
         """Everything that vehicles can stand on or hit."""
         device, scene = self._device, kernel.VehicleScene()
         scene.colliders = wp.array(colliders, dtype=wp.float64, device=device, ndim=2)
         scene.grid = wall_grid(colliders, max(map(_extent_m, self.vehicles)), device)
         scene.ground = self._ground.kernel
+        scene.stop_at_impact = int(stop_at_impact)
         return scene
 
     @property
@@ -148,10 +150,10 @@ class Fleet:
         self._scene_movers.host[...] = movers
         self._scene_movers.push()
         self._active.push()
-        wp.launch(
+        self._launch(
             nearest.nearest_kernel,
             self.slots,
-            inputs=[
+            [
                 self._models,
                 self._model_of.device,
                 self._scene.colliders,
@@ -159,9 +161,8 @@ class Fleet:
                 self._rows,
                 self._scene_movers.device,
             ],
-            outputs=[self._nearest.device],
-            device=self._device,
-            block_dim=_BLOCK,
+            [self._nearest.device],
+            _BLOCK,
         )
 
     def nearest(self) -> np.ndarray:
@@ -319,10 +320,10 @@ class Fleet:
 
     def launch(self, steps: int) -> None:
         """Only the kernel: nothing is moved between host and device."""
-        wp.launch(
+        self._launch(
             kernel.drive_kernel,
             self.slots,
-            inputs=[
+            [
                 self._models,
                 self._model_of.device,
                 self._scene,
@@ -336,13 +337,12 @@ class Fleet:
                 self._targets.device,
                 self._movers.device,
             ],
-            outputs=[
+            [
                 self._rows,
                 self._events.device,
                 self._event_count.device,
             ],
-            device=self._device,
-            block_dim=_BLOCK,
+            _BLOCK,
         )
 
     def carry(self, steps: int, carried: np.ndarray, com: np.ndarray, turn: np.ndarray) -> None:

@@ -18,8 +18,17 @@ FUSED8 = """
     #define TWIN_DOT(a, b, c, d, e, f) ((a) * (b) + (c) * (d) + (e) * (f))
 """
 
+LESSER = """
+    // An instruction each; the built-in functions take three, for the sake of NaN. Where `a` is
+    // NaN, these give `b`, as those do.
+    auto lesser = [](auto a, auto b) { return a < b ? a : b; };
+    auto greater = [](auto a, auto b) { return a > b ? a : b; };
+"""
+"""Definitions for native code: the lesser and the greater of two vectors, element by element."""
+
 _VECTORS = f"""
     {FUSED8}
+    {LESSER}
     typedef float f8 __attribute__((ext_vector_type(8)));
     typedef int i8 __attribute__((ext_vector_type(8)));
     typedef bool b8 __attribute__((ext_vector_type(8)));
@@ -41,10 +50,8 @@ _CHILDREN8 = """
             const f8 bz = __builtin_elementwise_fma((f8)box[fz], RZ, MZ);
             const f8 zero = 0.0f;
             const f8 limit = far * slack;
-            const f8 near8 = __builtin_elementwise_max(
-                __builtin_elementwise_max(ax, ay), __builtin_elementwise_max(az, zero));
-            const f8 far8 = __builtin_elementwise_min(__builtin_elementwise_min(
-                __builtin_elementwise_min(bx, by), bz), limit);
+            const f8 near8 = greater(ax, greater(ay, greater(az, zero)));
+            const f8 far8 = lesser(bx, lesser(by, lesser(bz, limit)));
             const b8 into = __builtin_convertvector(near8 <= far8, b8);
             unsigned mask = __builtin_bit_cast(unsigned char, into);
             const int* child = (const int*)(base + 48);
@@ -67,8 +74,7 @@ _LEAF8 = """
                 TWIN_LESS(gz, bx, gx, bz), dy, TWIN_LESS(gx, by, gy, bx), dz);
             const f8 W = TWIN_DOT(TWIN_LESS(hy, kz, hz, ky), dx,
                 TWIN_LESS(hz, kx, hx, kz), dy, TWIN_LESS(hx, ky, hy, kx), dz);
-            const f8 least = __builtin_elementwise_min(U, __builtin_elementwise_min(V, W));
-            const f8 most = __builtin_elementwise_max(U, __builtin_elementwise_max(V, W));
+            const f8 least = lesser(U, lesser(V, W)), most = greater(U, greater(V, W));
             const f8 mx = TWIN_LESS(ey, gz, ez, gy), my = TWIN_LESS(ez, gx, ex, gz);
             const f8 mz = TWIN_LESS(ex, gy, ey, gx);
             const f8 slope = TWIN_SUM(mx, dx, my, dy, mz, dz);

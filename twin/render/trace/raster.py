@@ -21,7 +21,7 @@ from twin.render.build import NONE, Features
 from twin.render.light.light import SlotLight
 from twin.render.looks import SMOOTH
 from twin.render.trace.cutouts import HOLE
-from twin.render.trace.eight import FUSED8
+from twin.render.trace.eight import FUSED8, LESSER
 from twin.render.trace.geometry import RayScene, into_object
 from twin.render.trace.rays import Optics, SlotPose
 from twin.render.trace.visibility import (
@@ -85,6 +85,7 @@ def raster_of(
 
 _DRAW = f"""
     {FUSED8}
+    {LESSER}
     #define LESS(a, b, c, d) __builtin_fmaf(a, b, -((c) * (d)))
     #define SUM(a, b, c, d, e, f) __builtin_fmaf(a, b, __builtin_fmaf(c, d, (e) * (f)))
 """
@@ -152,24 +153,24 @@ _DRAW += """
             const i8 front = a[2] >= cut;
             const f8 share = (cut - a[2]) / (b[2] - a[2]);
             const i8 crosses = front ^ (b[2] >= cut);
-            const f8 z = __builtin_elementwise_max(a[2], (f8)cut);
+            const f8 z = greater(a[2], (f8)cut);
             f8 px = raster.fx * a[0] / z, py = raster.fy * a[1] / z;
-            x0 = front ? __builtin_elementwise_min(x0, px) : x0;
-            x1 = front ? __builtin_elementwise_max(x1, px) : x1;
-            y0 = front ? __builtin_elementwise_min(y0, py) : y0;
-            y1 = front ? __builtin_elementwise_max(y1, py) : y1;
+            x0 = front ? lesser(x0, px) : x0;
+            x1 = front ? greater(x1, px) : x1;
+            y0 = front ? lesser(y0, py) : y0;
+            y1 = front ? greater(y1, py) : y1;
             px = raster.fx * (a[0] + share * (b[0] - a[0])) / cut;
             py = raster.fy * (a[1] + share * (b[1] - a[1])) / cut;
-            x0 = crosses ? __builtin_elementwise_min(x0, px) : x0;
-            x1 = crosses ? __builtin_elementwise_max(x1, px) : x1;
-            y0 = crosses ? __builtin_elementwise_min(y0, py) : y0;
-            y1 = crosses ? __builtin_elementwise_max(y1, py) : y1;
+            x0 = crosses ? lesser(x0, px) : x0;
+            x1 = crosses ? greater(x1, px) : x1;
+            y0 = crosses ? lesser(y0, py) : y0;
+            y1 = crosses ? greater(y1, py) : y1;
         }
         const f8 zero = 0.0f;
-        x0 = __builtin_elementwise_max(x0 + (raster.cx - 1.0f), zero);
-        x1 = __builtin_elementwise_min(x1 + raster.cx, (f8)(width - 1.0f));
-        y0 = __builtin_elementwise_max(y0 + (raster.cy - 1.0f), zero);
-        y1 = __builtin_elementwise_min(y1 + raster.cy, (f8)(height - 1.0f));
+        x0 = greater(x0 + (raster.cx - 1.0f), zero);
+        x1 = lesser(x1 + raster.cx, (f8)(width - 1.0f));
+        y0 = greater(y0 + (raster.cy - 1.0f), zero);
+        y1 = lesser(y1 + raster.cy, (f8)(height - 1.0f));
         const i8 visible = (x0 <= x1) & (y0 <= y1);
         unsigned mask = __builtin_bit_cast(unsigned char, __builtin_convertvector(visible, b8));
         while (mask) {
@@ -216,8 +217,8 @@ _DRAW += """
                     const f8 U = TWIN_DOT(Ux, dx, Uy, dy, Uz, dz);
                     const f8 V = TWIN_DOT(Vx, dx, Vy, dy, Vz, dz);
                     const f8 W = TWIN_DOT(Wx, dx, Wy, dy, Wz, dz);
-                    const f8 least = __builtin_elementwise_min(U, __builtin_elementwise_min(V, W));
-                    const f8 most = __builtin_elementwise_max(U, __builtin_elementwise_max(V, W));
+                    const f8 least = lesser(U, lesser(V, W));
+                    const f8 most = greater(U, greater(V, W));
                     const i8 inside = (least >= 0.0f) | (most <= 0.0f);
                     if (!__builtin_bit_cast(unsigned char, __builtin_convertvector(inside, b8)))
                         continue;
@@ -242,8 +243,8 @@ _DRAW += """
                     kept = (j8*)(seen.flags.data + at);
                     *kept = wins ? (i8)(thing + 1 /* MARK */) : (i8)*kept;
                     const f8 share = 1.0f / sum, one = 1.0f;
-                    const f8 su = __builtin_elementwise_min(W * share, one);
-                    const f8 sv = __builtin_elementwise_min(U * share, one);
+                    const f8 su = lesser(W * share, one);
+                    const f8 sv = lesser(U * share, one);
                     const i8 u = __builtin_convertvector(su * 65535.0f + 0.5f, i8);
                     const i8 v = __builtin_convertvector(sv * 65535.0f + 0.5f, i8);
                     kept = (j8*)(seen.bary.data + at);

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import warp as wp
 
-from twin.render.trace.eight import FUSED8
+from twin.render.trace.eight import FUSED8, LESSER
 from twin.render.trace.geometry import RayScene
 
 LANES = 16
@@ -22,6 +22,7 @@ Lanes = wp.types.vector(length=LANES, dtype=wp.float32)
 
 _TYPES = f"""
     {FUSED8}
+    {LESSER}
     typedef float F __attribute__((ext_vector_type({LANES})));
     typedef int I __attribute__((ext_vector_type({LANES})));
     typedef bool B __attribute__((ext_vector_type({LANES})));
@@ -31,8 +32,6 @@ _TYPES = f"""
     typedef float u8 __attribute__((ext_vector_type(8), aligned(4)));  // arrays may begin anywhere
     #define FUSED16(a, b, c) __builtin_elementwise_fma((F)(a), (F)(b), (F)(c))
     #define BITS16(i) __builtin_bit_cast(unsigned short, __builtin_convertvector(i, B))
-    #define LEAST16(a, b) __builtin_elementwise_min(a, b)
-    #define MOST16(a, b) __builtin_elementwise_max(a, b)
     const F zero = 0.0f;
 """
 
@@ -56,8 +55,7 @@ _ONE = """
             TWIN_LESS(gz, bx, gx, bz), dy, TWIN_LESS(gx, by, gy, bx), dz);
         const f8 W = TWIN_DOT(TWIN_LESS(hy, kz, hz, ky), dx,
             TWIN_LESS(hz, kx, hx, kz), dy, TWIN_LESS(hx, ky, hy, kx), dz);
-        const f8 least = __builtin_elementwise_min(U, __builtin_elementwise_min(V, W));
-        const f8 most = __builtin_elementwise_max(U, __builtin_elementwise_max(V, W));
+        const f8 least = lesser(U, lesser(V, W)), most = greater(U, greater(V, W));
         const f8 mx = TWIN_LESS(ey, gz, ez, gy), my = TWIN_LESS(ez, gx, ex, gz);
         const f8 mz = TWIN_LESS(ex, gy, ey, gx);
         const f8 slope = TWIN_SUM(mx, dx, my, dy, mz, dz);
@@ -101,15 +99,11 @@ _WALK = """
             const float* base = scene.nodes.data + (size_t)node * 56;
             const u8* box = (const u8*)base;
             const int* child = (const int*)(base + 48);
-            const f8 near8 = __builtin_elementwise_max(
-                __builtin_elementwise_max(__builtin_elementwise_fma((f8)box[nx], RX, x0),
-                    __builtin_elementwise_fma((f8)box[ny], RY, y0)),
-                __builtin_elementwise_max(__builtin_elementwise_fma((f8)box[nz], RZ, z0), zero8));
-            const f8 far8 = __builtin_elementwise_min(
-                __builtin_elementwise_min(__builtin_elementwise_fma((f8)box[fx], RX, x1),
-                    __builtin_elementwise_fma((f8)box[fy], RY, y1)),
-                __builtin_elementwise_min(
-                    __builtin_elementwise_fma((f8)box[fz], RZ, z1), limit8));
+            const f8 near8 = greater(TWIN_FUSED(box[nx], RX, x0),
+                greater(TWIN_FUSED(box[ny], RY, y0),
+                    greater(TWIN_FUSED(box[nz], RZ, z0), zero8)));
+            const f8 far8 = lesser(TWIN_FUSED(box[fx], RX, x1),
+                lesser(TWIN_FUSED(box[fy], RY, y1), lesser(TWIN_FUSED(box[fz], RZ, z1), limit8)));
             unsigned mask = __builtin_bit_cast(
                 unsigned char, __builtin_convertvector(near8 <= far8, b8));
             while (mask) {
@@ -122,10 +116,11 @@ _WALK = """
                 }
                 if (next == (int)0x80000000) break;  // no child any more
                 const float* b = base + k;
-                const F from = MOST16(MOST16(FUSED16(b[8 * nx], rx, MX),
-                    FUSED16(b[8 * ny], ry, MY)), MOST16(FUSED16(b[8 * nz], rz, MZ), zero));
-                const F to = LEAST16(LEAST16(FUSED16(b[8 * fx], rx, MX),
-                    FUSED16(b[8 * fy], ry, MY)), LEAST16(FUSED16(b[8 * fz], rz, MZ), (F)limit));
+                const F from = greater(FUSED16(b[8 * nx], rx, MX),
+                    greater(FUSED16(b[8 * ny], ry, MY), greater(FUSED16(b[8 * nz], rz, MZ), zero)));
+                const F to = lesser(FUSED16(b[8 * fx], rx, MX),
+                    lesser(FUSED16(b[8 * fy], ry, MY),
+                        lesser(FUSED16(b[8 * fz], rz, MZ), (F)limit)));
                 unsigned in = BITS16((I)(from <= to)) & lanes & ~blocked;
                 if (!in) continue;
                 const float* leaf = scene.leaves.data + (size_t)(-1 - next) * 80;

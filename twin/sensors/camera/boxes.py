@@ -7,6 +7,7 @@ import warp as wp
 
 from schemas.messages import BOX_COLUMNS, BOXES_MAX
 from twin.world.mirror import Mirror
+from twin.world.relaunch import Relaunch
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -69,7 +70,7 @@ class BoxSensor:
 
     def __init__(self, classes: wp.array, slots: int, device: wp.Device) -> None:
         """``classes``: int32 [I], class of every instance, on the device."""
-        self._device = device
+        self._launch = Relaunch(device)
         self._classes = classes
         self._boxes = Mirror((slots, BOXES_MAX, len(BOX_COLUMNS)), wp.float32, device)
         self._count = Mirror((slots,), wp.int32, device)
@@ -77,13 +78,12 @@ class BoxSensor:
 
     def launch(self, gathered: wp.array) -> None:
         """Make boxes of the camera's gathered pixels."""
-        wp.launch(
+        self._launch(
             boxes_kernel,
             gathered.shape[0],
-            inputs=[self._classes, gathered],
-            outputs=[self._boxes.device, self._count.device],
-            device=self._device,
-            block_dim=_BLOCK,
+            [self._classes, gathered],
+            [self._boxes.device, self._count.device],
+            _BLOCK,
         )
 
     def read(self) -> tuple[np.ndarray, np.ndarray]:
