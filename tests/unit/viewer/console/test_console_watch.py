@@ -1,6 +1,7 @@
 """What the conductor and the simulators say becomes tables, pictures and events."""
 
 import json
+from types import SimpleNamespace
 
 import msgspec
 import pytest
@@ -11,6 +12,7 @@ from schemas.wire.codec import encode
 from schemas.wire.view import ClockReading
 from twin.base.errors import UnreachableError
 from twin.fabric.bus import Sample
+from viewer.console import overview
 from viewer.console.remote_run import ASK_AGAIN_S, MissedEndings
 from viewer.console.run_folder import find_runs
 from viewer.console.site import ConsoleSite
@@ -426,3 +428,15 @@ def test_a_campaign_that_begins_anew_is_asked_for_again():
     assert heard.asked == ["demo"]
     heard.status(attempts=1)
     assert heard.asked == ["demo", "demo"]
+
+
+def test_the_time_of_a_running_campaign_goes_on_while_nothing_is_leased(tmp_path, monkeypatch):
+    run = a_run(tmp_path / "demo", recorded=())
+    outcomes(run, {case: {"outcome": ""} for case in CASES}, complete=False)
+    (run / "timeline.jsonl").write_text('{"at_s":100.0,"event":"leased","worker":"w1"}\n')
+    monkeypatch.setattr(overview, "time", SimpleNamespace(time=lambda: 190.0))
+    heard = Heard(run)
+    heard.status(out=run, running=CASES[:1])
+    assert heard.read("runs.json")["runs"][0]["elapsed_s"] == 90.0
+    heard.watch.turn(heard.now_s + SILENCE_S + 1)
+    assert heard.read("runs.json")["runs"][0]["elapsed_s"] == 0.0, "nobody says that it runs"

@@ -235,7 +235,8 @@ function EventKind({ what }: { what: string }): JSX.Element {
 function Kpis({ info }: { info: CaseInfo }): JSX.Element {
   return (
     <Figure title="KPIs">
-      <div class="scroll" tabIndex={0} role="region" aria-label="KPIs">
+      {info.kpis.length === 0 && <p class="dim">{info.state === "ended" ? "It has none." : "They come with the end of the case."}</p>}
+      <div class="scroll" hidden={info.kpis.length === 0} tabIndex={0} role="region" aria-label="KPIs">
         <table>
           <thead>
             <tr>
@@ -303,7 +304,7 @@ function InFull({ info, clock }: { info: CaseInfo; clock: Clock }): JSX.Element 
           </a>
         )}
       </p>
-      {incomplete && <p class="dim">The recorder was stopped early: the recording ends before the case did.</p>}
+      {incomplete && info.state !== "running" && <p class="dim">The recorder was stopped early: the recording ends before the case did.</p>}
       {address && <iframe key={address} src={address} title={`Rerun viewer: ${info.case}`} />}
     </Figure>
   );
