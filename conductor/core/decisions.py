@@ -38,7 +38,7 @@ from conductor.core.settle import DETAIL_CHARS_MAX, commit, end_attempt, end_sus
 from conductor.core.snapshot import take
 from conductor.core.speculate import straggler
 from conductor.core.state import CampaignState, CaseState, LiveLease, State, WorkerState
-from conductor.core.status import running, status
+from conductor.core.status import case_page, running, status
 from conductor.core.turn import RequestTurn
 from schemas import SCHEMA_VERSION
 from schemas.case import CASE_VERSION
@@ -470,6 +470,11 @@ def _status(turn: RequestTurn, request: StatusRequest) -> Reply:
     answer = status(turn.state, turn.now_ns)
     if request.running:
         answer["running"] = running(turn.state, turn.now_ns)
+    if request.cases:
+        campaign = turn.state.campaigns.get(request.cases)
+        if campaign is None:
+            return turn.reply(error=f"no campaign '{request.cases[:80]}' here")
+        answer["page"] = case_page(campaign, request.first)
     return turn.reply(status=answer)
 
 

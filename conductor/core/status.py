@@ -4,16 +4,24 @@ from __future__ import annotations
 
 from msgspec import UNSET
 
+from conductor.core.facts import Committed
 from conductor.core.grant import broken, mismatches, present
 from conductor.core.searching.record import SearchRecord
-from conductor.core.state import CampaignState, State, WorkerState
+from conductor.core.state import CampaignState, CaseState, State, WorkerState
 from schemas.wire.status import (
     CampaignStatus,
+    CasePage,
     ConductorStatus,
+    KnownCase,
     RunningCase,
     SearchStatus,
     WorkerStatus,
 )
+
+PAGE_CASES_MAX = 256
+"""Most cases in one page: a turn of the conductor reads a few hundred kilobytes of them."""
+PAGE_BYTES_MAX = 1 << 20
+"""A page ends with the case whose packed end reaches this size [bytes]."""
 
 
 def status(state: State, now_ns: int) -> ConductorStatus:
@@ -49,6 +57,49 @@ def running(state: State, now_ns: int) -> list[RunningCase]:
         }
         for lease in sorted(state.leases.values(), key=lambda lease: (lease.key, lease.attempt))
     ]
+
+
+def case_page(campaign: CampaignState, first: int) -> CasePage:
+    """Cases of a campaign from position ``first`` on, as many as a page holds."""
+    name = campaign.campaign.campaign
+    page: CasePage = {"campaign": name, "next": None, "cases": []}
+    size = 0
+    for case in campaign.ordered[first : first + PAGE_CASES_MAX]:
+        page["cases"].append(_known(case))
+        size += len(case.sealed)
+        if size >= PAGE_BYTES_MAX:
+            break
+    after = first + len(page["cases"])
+    if after < len(campaign.ordered):
+        page["next"] = after
+    return page
+
+
+def _known(case: CaseState) -> KnownCase:
+    row: KnownCase = {
+        "case": case.case.id,
+        "attempts": case.attempts,
+        "charges": [str(charge) for charge in case.charges],
+        "outcome": "",
+    }
+    end = case.end
+    if isinstance(end, Committed):
+        result = end.result
+        row |= {
+            "outcome": result.outcome,
+            "verdict": result.verdict,
+            "reasons": result.reasons,
+            "scalars": result.scalars,
+            "names": result.names,
+            "attempt_dir": result.attempt_dir,
+            "attempt": end.attempt,
+            "worker": end.worker,
+            "wall_s": result.wall_s,
+            "rig_wall_s": result.rig_wall_s,
+        }
+    elif end is not None:
+        row |= {"outcome": end.outcome, "reasons": [end.reason]}
+    return row
 
 
 def _broken(state: State) -> list[str]:

@@ -265,6 +265,10 @@ class StatusRequest(Struct, frozen=True, tag_field="verb", tag="status", omit_de
     v: int
     running: bool = False
     """Also for the cases that run now, which may be thousands."""
+    cases: str = ""
+    """Also for a page of the cases of this campaign; empty: of none."""
+    first: Count = 0
+    """Position of the page's first case in the campaign."""
 
 
 class Stop(Struct, frozen=True, tag_field="verb", tag="stop"):

@@ -102,6 +102,40 @@ class RunningCase(TypedDict, total=False):
     """What somebody has done to it; empty: nothing."""
 
 
+class KnownCase(TypedDict, total=False):
+    """One case, whether it has ended or not; of one that has not, everything about its end is
+    missing."""
+
+    case: str
+    attempts: int
+    charges: list[str]
+    """Why attempts were charged to it."""
+    outcome: str
+    """``verdict``, ``failed``, ``unresolved``, ``cancelled``; empty: not ended yet."""
+    verdict: str
+    reasons: list[str]
+    scalars: dict[str, float | int | None]
+    names: dict[str, str]
+    """Scalars that are names."""
+    attempt_dir: str
+    """Folder of the committed attempt, relative to the campaign folder."""
+    attempt: int
+    """Number of the committed attempt."""
+    worker: str
+    """Worker that committed it."""
+    wall_s: float
+    rig_wall_s: float
+
+
+class CasePage(TypedDict):
+    """Consecutive cases of a campaign in submission order."""
+
+    campaign: str
+    next: int | None
+    """Position of the case after the last one; None: there is none."""
+    cases: list[KnownCase]
+
+
 class ConductorStatus(TypedDict, total=False):
     """What a reply says beyond leases; which keys there are depends on the request."""
 
@@ -118,6 +152,8 @@ class ConductorStatus(TypedDict, total=False):
     """A line per host that is avoided."""
     running: list[RunningCase]
     """Cases that run, if they were asked for."""
+    page: CasePage
+    """Cases of a campaign, if they were asked for."""
     storage_error: str
     counters: dict[str, int | float]
     explain: list[str]

@@ -4,8 +4,10 @@ cut: the page goes on without a reload."""
 from __future__ import annotations
 
 import json
+import os
 import re
 import signal
+import time
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -13,13 +15,19 @@ import pytest
 from browser_pages import CHROMIUM, CUT, PATIENCE_MS, OpenedPages, chromium
 from console_pages import ConsolePage
 from cut_lines import CutLine
-from processes import PATIENCE_S, wait_for
+from processes import PATIENCE_S, keys_of, wait_for
+from test_conductor_restart import serve
 
 from schemas import SCHEMA_VERSION
 from schemas.wire import topics
 from schemas.wire.codec import decode, encode
-from schemas.wire.control import Reply, Request
-from twin.fabric.zenoh_bus import open_bus
+from schemas.wire.control import Hello, Lease, Next, Reply, Request, Result
+from schemas.wire.rpc_routes import route_key
+from twin.base.software import software_digest
+from twin.fabric.discovery import find_conductor, find_target
+from twin.fabric.keys.roles import Role
+from twin.fabric.session import new_secret
+from twin.fabric.zenoh_bus import join, open_bus
 from viewer.console.stream import EVENTS_MAX
 from viewer.playback.native import free_port
 
@@ -32,6 +40,8 @@ pytestmark = pytest.mark.skipif(
 )
 
 CASES = 6
+ASLEEP_S = float(os.environ.get("CONSOLE_ASLEEP_S", "0"))
+"""How long a browser sleeps beyond what it takes to forget its events; 3600 is the hour [s]."""
 BURST = 400
 """Facts that are published at once: fewer than a session keeps for who is late."""
 
@@ -178,6 +188,7 @@ def test_a_conductor_that_is_restarted(page, conductor):
     running(page, CASES - 2)
 
 
+@pytest.mark.timeout(1200 + ASLEEP_S)
 def test_a_browser_that_slept_until_nobody_remembers_what_it_missed(
     page, outer, conductor, console
 ):
@@ -193,6 +204,7 @@ def test_a_browser_that_slept_until_nobody_remembers_what_it_missed(
         for number in range(first, first + BURST):
             conductor.say(fact="worker_left", worker=f"w-{number}", reason="bye")
         wait_for(lambda last=number: said(witness, f"w-{last} "), "the facts on the stream")
+    time.sleep(ASLEEP_S)
     outer.mend()
     debugger.send("Page.setWebLifecycleState", {"state": "active"})
     online(page, "live")
@@ -205,3 +217,96 @@ def test_a_browser_that_slept_until_nobody_remembers_what_it_missed(
 def said(witness: ConsolePage, words: str) -> bool:
     """Whether the log has a line with these words, among the latest ones."""
     return any(words in f"{line} " for line in witness.log[-BURST:])
+
+
+class WorkerByHand:
+    """A worker whose cases end when the test says so."""
+
+    def __init__(self, state: Any) -> None:
+        self.bus = join(find_target(state, Role.worker), PATIENCE_S)
+        self.seq, self.secret = 0, new_secret()
+        self.held: list[int] = []
+        software = software_digest()
+        self.ask(Hello(SCHEMA_VERSION, "w1", "n1", 1, "cpu", software, CASES, session=self.secret))
+
+    def ask(self, request: Request) -> Reply:
+        data = self.bus.request(route_key(request), encode(request), PATIENCE_S)
+        assert data is not None, "no answer"
+        reply: Reply = decode(data, Reply)
+        assert not reply.error
+        return reply
+
+    def next(self, k: int, *results: Result) -> list[Lease]:
+        """Commit results and lease up to ``k`` cases."""
+        self.seq += 1
+        own = {"worker": "w1", "seq": self.seq, "session": self.secret, "held": self.held}
+        leases = self.ask(Next(v=SCHEMA_VERSION, k=k, results=list(results), **own)).leases
+        self.held += [lease.token for lease in leases]
+        return leases
+
+    def end(self, lease: Lease) -> None:
+        """Its case has ended."""
+        case = lease.case
+        self.held.remove(lease.token)
+        self.next(0, Result(case.variation.campaign, case.id, lease.token, "verdict", "collision"))
+
+
+@pytest.fixture
+def state(marked, tmp_path):
+    """A real conductor's folder, with a campaign of some cases."""
+    state, campaign = tmp_path / "state", tmp_path / "demo.yaml"
+    conductor = serve(marked, state, "--ttl-s", "600")
+    campaign.write_text(
+        f"campaign: demo\nsimulator: noop\nmatrix: {{repeat: {list(range(CASES))}}}\n"
+    )
+    done = marked.run("conductor", "submit", str(campaign), "--state", str(state))
+    assert done.returncode == 0, done.stderr
+    yield state
+    conductor.send_signal(signal.SIGINT)
+    conductor.wait(PATIENCE_S)
+
+
+@pytest.mark.parametrize("cut", ["hold", "tear"])
+def test_cases_that_ended_while_the_console_was_cut_off_from_its_conductor(
+    marked, browser, state, cut
+):
+    """No folder is at hand and no fact is said twice: the console asks for what it missed."""
+    worker = WorkerByHand(state)
+    leases = worker.next(4)
+    line = CutLine(int(find_conductor(state).endpoint.rpartition(":")[2]))
+    where = ("--connect", f"tls/127.0.0.1:{line.port}", "--key", str(keys_of(state)))
+    child = marked.start("viewer", "web", *where, "--output", "json")
+    pages = OpenedPages(browser)
+    pages.allowed += CUT
+    try:
+        url = json.loads(child.stdout.readline())["url"]
+        seen = ConsolePage(url, "demo")
+        wait_for(lambda: seen.data("runs.json")["runs"], "the campaign")
+        page = pages.open(f"{url.partition('#')[0]}#/run/demo/wall")
+        page.evaluate("window.stays = true")
+        online(page, "live")
+        said_of(page, running=4, waiting=2, collision=None)
+        getattr(line, cut)()
+        online(page, re.compile("^conductor: no word from it"))
+        worker.end(leases[0])  # it was seen running
+        worker.end(worker.next(1)[0])  # nobody has heard that it began
+        line.mend()
+        online(page, "live")
+        said_of(page, running=3, waiting=1, collision=2)
+        worker.end(leases[1])
+        said_of(page, running=2, waiting=1, collision=3)
+        assert page.evaluate("window.stays") is True
+        pages.check(url.partition("#")[0])
+    finally:
+        worker.bus.close()
+        child.send_signal(signal.SIGINT)
+        child.wait(PATIENCE_S)
+        line.close()
+
+
+def said_of(page: Any, **counts: int | None) -> None:
+    """How many cases there are of each state, as the page says; None: it has no such word."""
+    verdicts = page.get_by_role("group", name="Verdicts")
+    for word, count in counts.items():
+        name = word if count is None else f"{count} {word}"
+        expect(verdicts.get_by_role("button", name=name)).to_have_count(int(count is not None))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import time
 from typing import Any
 
 from msgspec import Struct
@@ -62,7 +63,9 @@ def _row(shown: ShownRun) -> dict[str, Any]:
     done = sum(verdicts.values())
     elapsed_s = None
     if times.first_s is not None and times.last_s is not None:
-        elapsed_s = times.last_s - times.first_s
+        # The log of leases says nothing while a long case runs.
+        last_s = times.last_s if live is None else max(times.last_s, time.time())
+        elapsed_s = last_s - times.first_s
     rig_s = sum(row.rig_wall_s for row in endings.values())
     cases = max(len(endings), live.cases if live else 0)
     done = max(done, live.cases - live.left if live else 0)

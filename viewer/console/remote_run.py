@@ -19,6 +19,9 @@ NOWHERE = Path(os.devnull)
 CASES_MAX = 100_000
 """Most cases of a campaign without a folder; further ones are not shown."""
 
+ASK_AGAIN_S = 10.0
+"""Shortest time between two questions for all cases of a campaign within a session [s]."""
+
 
 class HeardCases:
     """Endings, axes and pictures of cases as they are heard, by case in the order of their first
@@ -29,6 +32,12 @@ class HeardCases:
         self._endings: dict[str, CaseEnding] = {}
         self._axes: dict[str, dict[str, Any]] = {}
         self._changes = 0
+        self._ended = 0
+
+    @property
+    def count_ended(self) -> int:
+        """Cases that have ended."""
+        return self._ended
 
     @property
     def version(self) -> int:
@@ -43,18 +52,25 @@ class HeardCases:
         """
         ending = msgspec.convert(result, CaseEnding, strict=False)
         ending = msgspec.structs.replace(ending, worker=worker, attempt=attempt, attempts=attempt)
-        self._end(str(result["case"]), ending)
+        with self._lock:
+            self._put(str(result["case"]), ending)
 
     def ended(self, case: str, outcome: str, reason: str) -> None:
         """A case has ended without a result."""
-        self._end(case, CaseEnding(outcome=outcome, reasons=[reason]))
+        with self._lock:
+            self._put(case, CaseEnding(outcome=outcome, reasons=[reason]))
+
+    def known(self, case: str, ending: CaseEnding) -> None:
+        """A case as its conductor has it, ended or not."""
+        with self._lock:
+            if self._endings.get(case) != ending:
+                self._put(case, ending)
 
     def waits_again(self, case: str) -> None:
         """What was known of its end does not hold any more."""
         with self._lock:
             if case in self._endings:
-                self._endings[case] = CaseEnding()
-                self._changes += 1
+                self._put(case, CaseEnding())
 
     def seen(self, thumbnail: Thumbnail) -> None:
         """A picture of a case has come. Its outcome is one attempt's, which may be run again, so
@@ -68,19 +84,18 @@ class HeardCases:
                     "weather": thumbnail.weather,
                 }
                 self._endings.setdefault(case, CaseEnding())
-                self._changes += 1
+                self._changes += 1  # its axes are new
 
     def leased(self, case: str) -> None:
         """A worker has it: it is a case, if nothing else said so."""
         with self._lock:
-            if case not in self._endings and len(self._endings) < CASES_MAX:
-                self._endings[case] = CaseEnding()
-                self._changes += 1
+            if case not in self._endings:
+                self._put(case, CaseEnding())
 
     def forget(self) -> None:
         """All that was heard is of another campaign of the same name."""
         with self._lock:
-            self._endings, self._axes = {}, {}
+            self._endings, self._axes, self._ended = {}, {}, 0
             self._changes += 1
 
     def endings(self) -> dict[str, CaseEnding]:
@@ -93,11 +108,43 @@ class HeardCases:
         with self._lock:
             return dict(self._axes)
 
-    def _end(self, case: str, ending: CaseEnding) -> None:
-        with self._lock:
-            if case in self._endings or len(self._endings) < CASES_MAX:
-                self._endings[case] = ending
-                self._changes += 1
+    def _put(self, case: str, ending: CaseEnding) -> None:
+        before = self._endings.get(case)
+        if before is None and len(self._endings) >= CASES_MAX:
+            return
+        self._ended += bool(ending.outcome) - bool(before is not None and before.outcome)
+        self._endings[case] = ending
+        self._changes += 1
+
+
+class MissedEndings:
+    """Decides when something was missed of a campaign. No clock.
+
+    Status and facts come by different ways, so a difference counts when it outlasts a status.
+    """
+
+    def __init__(self) -> None:
+        self._before: tuple[int, int] | None = None
+        """Ended cases in the status before: as it said, and as was heard by then."""
+        self._asked_s = -ASK_AGAIN_S
+
+    def status(self, said: int, heard: int, now_s: float, *, anew: bool) -> bool:
+        """Whether the conductor has to be asked for the cases as they stand.
+
+        Args:
+            said: cases that have ended, as the status says.
+            heard: the same, as is known here.
+            now_s: the time of a monotonic clock [s].
+            anew: nothing tells what came before this status.
+        """
+        before, self._before = self._before, (said, heard)
+        missed = extra = False
+        if before is not None:
+            missed, extra = before[0] > heard, min(before[1], heard) > said
+        if not anew and not ((missed or extra) and now_s - self._asked_s >= ASK_AGAIN_S):
+            return False
+        self._asked_s = now_s
+        return True
 
 
 class RemoteRun(RunFolder):

@@ -16,20 +16,29 @@ import msgspec
 
 from schemas.escape import escape
 from schemas.wire.codec import ATTACHMENT_BYTES_MAX, WireError, decode
-from schemas.wire.status import CampaignStatus, ConductorStatus
+from schemas.wire.status import CampaignStatus, CasePage, ConductorStatus
 from schemas.wire.view import Thumbnail
 from twin.base.errors import InfrastructureError, TwinError
 from twin.fabric.bus import Sample
 from twin.fabric.discovery import Target
 from viewer.console.overview import table_version
-from viewer.console.remote_run import RemoteRun
+from viewer.console.remote_run import MissedEndings, RemoteRun
 from viewer.console.rig_clocks import RigClocks
-from viewer.console.run_folder import RunFolder
+from viewer.console.run_folder import CaseEnding, RunFolder
 from viewer.console.shown_run import LiveFigures, LivePicture, ShownRun
 from viewer.console.site import ConsoleSite
 from viewer.console.stream import EventStream
 from viewer.console.table import ConsoleTable
-from viewer.live.link import ConductorEvent, Heard, Link, LinkEnded, ReadClocks, Said, Status
+from viewer.live.link import (
+    Cases,
+    ConductorEvent,
+    Heard,
+    Link,
+    LinkEnded,
+    ReadClocks,
+    Said,
+    Status,
+)
 from viewer.live.pulse import sentence
 from viewer.live.renewal import Renewal
 from viewer.live.slots import LatestSlots
@@ -104,6 +113,8 @@ class LiveWatch:
         self._runs: dict[str, ShownRun] = {}
         """Campaign -> what is shown of it."""
         self._paces: dict[str, Throughput] = {}
+        self._missed: dict[str, MissedEndings] = {}
+        self._sessions = 0
         self._tokens: dict[tuple[str, str], int] = {}
         self._renewal = Renewal()
         self._numbers = 0
@@ -172,8 +183,12 @@ class LiveWatch:
             TwinError: waiting does not help any more.
         """
         match heard:
-            case Status(found):
+            case Status(found, first):
+                self._sessions += first
                 self._status(found, now_s)
+                self._catch_up(found, now_s, rejoined=first and self._sessions > 1)
+            case Cases(page):
+                self._cases(page)
             case ConductorEvent(fact):
                 self._fact(fact)
             case Said(line):
@@ -238,6 +253,41 @@ class LiveWatch:
             )
         self.stream.put("workers", {"draining": found.get("draining", False)})
 
+    def _catch_up(self, found: ConductorStatus, now_s: float, *, rejoined: bool) -> None:
+        """Ask for the cases of campaigns of which something was missed: facts are not repeated.
+
+        Where the folder is at hand its outcomes tell what was missed, unless something was taken
+        back meanwhile.
+        """
+        for name, row in found.get("campaigns", {}).items():
+            shown = self._runs.get(name)
+            if shown is None:
+                continue
+            if not isinstance(shown.run, RemoteRun):
+                if rejoined:
+                    self.link.ask_cases(name)
+                continue
+            anew = rejoined or name not in self._missed
+            missed = self._missed.setdefault(name, MissedEndings())
+            said, heard = row.get("cases", 0) - row.get("left", 0), shown.heard.count_ended
+            if missed.status(said, heard, now_s, anew=anew):
+                self.link.ask_cases(name)
+
+    def _cases(self, page: CasePage) -> None:
+        shown = self._runs.get(page["campaign"])
+        if shown is None:
+            return
+        charged = self.charged.setdefault(shown.run.id, {})
+        for row in page["cases"]:
+            case, ending = row.get("case", ""), msgspec.convert(row, CaseEnding)
+            if not case:
+                continue  # of another version
+            shown.heard.known(case, ending)
+            if ending.outcome:
+                charged.pop(case, None)
+            elif ending.charges:
+                charged[case] = escape(ending.charges[-1])
+
     def _known(self, name: str, row: CampaignStatus) -> ShownRun:
         """The run of a campaign; found by its folder where that is at hand, else made."""
         if name in self._runs:
@@ -259,6 +309,7 @@ class LiveWatch:
         """What was heard of a campaign is of another one of its name; a folder stays shown."""
         self._tokens = {key: t for key, t in self._tokens.items() if key[0] != name}
         self._paces.pop(name, None)
+        self._missed.pop(name, None)
         shown = self._runs.get(name)
         if shown is None:
             return

@@ -19,7 +19,7 @@ from schemas.wire import topics
 from schemas.wire.codec import WireError, decode, encode
 from schemas.wire.control import Explain, Reply, Request, StatusRequest
 from schemas.wire.rpc_routes import route_key
-from schemas.wire.status import ConductorStatus
+from schemas.wire.status import CasePage, ConductorStatus
 from schemas.wire.view import ClockReading, SceneMesh
 from twin.base.errors import InfrastructureError, TwinError, UnreachableError, UsageError
 from twin.fabric.bus import Bus, Cancel, Sample
@@ -49,6 +49,15 @@ class Status:
     """What the conductor says of itself."""
 
     found: ConductorStatus
+    first: bool = False
+    """The first one of a session: facts that were published before it may have been missed."""
+
+
+@dataclass(frozen=True, slots=True)
+class Cases:
+    """Cases of a campaign as they stand."""
+
+    page: CasePage
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +100,7 @@ class LinkEnded:
     error: TwinError
 
 
-Heard = Status | ConductorEvent | Said | SentWorld | ReadClocks | LinkEnded
+Heard = Status | Cases | ConductorEvent | Said | SentWorld | ReadClocks | LinkEnded
 
 
 class _SilenceError(Exception):
@@ -133,6 +142,8 @@ class Link:
         """Worlds to be sent for: rig and digest."""
         self._clocks = False
         """Clocks of rigs are to be read."""
+        self._missed: dict[str, int] = {}
+        """Campaigns whose cases are to be asked for, from which position on."""
         self._subscribed: dict[str, Cancel] = {}
         self._checked: set[str] = set()
         """Cases that the conductor knows."""
@@ -171,6 +182,12 @@ class Link:
     def read_clocks(self) -> None:
         """Ask all rigs for their clocks, which come as :class:`ReadClocks`."""
         self._clocks = True
+        self._wake.set()
+
+    def ask_cases(self, campaign: str) -> None:
+        """Ask for all cases of a campaign, which come as :class:`Cases`."""
+        with self._lock:
+            self._missed[campaign] = 0
         self._wake.set()
 
     # --- the link's thread ------------------------------------------------------------------
@@ -213,6 +230,8 @@ class Link:
             bus.subscribe(topics.VIEW_THUMBNAIL.key.format(campaign="*", case="*"), self._on_view)
             bus.subscribe(topics.EVENT.key, self._on_event)
             self._subscribed = {}
+            with self._lock:
+                self._missed.clear()  # whoever needs them asks after the first status
             answered = False
             while not self._stop.is_set():
                 self._follow(bus)
@@ -224,7 +243,8 @@ class Link:
                     self._silent(target, answered)
                 self._fetch(bus)
                 self._read(bus)
-                self._wake.wait(PERIOD_S)
+                if not self._ask_pages(bus):
+                    self._wake.wait(PERIOD_S)
                 self._wake.clear()
         finally:
             bus.close()
@@ -235,7 +255,7 @@ class Link:
         if first and self._told:
             self._say(Said(f"connected to {target.endpoint}"))
             self._told = ""
-        self._say(Status(status))
+        self._say(Status(status, first))
         self._check(bus, list(status.get("campaigns", {})))
 
     def _silent(self, target: Target, answered: bool) -> None:
@@ -303,6 +323,29 @@ class Link:
             with contextlib.suppress(WireError):  # of another version: its pictures have no age
                 readings.append(decode(data, ClockReading))
         self._say(ReadClocks(readings, asked_s, answered_s))
+
+    def _ask_pages(self, bus: Bus) -> bool:
+        """Ask for cases, for as long as the status can wait; whether there are more."""
+        until_s = time.monotonic() + PERIOD_S
+        while not self._stop.is_set() and time.monotonic() < until_s:
+            with self._lock:
+                campaign, first = next(iter(self._missed.items()), ("", 0))
+            if not campaign:
+                return False
+            request = StatusRequest(v=SCHEMA_VERSION, cases=campaign, first=first)
+            reply = self._ask(bus, request)
+            if reply is None:
+                return False  # asked again after the next status
+            page = reply.status.get("page")  # conductors of earlier releases have none
+            after = page["next"] if page is not None else None
+            with self._lock:
+                if self._missed.get(campaign) == first:  # else it was asked for anew
+                    del self._missed[campaign]
+                    if after is not None and after > first:
+                        self._missed[campaign] = after
+            if page is not None:
+                self._say(Cases(page))
+        return bool(self._missed)
 
     def _ask(self, bus: Bus, request: Request) -> Reply | None:
         """The reply to a request; None: there was none, ask again.

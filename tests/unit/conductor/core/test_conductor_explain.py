@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from conductor_bench import S, ended, hello, result, started
+import pytest
+from conductor_bench import Bench, S, ended, hello, result, started
 
+from conductor.core import status as told
 from conductor.core.decisions import worker_lost
 from schemas import SCHEMA_VERSION
 from schemas.wire.control import StatusRequest
+from schemas.wire.status import CasePage
 
 
 def test_the_life_of_a_case_in_sentences() -> None:
@@ -90,3 +93,64 @@ def test_the_cases_that_run_are_listed_with_where_they_are() -> None:
     }
     bench.bye()
     assert bench.ask(StatusRequest(v=SCHEMA_VERSION, running=True)).status["running"] == []
+
+
+def page_of(bench: Bench, first: int) -> CasePage:
+    request = StatusRequest(v=SCHEMA_VERSION, cases="alpha", first=first)
+    return bench.ask(request).status["page"]
+
+
+def test_cases_as_they_stand_come_in_pages(monkeypatch: pytest.MonkeyPatch) -> None:
+    bench = started(cases=5, attempts_max=2)
+    leases = bench.lease(k=3)
+    kept = result(leases[0], passed=False, scalars={"dtc_min_m": 0.5}, reasons=["hit"], wall_s=2.0)
+    bench.next(k=0, results=[kept], ended=[ended(leases[1], "crash", "signal 11")])
+    bench.control("cancel", case="repeat_4")
+    monkeypatch.setattr(told, "PAGE_CASES_MAX", 3)
+    page = page_of(bench, 0)
+    assert (page["campaign"], page["next"]) == ("alpha", 3)
+    assert page["cases"] == [
+        {
+            "case": "repeat_0",
+            "attempts": 1,
+            "charges": [],
+            "outcome": "verdict",
+            "verdict": "collision",
+            "reasons": ["hit"],
+            "scalars": {"dtc_min_m": 0.5},
+            "names": {},
+            "attempt_dir": "cases/repeat_0/attempt-1",
+            "attempt": 1,
+            "worker": "w1",
+            "wall_s": 2.0,
+            "rig_wall_s": 0.0,
+        },
+        {
+            "case": "repeat_1",
+            "attempts": 1,
+            "outcome": "",
+            "charges": ["crash: signal 11 (worker w1)"],
+        },
+        {"case": "repeat_2", "attempts": 1, "charges": [], "outcome": ""},
+    ]
+    page = page_of(bench, 3)
+    assert page["next"] is None
+    assert [row["case"] for row in page["cases"]] == ["repeat_3", "repeat_4"]
+    assert page["cases"][1]["outcome"] == "cancelled"
+    assert page["cases"][1]["reasons"] == ["cancelled on request"]
+    assert page_of(bench, 5) == page_of(bench, 2**31 - 1) == page | {"cases": []}
+
+
+def test_a_page_ends_before_it_grows_too_large(monkeypatch: pytest.MonkeyPatch) -> None:
+    bench = started(cases=4)
+    bench.next(k=0, results=[result(lease) for lease in bench.lease(k=3)])
+    size = len(bench.state.campaigns["alpha"].cases["repeat_0"].sealed)
+    monkeypatch.setattr(told, "PAGE_BYTES_MAX", 2 * size)
+    assert page_of(bench, 0)["next"] == 2
+    assert page_of(bench, 2)["next"] is None
+
+
+def test_cases_of_a_campaign_that_is_not_here() -> None:
+    bench = started(cases=1)
+    reply = bench.ask(StatusRequest(v=SCHEMA_VERSION, cases="x" * 90))
+    assert reply.error == f"no campaign '{'x' * 80}' here"

@@ -1,6 +1,7 @@
 """What the conductor and the simulators say becomes tables, pictures and events."""
 
 import json
+from types import SimpleNamespace
 
 import msgspec
 import pytest
@@ -11,11 +12,13 @@ from schemas.wire.codec import encode
 from schemas.wire.view import ClockReading
 from twin.base.errors import UnreachableError
 from twin.fabric.bus import Sample
+from viewer.console import overview
+from viewer.console.remote_run import ASK_AGAIN_S, MissedEndings
 from viewer.console.run_folder import find_runs
 from viewer.console.site import ConsoleSite
 from viewer.console.stream import EventStream
 from viewer.console.watch import CLOCKS_S, PICTURE_BYTES_MAX, SILENCE_S, LiveWatch
-from viewer.live.link import ConductorEvent, LinkEnded, ReadClocks, Said, Status
+from viewer.live.link import Cases, ConductorEvent, LinkEnded, ReadClocks, Said, Status
 
 
 class Heard:
@@ -27,16 +30,22 @@ class Heard:
         self.watch = LiveWatch(self.site, self._nowhere, self.stream, here=folder is not None)
         self.stream.followers = int(follows)
         self.now_s = 0.0
+        self.asked = []
+        """Campaigns whose cases the conductor was asked for."""
+        self.watch.link.ask_cases = self.asked.append
         self._told = 0
 
     def _nowhere(self):
         raise UnreachableError("nobody is there")
 
-    def status(self, out="", running=(), **row):
+    def status(self, out="", running=(), first=False, **row):
         campaign = {"out": str(out), "cases": 4, "left": 4, "leased": len(running), "paused": False}
         leases = [{"campaign": "demo", "case": case, "worker": "w1"} for case in running]
         found = {"campaigns": {"demo": campaign | row}, "workers": [], "running": leases}
-        self.watch.take(Status(found), self.now_s)
+        self.watch.take(Status(found, first), self.now_s)
+
+    def cases(self, *rows):
+        self.watch.take(Cases({"campaign": "demo", "next": None, "cases": [*rows]}), self.now_s)
 
     def fact(self, **fact):
         self.watch.take(ConductorEvent(fact), self.now_s)
@@ -353,3 +362,81 @@ def test_nothing_of_a_campaign_stays_when_it_is_begun_anew(tmp_path, here):
         "version": heard.read(f"runs/{anew.run.id}/table.json")["version"],
         "reset": True,
     }
+
+
+def test_a_session_that_was_cut_asks_for_the_cases_as_they_stand():
+    heard = Heard()
+    heard.status(running=["c1", "c2"], first=True)
+    assert heard.asked == ["demo"], "the campaign may have begun long ago"
+    heard.committed("c1")
+    heard.fact(fact="case_ended", campaign="demo", case="c2", outcome="cancelled", reason="r")
+    heard.status(left=2)
+    assert heard.asked == ["demo"]
+    heard.status(left=2, first=True)
+    assert heard.asked == ["demo", "demo"]
+    # Meanwhile one was taken back, one has ended, and a third nobody has heard of.
+    heard.cases(
+        {"case": "c0", "outcome": "verdict", "verdict": "collision", "scalars": {"dtc_min_m": 0}},
+        {"case": "c1", "outcome": "verdict", "verdict": "pass", "attempts": 1},
+        {"case": "c2", "outcome": "", "attempts": 1, "charges": ["died \x1b (worker w1)"]},
+        {"case": "c3", "outcome": ""},
+    )
+    table = heard.read("runs/demo/table.json")
+    verdicts = dict(zip(table["cases"], table["columns"]["verdict"], strict=True))
+    assert verdicts == {"c1": "pass", "c2": None, "c0": "collision", "c3": None}
+    assert heard.watch.charged["demo"] == {"c2": "died \\x1b (worker w1)"}
+    heard.cases({"case": "c2", "outcome": "unresolved", "charges": ["died (worker w1)"]})
+    assert heard.watch.charged["demo"] == {}
+    version = heard.read("runs/demo/table.json")["version"]
+    heard.cases({"case": "c3", "outcome": ""}, {"outcome": "verdict"})
+    assert heard.read("runs/demo/table.json")["version"] == version, "it says nothing new"
+
+
+def test_cases_of_a_folder_at_hand_are_asked_for_after_a_cut_alone(tmp_path):
+    run = a_run(tmp_path / "demo", recorded=())
+    outcomes(run, {case: {"outcome": ""} for case in CASES}, complete=False)
+    heard = Heard(run)
+    heard.status(out=run, first=True)
+    heard.committed(CASES[0])
+    heard.status(out=run, left=0)
+    assert heard.asked == []
+    heard.status(out=run, first=True)
+    assert heard.asked == ["demo"]
+    heard.cases({"case": CASES[0], "outcome": ""})  # it was taken back
+    assert heard.read("runs/demo/table.json")["columns"]["verdict"][0] is None
+
+
+def test_a_fact_that_got_lost_is_noticed_by_the_counts():
+    missed = MissedEndings()
+    assert missed.status(5, 0, 0.0, anew=True)
+    assert not missed.status(5, 5, 1.0, anew=False)
+    assert not missed.status(6, 5, 2.0, anew=False), "its fact may be on its way"
+    assert not missed.status(7, 5, 3.0, anew=False), "asked a moment ago"
+    now_s = ASK_AGAIN_S
+    assert not missed.status(8, 7, now_s, anew=False), "one is on its way again"
+    assert missed.status(8, 7, now_s + 1, anew=False)
+    assert not missed.status(8, 8, now_s + 2, anew=False)
+    assert not missed.status(8, 9, now_s + 20, anew=False), "a fact that is ahead of the status"
+    assert not missed.status(9, 10, now_s + 30, anew=False), "and another one"
+    assert missed.status(9, 10, now_s + 31, anew=False), "one was taken back, which nobody heard"
+
+
+def test_a_campaign_that_begins_anew_is_asked_for_again():
+    heard = Heard()
+    heard.status(attempts=9)
+    heard.status(attempts=9)
+    assert heard.asked == ["demo"]
+    heard.status(attempts=1)
+    assert heard.asked == ["demo", "demo"]
+
+
+def test_the_time_of_a_running_campaign_goes_on_while_nothing_is_leased(tmp_path, monkeypatch):
+    run = a_run(tmp_path / "demo", recorded=())
+    outcomes(run, {case: {"outcome": ""} for case in CASES}, complete=False)
+    (run / "timeline.jsonl").write_text('{"at_s":100.0,"event":"leased","worker":"w1"}\n')
+    monkeypatch.setattr(overview, "time", SimpleNamespace(time=lambda: 190.0))
+    heard = Heard(run)
+    heard.status(out=run, running=CASES[:1])
+    assert heard.read("runs.json")["runs"][0]["elapsed_s"] == 90.0
+    heard.watch.turn(heard.now_s + SILENCE_S + 1)
+    assert heard.read("runs.json")["runs"][0]["elapsed_s"] == 0.0, "nobody says that it runs"

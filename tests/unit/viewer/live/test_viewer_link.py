@@ -21,6 +21,7 @@ from twin.fabric.keys.roles import Role
 from twin.fabric.zenoh_bus import open_bus
 from viewer.live import link as linking
 from viewer.live.link import (
+    Cases,
     ConductorEvent,
     Link,
     LinkEnded,
@@ -38,6 +39,9 @@ class Conductor:
 
     def __init__(self, port, version=SCHEMA_VERSION, key=None):
         self.version = version
+        self.pages = None
+        """Position -> page of cases; None: an earlier release, which has none."""
+        self.asked = []
         protocol = "tls" if key else "tcp"
         self.bus = open_bus("router", listen=[f"{protocol}/127.0.0.1:{port}"], key=key)
         self.bus.serve(topics.RPC_STATUS.key, self.answer)
@@ -49,6 +53,11 @@ class Conductor:
         if isinstance(request, Explain):
             status = {"explain": ["waits: no worker is here"]}
             error = "" if request.case == "clear" else f"no case '{request.case}'"
+        elif request.cases:
+            self.asked.append(request.first)
+            if self.pages is not None:
+                status = {"page": self.pages[request.first]} if request.first in self.pages else {}
+                error = "" if status else "no such campaign"
         respond(encode(Reply(v=self.version, epoch=1, error=error, status=status)))
 
     def close(self):
@@ -247,6 +256,40 @@ def test_worlds_and_events_come_as_they_are(opened, port):
     conductor.bus.publish(topics.EVENT.key, b"nonsense")
     conductor.bus.publish(topics.EVENT.key, encode(Reply(v=SCHEMA_VERSION, epoch=7)))
     assert hear(link, ConductorEvent).fact["epoch"] == 7
+
+
+def test_cases_come_page_by_page_until_there_are_no_more(opened, port):
+    conductor = serve(opened, port)
+    pages = [
+        {"campaign": "demo", "next": following, "cases": [{"case": f"c{first}", "outcome": ""}]}
+        for first, following in ((0, 1), (1, 2), (2, None))
+    ]
+    conductor.pages = dict(enumerate(pages))
+    link = connect(opened, port)
+    assert hear(link, Status).first
+    assert not hear(link, Status).first
+    link.ask_cases("demo")
+    assert [hear(link, Cases).page for _ in pages] == pages
+    hear(link, Status)
+    assert conductor.asked == [0, 1, 2]
+    conductor.pages = {0: pages[0] | {"next": 0}}
+    link.ask_cases("demo")
+    hear(link, Cases)
+    for _ in range(2):
+        hear(link, Status)
+    assert conductor.asked == [0, 1, 2, 0], "a page that leads nowhere is the last one"
+
+
+@pytest.mark.parametrize("pages", [None, {}])
+def test_a_conductor_that_has_no_such_cases_is_asked_once(opened, port, pages):
+    conductor = serve(opened, port)
+    conductor.pages = pages
+    link = connect(opened, port)
+    hear(link, Status)
+    link.ask_cases("demo")
+    for _ in range(3):
+        hear(link, Status)
+    assert conductor.asked == [0]
 
 
 def test_clocks_of_all_rigs_are_read_at_once(opened, port, monkeypatch):

@@ -6,7 +6,7 @@ import { type Clock, useClock, useTime } from "./clock";
 import { type Beside, type CaseInfo, file, type Runs, type Series, STATIC, statusOf } from "./data";
 import { useData, useEvents } from "./hooks";
 import { FilmView } from "./film";
-import { Chip, Command, Figure, VerdictSign, Waiting } from "./parts";
+import { Chip, Command, Figure, kinds, VerdictSign, Waiting, wordsOf } from "./parts";
 import { late, lagWords, useLag } from "./lag";
 import { type Mark, Player } from "./player";
 import { SeriesPlots } from "./plots";
@@ -205,13 +205,16 @@ function Events({ info, clock }: { info: CaseInfo; clock: Clock }): JSX.Element 
             <button type="button" class="link" onClick={() => clock.to(event.t)}>
               {at(event.t)}
             </button>{" "}
-            <EventKind what={event.what} /> {event.detail}
+            <EventKind what={event.what} /> {worded(event.detail)}
           </li>
         ))}
       </ol>
     </Figure>
   );
 }
+
+/** A text with the words of the verdict that it begins with: `false_braking: ...`. */
+const worded = (detail: string): string => detail.replace(/^\w+(?=: )/, (name) => (kinds.has(name) ? wordsOf(name) : name));
 
 const KINDS: Record<string, [string, string]> = { warn: ["▲", "warning"], error: ["✕", "failure"], info: ["•", ""] };
 
@@ -232,7 +235,8 @@ function EventKind({ what }: { what: string }): JSX.Element {
 function Kpis({ info }: { info: CaseInfo }): JSX.Element {
   return (
     <Figure title="KPIs">
-      <div class="scroll" tabIndex={0} role="region" aria-label="KPIs">
+      {info.kpis.length === 0 && <p class="dim">{info.state === "ended" ? "It has none." : "They come with the end of the case."}</p>}
+      <div class="scroll" hidden={info.kpis.length === 0} tabIndex={0} role="region" aria-label="KPIs">
         <table>
           <thead>
             <tr>
@@ -300,7 +304,7 @@ function InFull({ info, clock }: { info: CaseInfo; clock: Clock }): JSX.Element 
           </a>
         )}
       </p>
-      {incomplete && <p class="dim">The recorder was stopped early: the recording ends before the case did.</p>}
+      {incomplete && info.state !== "running" && <p class="dim">The recorder was stopped early: the recording ends before the case did.</p>}
       {address && <iframe key={address} src={address} title={`Rerun viewer: ${info.case}`} />}
     </Figure>
   );

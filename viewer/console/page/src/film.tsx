@@ -1,5 +1,5 @@
 // The camera's film, with what the stack detected.
-import type { JSX } from "preact";
+import { Fragment, type JSX } from "preact";
 import { useEffect, useRef, useState } from "preact/hooks";
 import { type Clock, indexAt } from "./clock";
 import { type Atlas, type Box, type CaseInfo, file, type Film, type Series } from "./data";
@@ -13,6 +13,8 @@ const FONT_PX = 20;
 const NAMED_PX = 90;
 /** Strips that are kept. */
 const KEPT_MAX = 8;
+
+const SWATCHES = [["detected", "seen by the stack"], ["truth", "really there"], ["trigger", "why it braked"]] as const;
 
 class Strips {
   private readonly kept = new Map<number, HTMLImageElement | null>();
@@ -117,9 +119,14 @@ function StripFilm({ run, info, series, clock, film, label }: Inputs & { film: F
         </label>
         {boxes && (
           <span class="dim">
-            {" "}
-            <i class="swatch detected" aria-hidden="true" /> seen by the stack <i class="swatch truth" aria-hidden="true" /> really there{" "}
-            <i class="swatch trigger" aria-hidden="true" /> why it braked
+            {SWATCHES.map(([kind, words]) => (
+              <Fragment key={kind}>
+                {" "}
+                <span class="swatched">
+                  <i class={`swatch ${kind}`} aria-hidden="true" /> {words}
+                </span>
+              </Fragment>
+            ))}
           </span>
         )}
       </figcaption>

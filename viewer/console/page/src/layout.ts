@@ -9,7 +9,9 @@ export const PICTURE_MIN = 26;
 
 const HEAD_PX = 24;
 const STRIP_PX = 20;
-export const SIDE_PX = 108;
+/** Least width of the names of rows [px]; long ones take up to a third of the screen, because rows differ in their middle as well. */
+const SIDE_PX = 108;
+const LETTER_PX = 7.6;
 const CELL_GAP_PX = 10;
 
 export interface Cell {
@@ -47,6 +49,11 @@ const gapOf = (tile: number): number => (tile < 12 ? 1 : tile < PICTURE_MIN ? 2 
 /** Height of a tile [px]: dots are squares, pictures are 16:9. */
 export const heightOf = (tile: number): number => (tile < PICTURE_MIN ? tile : Math.round((tile * 9) / 16));
 
+function sideOf(groups: Groups, screen: number): number {
+  const wanted = Math.max(...groups.rows.map((name) => name.length)) * LETTER_PX + 14;
+  return Math.round(Math.max(Math.min(SIDE_PX, screen * 0.22), Math.min(wanted, screen / 3)));
+}
+
 /** Lay out `groups` for a screen `screen` px wide, with tiles `tile` px wide. */
 export function layOut(groups: Groups, screen: number, tile: number): Layout {
   const gap = gapOf(tile);
@@ -54,7 +61,7 @@ export function layOut(groups: Groups, screen: number, tile: number): Layout {
   const [stepX, stepY] = [tile + gap, tileHeight + gap];
   const flat = groups.axes.length === 0;
   const head = groups.axes.length > 0 ? HEAD_PX : 0;
-  const side = groups.axes.length > 1 ? Math.min(SIDE_PX, Math.round(screen * 0.22)) : 0;
+  const side = groups.axes.length > 1 ? sideOf(groups, screen) : 0;
   const strip = flat ? 0 : STRIP_PX;
   const space = flat ? 0 : CELL_GAP_PX;
   const room = screen - side;

@@ -295,8 +295,6 @@ interface Comparison {
   result: string;
   says: string[];
   flips: { case: string; before: string; after: string; change: string; reasons: string[] }[];
-  only_before: string[];
-  only_after: string[];
   notes: string[];
   shifts: { name: string; label: string; pairs: number; changed: number; median: { estimate: number }; largest: number | null; largest_case: string }[];
 }
@@ -319,7 +317,7 @@ export function ComparePage({ left, right }: { left: string; right: string }): J
     <>
       <h1>
         <a href={toRun(left)}>{left}</a> <span aria-hidden="true">→</span><span class="away"> compared with </span> <a href={toRun(right)}>{right}</a>{" "}
-        <span class={`state ${data.result}`}>{plain(data.result)}</span>
+        <span class={`state ${data.result.replaceAll(" ", "-")}`}>{plain(data.result)}</span>
       </h1>
       {data.says.map((words, place) => (
         <p key={place} class={words.startsWith("Note:") ? "box notice" : place ? "" : "lead"}>
@@ -351,11 +349,6 @@ export function ComparePage({ left, right }: { left: string; right: string }): J
             one.largest_case ? link(one.largest_case) : "",
           ])}
         />
-      )}
-      {[...data.only_before, ...data.only_after].length > 0 && (
-        <p>
-          Only in {left}: {data.only_before.join(", ") || "none"}. Only in {right}: {data.only_after.join(", ") || "none"}.
-        </p>
       )}
     </>
   );

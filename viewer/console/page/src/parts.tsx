@@ -6,7 +6,7 @@ import { capital, plain } from "./words";
 
 /** Kinds of verdicts by name; filled by the first answer that has them. */
 export const kinds = new Map<string, VerdictKind>([
-  ["running", { name: "running", color: "#2A78B5", symbol: "▶", rank: 100, passes: false }],
+  ["running", { name: "running", color: "#009E73", symbol: "▶", rank: 100, passes: false }],
   ["waiting", { name: "waiting", color: "#A9AEB5", symbol: "…", rank: 101, passes: false }],
 ]);
 

@@ -22,12 +22,15 @@ const UNITS: Record<string, string> = {
 };
 const SHORT = /\b(aeb|dtc|ttc|kpi|gps|gnss|imu)\b/g;
 
+/** Names that say too little by themselves. */
+const TITLES = new Map([["model", "perception model"]]);
+
 /** What a name in a campaign file means, and its unit: `storyboard.ego.speed_kmh` is `ego speed` in `km/h`. */
 export function called(name: string): { title: string; unit: string } {
   const suffix = Object.keys(UNITS).find((one) => name.endsWith(one)) ?? "";
   const bare = name.slice(0, name.length - suffix.length).replace(/^(scenario|storyboard|environment|autonomy|axis|actors)\./, "").replace(/^actors\./, "");
   const title = bare.replaceAll(/[_.]/g, " ").trim().replaceAll(SHORT, (word) => word.toUpperCase());
-  return { title: title || plain(name), unit: UNITS[suffix] ?? "" };
+  return { title: TITLES.get(title) ?? (title || plain(name)), unit: UNITS[suffix] ?? "" };
 }
 
 /** A name of a campaign file with its unit in brackets. */
