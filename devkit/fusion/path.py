@@ -38,17 +38,24 @@ class CarPath:
         on_m = np.broadcast_to(self.turns_on_m, bend.shape)
         return CarPath(bend.reshape(-1, *tail), on_m.reshape(-1, *tail))
 
-    def beside_arc_m(self, x_m: np.ndarray | float, y_m: np.ndarray | float) -> np.ndarray:
-        """How far places lie left of the arc [m]; :data:`FAR_M` beyond a quarter of its circle.
+    def beside_circle_m(self, x_m: np.ndarray | float, y_m: np.ndarray | float) -> np.ndarray:
+        """Distance of places from the arc's whole circle, left of it positive [m].
 
         The distance from a circle through the rear axle, 1/k - sqrt(x^2 + (1/k - y)^2), written so
-        that it holds for k = 0 too.
+        that it holds for k = 0 too. It stays as it is while the car drives on along the circle.
         """
         bend = np.asarray(self.bend_per_m)
         inward = 1.0 - bend * y_m
         root = np.sqrt(inward * inward + (bend * x_m) * (bend * x_m))
-        beside = (2.0 * y_m - bend * (x_m * x_m + y_m * y_m)) / (1.0 + root)
-        result: np.ndarray = np.where(inward > 0.0, beside, np.where(bend > 0.0, FAR_M, -FAR_M))
+        result: np.ndarray = (2.0 * y_m - bend * (x_m * x_m + y_m * y_m)) / (1.0 + root)
+        return result
+
+    def beside_arc_m(self, x_m: np.ndarray | float, y_m: np.ndarray | float) -> np.ndarray:
+        """How far places lie left of the arc [m]; :data:`FAR_M` beyond a quarter of its circle."""
+        bend = np.asarray(self.bend_per_m)
+        beside = self.beside_circle_m(x_m, y_m)
+        far = np.where(bend > 0.0, FAR_M, -FAR_M)
+        result: np.ndarray = np.where(1.0 - bend * y_m > 0.0, beside, far)
         return result
 
     def beside_second_m(self, x_m: np.ndarray | float, y_m: np.ndarray | float) -> np.ndarray:

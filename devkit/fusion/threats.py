@@ -10,6 +10,7 @@ import numpy as np
 from devkit.fusion.ego_motion import EgoMotion
 from devkit.fusion.health import SensorHealth
 from devkit.fusion.parameters import StagingParameters
+from devkit.fusion.path import CarPath
 from devkit.fusion.sightings import LABELS
 from devkit.fusion.tracks import HELD_S, KNOWN_VARIANCE, VOUCHED_S, TrackStore
 
@@ -168,7 +169,7 @@ def find_threats(
     placed = (tracks.label > 0) & (tracks.lidar.hits >= SIGHTINGS_MIN)
     doppler, echoed = _moves_by_doppler(tracks, staging)
     comes = tracks.lidar.hits >= np.where(doppler, BESIDE_SIGHTINGS, RUNS_SIGHTINGS)
-    comes &= np.abs(tracks.y_m) > BESIDE_M
+    comes &= np.abs(ego.path.spread(2).beside_circle_m(tracks.x_m, tracks.y_m)) > BESIDE_M
     ripe = person | placed | comes | (tracks.age_s > RIPE_S)
     vy = np.where(ripe & _is_speed(tracks.vy_mps, tracks.q_vv, sure), tracks.vy_mps, 0.0)
     closing = speed - vx
@@ -311,16 +312,17 @@ def _crosses(
     # Networks miss people; what LiDAR and radar see walk is one.
     walks = (tracks.lidar.hits >= WALKS_SIGHTINGS) & (tracks.radar.hits >= SIGHTINGS_MIN)
     # Of what is wide another part is seen while the car goes by: its middle wanders.
-    walks |= (tracks.radar.hits >= WALKS_ECHOES) & _has_walked(tracks, across)
+    walks |= (tracks.radar.hits >= WALKS_ECHOES) & _has_walked(tracks, path, across)
     # LiDAR goes on from a post to the parked car before it, and across its tail.
     walks &= tracks.radar.age_s < VOUCHED_S
     narrow = tracks.left_m - tracks.right_m < NARROW_M
     walks &= narrow & (speed > WALKS_MPS) & (np.abs(vx_mps) < WALKS_ALONG_MPS)
     # At a right angle to the path nothing is fast along it, and radar does not look so far aside.
-    runs = (tracks.lidar.hits >= RUNS_SIGHTINGS) & (speed > RUNS_MPS) & _has_walked(tracks, across)
+    runs = (tracks.lidar.hits >= RUNS_SIGHTINGS) & (speed > RUNS_MPS)
+    runs &= _has_walked(tracks, path, across)
     runs &= vy_mps * vy_mps > ALONE_SURE_VARIANCES * tracks.q_vv
     # In fog nothing is seen so far aside, and LiDAR goes from one thing to the next.
-    runs &= np.abs(tracks.from_y_m) > BESIDE_M
+    runs &= np.abs(path.beside_circle_m(tracks.from_x_m, tracks.from_y_m)) > BESIDE_M
     person = (_persons(tracks) | ((tracks.label == 0) & walks)) & (vy_mps != 0.0)
     # A vehicle that comes along a curve is no crossing one, though it goes aside for a while.
     aside = (speed > np.abs(vx_mps)) | (tracks.x_m < PATH_SURE_M)
@@ -347,10 +349,12 @@ def _crosses(
     return PathCrossing(meets, comes, meets & (enters < IMMINENT_S), departs, walks)
 
 
-def _has_walked(tracks: TrackStore, across_mps: np.ndarray) -> np.ndarray:
-    """Whether tracks have gone on across so far as they seem to go now: what radar sees of a car
-    that stands goes from one of its ends to the other, and no further."""
-    way_m = tracks.y_m - tracks.from_y_m
+def _has_walked(tracks: TrackStore, path: CarPath, across_mps: np.ndarray) -> np.ndarray:
+    """Whether tracks have gone on across the path so far as they seem to go now: what radar sees of
+    a car that stands goes from one of its ends to the other, and no further. Who goes along a curve
+    goes aside in the car's axes, and stays as far from the arc."""
+    way_m = path.beside_circle_m(tracks.x_m, tracks.y_m)
+    way_m = way_m - path.beside_circle_m(tracks.from_x_m, tracks.from_y_m)
     walked: np.ndarray = np.where(across_mps > 0.0, way_m, -way_m) > WALKED_M
     return walked
 

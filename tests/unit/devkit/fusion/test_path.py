@@ -34,6 +34,17 @@ def test_places_beside_an_arc_are_as_far_as_from_its_circle(bend):
 
 
 @pytest.mark.parametrize("bend", BENDS)
+def test_a_place_keeps_its_distance_from_the_circle_while_the_car_drives_on(bend):
+    """Also beyond a quarter of the circle, where there is no path."""
+    for at_x, at_y in ((25.0, 4.0), (3.0, 14.0), (12.0, -18.0)):
+        before = CarPath(bend).beside_circle_m(at_x, at_y)
+        x, y, heading = driven(bend, math.inf, 8.0)
+        c, s = math.cos(heading), math.sin(heading)
+        now = (at_x - x) * c + (at_y - y) * s, (at_y - y) * c - (at_x - x) * s
+        assert CarPath(bend).beside_circle_m(*now) == pytest.approx(before, abs=1e-5)
+
+
+@pytest.mark.parametrize("bend", BENDS)
 @pytest.mark.parametrize("aside_m", [-1.5, 0.0, 2.5])
 def test_a_place_beside_the_driven_way_is_as_far_from_the_second_path(bend, aside_m):
     path = CarPath(bend, 6.0)

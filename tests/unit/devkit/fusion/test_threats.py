@@ -9,6 +9,7 @@ import pytest
 from devkit.fusion.ego_motion import EgoMotion
 from devkit.fusion.health import SensorHealth
 from devkit.fusion.parameters import StagingParameters, TrackingParameters
+from devkit.fusion.path import CarPath
 from devkit.fusion.sightings import LABELS
 from devkit.fusion.threats import find_threats
 from devkit.fusion.tracks import TrackStore
@@ -151,6 +152,7 @@ def beside(
     inside=False,
     boxes_inside=None,
     has_radar=True,
+    bend_per_m=0.0,
     **values,
 ):
     """Whether somebody beside the path of a car at ``speed_mps`` is braked for."""
@@ -171,6 +173,7 @@ def beside(
         tracks.camera.inside[0, 0] = float(boxes_inside)
     ego, health = EgoMotion(1), SensorHealth(1)
     ego.speed_mps[:], health.radar_sees[:] = speed_mps, has_radar
+    ego.curvature_per_m[:] = bend_per_m
     found = find_threats(tracks, ego, health, STAGING)
     near = found.ttc_s[0, 0] < STAGING.partial_ttc_s
     return bool(near and (found.agreed[0, 0] | found.single[0, 0]))
@@ -365,3 +368,41 @@ def test_a_narrow_thing_that_lidar_alone_sees_cross_is_no_vehicle():
     assert beside(radar_hits=0, **(post | {"right_m": -0.9, "left_m": 0.9})), "wide enough"
     assert not beside("car", radar_hits=0, **post), "named by the box of a car behind it"
     assert beside("car", radar_hits=0, **(post | {"lidar_hits": 2})), "no LiDAR says otherwise"
+
+
+@pytest.mark.parametrize("radius_m", [90.0, -90.0])
+@pytest.mark.parametrize("aside_m", [-3.2, 3.2])
+def test_how_far_who_walks_in_a_curve_has_come_counts_from_the_foreseen_path(radius_m, aside_m):
+    """Radar alone has seen him 20 degrees round the curve, where along the road is aside in the
+    car's axes. His velocity points into the path in all cases: it may be noise."""
+    bend = 1.0 / radius_m
+
+    def place(way_m, beside_m):
+        angle, left_m = way_m * bend, radius_m - beside_m
+        return left_m * math.sin(angle), radius_m - left_m * math.cos(angle)
+
+    def braked_for(before, now):
+        heading = 32.0 * bend - math.copysign(math.pi / 2.0, aside_m)
+        (from_x_m, from_y_m), (x_m, y_m) = place(*before), place(*now)
+        walker = {"right_m": -0.3, "left_m": 0.3, "q_vv": 0.05, "p_vv": 0.05, "x_m": x_m}
+        walker |= {"vx_mps": 1.4 * math.cos(heading), "vy_mps": 1.4 * math.sin(heading)}
+        return beside(
+            lidar_hits=0, radar_hits=90, speed_mps=16.67, bend_per_m=bend,
+            from_x_m=from_x_m, from_y_m=from_y_m, y_m=y_m, **walker,
+        )  # fmt: skip
+
+    assert braked_for((32.0, 1.8 * aside_m), (32.0, 0.75 * aside_m)), "he has walked across"
+    for along_m in (-9.0, 9.0):
+        along = (32.0 + along_m, 0.75 * aside_m), (32.0, 0.75 * aside_m)
+        assert not braked_for(*along), "along the road, and no step nearer"
+
+
+def test_how_far_aside_something_was_counts_from_the_curve():
+    """Narrow, and LiDAR alone has seen it come: in fog it goes from one post to the next."""
+    bend = 1.0 / 60.0
+    comes = {"x_m": 18.0, "y_m": 9.0, "vx_mps": 0.0, "vy_mps": -6.0, "lidar_hits": 8, "q_vv": 0.1}
+    comes |= {"right_m": -0.3, "left_m": 0.3, "radar_hits": 0, "speed_mps": 11.1, "age_s": 1.4}
+    for place, beside_m in (((36.0, 19.5), 5.8), ((36.0, 23.5), 8.7), ((36.0, 25.0), 9.8)):
+        assert CarPath(bend).beside_circle_m(*place) == pytest.approx(beside_m, abs=0.1)
+        came = beside(bend_per_m=bend, from_x_m=place[0], from_y_m=place[1], **comes)
+        assert came == (beside_m > 9.0)
