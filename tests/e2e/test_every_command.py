@@ -80,7 +80,7 @@ READ = [
     ("conductor", "report", "{run}", "--films", "failures"),
     ("conductor", "export", "{run}", "--format", "autodrive-csv", "--out", "{tmp}/csv"),
     ("conductor", "regress", "{run}", "--case", "{case}", "--into", "{tmp}/kept.yaml"),
-    ("conductor", "validate", "{file}"),
+    ("conductor", "validate", "{file}", "--axis", "weather=clear", "--set", "deadline_s=30"),
     ("conductor", "fields", "scenario"),
     ("conductor", "campaigns"),
     ("conductor", "doctor", "--out", "{tmp}"),
