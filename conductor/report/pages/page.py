@@ -40,7 +40,7 @@ from conductor.report.reading.curves import LOOKS, Floats, drawn, overview, time
 from conductor.report.reading.dossier import Dossier
 from conductor.report.reading.evidence import commands, versions
 from conductor.report.reading.films import film_addresses
-from conductor.report.reading.provenance import file_digests
+from conductor.report.reading.provenance import built_of, file_digests
 from conductor.report.reading.recorded import Failure
 from conductor.report.reading.systems import system_names
 from conductor.report.rulebook.figure import residual_figure
@@ -107,6 +107,7 @@ def render(content: Content, failures: list[Failure]) -> str:
         symbol=status_symbol,
         commands=commands(dossier),
         files=file_digests(dossier),
+        built_of=built_of(dossier),
         versions=versions(),
         made=datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC"),
         data=Markup(_script_json(data)),

@@ -10,6 +10,9 @@ from schemas.files.assets import file_digest
 from schemas.kinds.perception import perception_kind
 from twin.base.software import package_folder, software_digest
 
+NAMES_MAX = 8
+"""Scenes and vehicles that a report names; of more, their number."""
+
 
 def file_digests(dossier: Dossier) -> list[tuple[str, str]]:
     """Name and SHA-256 of the stack, if it is none of the shipped ones, of every file that the
@@ -21,6 +24,21 @@ def file_digests(dossier: Dossier) -> list[tuple[str, str]]:
     digests = [("Stack digest", stack)] if stack else []
     digests += [(_shown(name), digest) for name, digest in sorted(dossier.campaign.files.items())]
     return [*digests, *_shipped_models(dossier)]
+
+
+def built_of(dossier: Dossier) -> list[str]:
+    """The scenes of the cases and their vehicles, one text each, in the order of the cases. A case
+    of a scenario file that brings its road takes place there, whatever the campaign's scene is.
+    """
+    rigs = [row.case.rig for row in dossier.rows]
+    return [_listed([rig.scene for rig in rigs]), _listed([rig.vehicle for rig in rigs])]
+
+
+def _listed(names: list[str]) -> str:
+    different = list(dict.fromkeys(_shown(name) for name in names))
+    left_out = len(different) - NAMES_MAX
+    more = [f"{left_out} more"] if left_out > 0 else []
+    return " and ".join([", ".join(different[:NAMES_MAX]), *more])
 
 
 def _shown(name: str) -> str:
