@@ -75,7 +75,7 @@ from twin.worker.effects import (
     StartRig,
     StopRig,
 )
-from twin.worker.options import WorkerOptions, fitting
+from twin.worker.options import WorkerOptions, fitting, lacking_recorder
 from twin.worker.preload import Loading
 from twin.worker.protection import lacking_sandbox
 from twin.worker.resources_log import ResourceLog, work_of
@@ -162,7 +162,10 @@ class Worker:
                 memory_bytes=memory_bytes,
                 tags=list(options.tags),
                 share=options.share,
-                lacks=lacking_bridges() | lacking_sandbox() | lacking_plugins(),
+                lacks=lacking_bridges()
+                | lacking_sandbox()
+                | lacking_recorder(options.view)
+                | lacking_plugins(),
                 plugins=installed_plugins(),
                 session=session,
             ),
