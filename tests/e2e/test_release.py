@@ -179,28 +179,36 @@ def test_the_workers_distribution_gets_no_case_that_is_to_be_recorded(dist, tmp_
     bin_folder, _ = environment(dist, "drivetwin_worker-*.whl", tmp_path / "env")
     (tmp_path / "one.yaml").write_text(f"{CAMPAIGN}view: record\n")
     state = tmp_path / "state"
-    conductor = [sys.executable, "-m", "conductor"]
-    serve = [*conductor, "serve", "--state", str(state), "--until-done"]
+    serve = [sys.executable, "-m", "conductor", "serve", "--state", str(state), "--until-done"]
     serve += ["--campaign", str(tmp_path / "one.yaml")]
-    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-    with subprocess.Popen(serve, cwd=ROOT, **quiet) as serving:
-        try:
-            listens = (state / "conductor.json").exists
-            wait_for(lambda: listens() or serving.poll() is not None, "a conductor that listens")
-            assert listens()
-            words = (str(bin_folder / "twin"), "worker", "--state", str(state))
-            changed = {**os.environ, "PYTHONPATH": ""}
-            piped = {"stderr": subprocess.PIPE, "text": True}
-            with subprocess.Popen(words, cwd=tmp_path, env=changed, **piped) as worker:
-                try:
-                    line = next(line for line in worker.stderr if "recordings" in line)
-                    why = call(*conductor, "explain", "one", "truth", "--state", str(state))
-                finally:
-                    worker.terminate()
-        finally:
-            serving.terminate()
-    for said in (line, why):
-        assert "writes no recordings (view: record), no package viewer: pip " in said
+    work = [str(bin_folder / "twin"), "worker", "--state", str(state)]
+    listens = (state / "conductor.json").exists
+    started = []
+    logs = [tmp_path / "conductor.log", tmp_path / "worker.log"]
+    try:
+        for words, log, folder in zip((serve, work), logs, (ROOT, tmp_path), strict=True):
+            path = {"PYTHONPATH": str(ROOT) if words is serve else ""}
+            with log.open("w") as stderr:
+                process = subprocess.Popen(
+                    words, cwd=folder, stdout=stderr, stderr=stderr, env={**os.environ, **path}
+                )
+            started.append(process)
+            wait_for(lambda: listens() or started[0].poll() is not None, "a conductor that listens")
+        wait_for(
+            lambda: (
+                "it gets no case of campaign 'one'" in logs[0].read_text()
+                or any(process.poll() is not None for process in started)
+            ),
+            "a conductor that says why",
+        )
+    finally:
+        for process in reversed(started):
+            process.terminate()
+            process.wait()
+    for log in logs:
+        said = [line for line in log.read_text().splitlines() if "writes no recordings" in line]
+        assert said, log.read_text()
+        assert "no package viewer: pip uninstall drivetwin-worker, then pip install " in said[0]
     assert not list(state.glob("cases/*")), "nothing was leased"
 
 

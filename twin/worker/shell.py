@@ -24,6 +24,7 @@ from schemas import SCHEMA_VERSION
 from schemas.kinds.bridge import lacking_bridges
 from schemas.kinds.plugins import lacking_plugins
 from schemas.kinds.registry import installed_plugins
+from schemas.sections.view_mode import RECORDER
 from schemas.wire import topics
 from schemas.wire.codec import WireError, decode, encode
 from schemas.wire.control import Beat, Hello, Lease, Next, Reply, Request, Result
@@ -209,6 +210,8 @@ class Worker:
         self._resources.start()
         self._compiling = compile_kernels(self._options.device)
         _log(f"worker {self.id}: {self._options.slots} slot(s) on {self._options.device}")
+        if lack := self._core.hello.lacks.get(RECORDER):
+            _log(f"writes no recordings, {lack}")
 
     def _shutdown(self) -> None:
         self._resources.close()
