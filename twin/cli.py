@@ -64,6 +64,7 @@ from twin.worker.command_options import (
 )
 
 if TYPE_CHECKING:
+    from schemas.sections.view_mode import ViewMode
     from twin.fabric.discovery import Target
 
 app = make_app("twin", "The simulator. `twin worker` runs the cases that a conductor leases to it.")
@@ -102,8 +103,7 @@ def worker(
     load_simulator: LoadSimulatorOption = False,
 ) -> None:
     """Lease cases from a conductor and run them until told to stop (Ctrl-C, SIGTERM)."""
-    if cores:
-        stay_on(cores)
+    _prepare(cores, view)
     if explain:
         _explain(device)
         return
@@ -147,6 +147,16 @@ def worker(
         spool=spool,
     )
     raise typer.Exit(Worker(options, loading, abilities).serve())
+
+
+def _prepare(cores: str, view: ViewMode | None) -> None:
+    """Stay on the worker's cores; refuse to record where that cannot be, before anybody waits."""
+    if cores:
+        stay_on(cores)
+    if view is not None and view.records:
+        from twin.worker.options import lacking_recorder
+
+        lacking_recorder(view)
 
 
 def _explain(device: str) -> None:

@@ -28,6 +28,7 @@ from schemas.campaign import Campaign, Requirements
 from schemas.device_class import is_portable, result_class
 from schemas.kinds.plugins import plugin_lack
 from schemas.sections.autonomy import SANDBOX
+from schemas.sections.view_mode import RECORDER, ViewMode
 from schemas.wire.control import Next, Share
 
 URGENT_MAX = 1024
@@ -56,6 +57,7 @@ def mismatch(campaign: CampaignState, state: WorkerState) -> str:
         )
     lacks = _lacks(campaign.campaign.requires, worker) or _bridgeless(campaign, worker)
     lacks = lacks or _unprotected(campaign, worker) or _pluginless(campaign.campaign, worker)
+    lacks = lacks or _recorderless(campaign.campaign, worker)
     if lacks:
         return f"{worker.worker}: {lacks}; it gets no case of campaign '{name}'"
     return ""
@@ -90,6 +92,15 @@ def _unprotected(campaign: CampaignState, worker: WorkerJoined) -> str:
     if not lack or campaign.campaign.autonomy.placement != "worker":
         return ""
     return f"has no sandbox for stacks, {lack}; {PROTECTED_ONLY}"
+
+
+def _recorderless(campaign: Campaign, worker: WorkerJoined) -> str:
+    """Why a worker does not record, where the campaign asks for recordings; or nothing."""
+    lack = worker.lacks.get(RECORDER, "")
+    asked = ViewMode(campaign.view).records and campaign.recording.keep != "none"
+    if not lack or not asked:
+        return ""
+    return f"writes no recordings (view: {campaign.view}), {lack}"
 
 
 def _pluginless(campaign: Campaign, worker: WorkerJoined) -> str:

@@ -61,6 +61,8 @@ class MachineFacts:
     """Facts of this machine."""
 
     python: tuple[int, int, int]
+    distributions: tuple[str, ...]
+    """Distributions of ours that are installed."""
     packages: tuple[Package, ...]
     processor: str
     """Its device class, e.g. ``cpu:x86_64+avx2+fma``."""
@@ -111,6 +113,7 @@ def findings(facts: MachineFacts) -> list[MachineLine]:
     """All lines, in a fixed order."""
     return [
         _python(facts),
+        *_distributions(facts),
         *_packages(facts),
         _processor(facts),
         *_gpu(facts),
@@ -134,6 +137,15 @@ def _python(facts: MachineFacts) -> MachineLine:
         return MachineLine("Python", "ok", version)
     do = f"use Python {first[0]}.{first[1]} up to {beyond[0]}.{beyond[1] - 1}"
     return MachineLine("Python", "bad", version, do, "README.md#start")
+
+
+def _distributions(facts: MachineFacts) -> list[MachineLine]:
+    """Nothing, unless several of ours overwrite each other's files."""
+    if len(facts.distributions) < 2:
+        return []
+    found = f"{' and '.join(facts.distributions)} are installed, and own the same files"
+    do = f"pip uninstall {' '.join(facts.distributions)}, then pip install one of them"
+    return [MachineLine("distributions", "bad", found, do, "docs/versions.md#two-distributions")]
 
 
 def _packages(facts: MachineFacts) -> list[MachineLine]:

@@ -23,7 +23,7 @@ from packaging.utils import canonicalize_name
 
 from conductor.doctor.judging import MachineFacts, Package, WarpCuda
 from schemas.kinds.batch_system import batch_systems
-from schemas.kinds.registry import OUR_DISTRIBUTION
+from schemas.kinds.registry import OUR_DISTRIBUTION, OUR_DISTRIBUTIONS
 from twin.base.cache import cache_folder, check_cache
 from twin.base.errors import UsageError
 from twin.base.files import filesystem, nearest_existing
@@ -50,6 +50,7 @@ def look_at_machine(out: Path, port: int) -> MachineFacts:
     gpus, driver, trouble = _gpus()
     return MachineFacts(
         python=sys.version_info[:3],
+        distributions=installed_distributions(),
         packages=declared_packages(),
         processor=device_class("cpu"),
         gpus=gpus,
@@ -75,6 +76,13 @@ def look_at_machine(out: Path, port: int) -> MachineFacts:
             for kind in batch_systems().declared
             if kind.submits and shutil.which(kind.submits)
         ),
+    )
+
+
+def installed_distributions() -> tuple[str, ...]:
+    """Distributions of ours that are installed."""
+    return tuple(
+        name for name in OUR_DISTRIBUTIONS if any(importlib.metadata.distributions(name=name))
     )
 
 

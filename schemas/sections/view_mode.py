@@ -12,6 +12,9 @@ View = Literal["none", "live", "record", "record+live"]
 
 Keep = Literal["all", "failed", "none"]
 
+RECORDER = "recorder"
+"""What a worker lacks that cannot write recordings."""
+
 
 class Recording(Struct, frozen=True, forbid_unknown_fields=True):
     """What is recorded of attempts, and kept."""

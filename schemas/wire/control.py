@@ -176,8 +176,9 @@ class Hello(Struct, frozen=True, tag_field="verb", tag="hello"):
     share: Share | None = None
     """Share of the cases that it prefers; None: it prefers none."""
     lacks: dict[str, str] = {}
-    """Bridges that cannot run there, the word ``sandbox`` if stacks have none there, and
-    ``plug-in NAME`` for one that cannot be used there, each with why or what to do, in a line."""
+    """Bridges that cannot run there, the word ``sandbox`` if stacks have none there, ``recorder``
+    if nothing is recorded there, and ``plug-in NAME`` for one that cannot be used there, each with
+    why or what to do, in a line."""
     session: Session = b""
     """Secret of 32 bytes that this process alone knows; every later request shows it again."""
     case_version: Count = CASE_VERSION

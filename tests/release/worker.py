@@ -16,8 +16,8 @@ from typing import Any
 NAME = "drivetwin-worker"
 PACKAGES = ("schemas", "twin", "devkit", "hpc")
 COMMANDS = ("twin", "devkit", "hpc")
-WITHOUT = ("rerun-sdk", "plotly", "jinja2", "prometheus-client", "matplotlib")
-"""Libraries of the viewer, the reports and the conductor."""
+WITHOUT = ("rerun-sdk", "pyarrow", "plotly", "jinja2", "prometheus-client", "matplotlib")
+"""Libraries of the conductor, of viewers and of those who read results: workers write them."""
 EXTRAS = ("gltf", "scenarios", "ros2", "autodrive", "kubernetes", "gpu")
 """Extras that make sense on such a node."""
 

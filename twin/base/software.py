@@ -103,7 +103,7 @@ def check_packages() -> None:
             )
 
 
-_REPORTS = (*_BESIDE, "plotly", "jinja2", "matplotlib", "prometheus_client", "rerun")
+_REPORTS = (*_BESIDE, "plotly", "jinja2", "matplotlib", "prometheus_client", "pyarrow", "rerun")
 """Packages that the distribution of workers is without."""
 
 

@@ -7,15 +7,12 @@ from __future__ import annotations
 
 import hashlib
 import io
-import struct
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-from numpy.typing import NDArray
 
 from schemas.escape import escape
 from schemas.files.kpi import DETECTION_FIELDS, KPI_COLUMNS
@@ -23,6 +20,7 @@ from schemas.files.regular_file import RUN_FILE_BYTES_MAX, read_regular
 from schemas.kinds.kpi import KpiKind, columns_by_name
 from twin.base.errors import InfrastructureError, storage_error
 from twin.base.files import write_atomic
+from twin.records.kpi_stream import column_head, detection_values, name_values, number_values
 
 _DETECTION = pa.struct(
     [(f, pa.string() if f == "label" else pa.float64()) for f in DETECTION_FIELDS]
@@ -131,9 +129,7 @@ def canonical(table: pa.Table, names: Sequence[str] = ()) -> Iterator[bytes]:
         data = table.column(column.name).combine_chunks()
         if isinstance(data, pa.ChunkedArray):  # no rows
             data = pa.array([], _TYPES[column.type])
-        yield _prefixed(column.name.encode())
-        yield _prefixed(column.type.encode())
-        yield _prefixed(_validity(data))
+        yield column_head(column, data.is_valid().to_numpy(zero_copy_only=False))
         yield from _values(data, column)
 
 
@@ -148,41 +144,15 @@ def kpi_sha256(table: pa.Table) -> str:
 def _values(data: pa.Array, column: KpiKind) -> Iterator[bytes]:
     if column.type == "detections":
         lengths = data.value_lengths().fill_null(0).to_numpy(zero_copy_only=False)
-        yield _prefixed(lengths.astype("<i4").tobytes())
         rows = data.flatten()
-        for name in DETECTION_FIELDS:
-            child = rows.field(name)
-            if name == "label":
-                labels = child.to_pylist()
-                prefixed = {label: _prefixed(label.encode()) for label in set(labels)}
-                yield b"".join([prefixed[label] for label in labels])
-            else:
-                yield _prefixed(_floats(child.to_numpy(zero_copy_only=False)))
-        return
-    if column.type == "name":
-        names = data.fill_null("").to_pylist()
-        prefixed = {name: _prefixed(name.encode()) for name in set(names)}
-        yield b"".join([prefixed[name] for name in names])
-    elif column.type == "float64":
-        values = data.fill_null(0.0).to_numpy(zero_copy_only=False)
-        yield _prefixed(_floats(values))
-    elif column.type == "bool":
-        yield _prefixed(data.fill_null(False).to_numpy(zero_copy_only=False).astype("u1").tobytes())
+        numbers = {
+            name: rows.field(name).to_numpy(zero_copy_only=False)
+            for name in DETECTION_FIELDS
+            if name != "label"
+        }
+        yield from detection_values(lengths, rows.field("label").to_pylist(), numbers)
+    elif column.type == "name":
+        yield name_values(data.fill_null("").to_pylist())
     else:
-        width = "<i4" if column.type == "int32" else "<i8"
-        yield _prefixed(data.fill_null(0).to_numpy(zero_copy_only=False).astype(width).tobytes())
-
-
-def _floats(values: NDArray[np.float64]) -> bytes:
-    values = np.array(values, dtype="<f8")
-    values[np.isnan(values)] = np.nan
-    return values.tobytes()
-
-
-def _validity(data: pa.Array) -> bytes:
-    valid: NDArray[np.bool_] = data.is_valid().to_numpy(zero_copy_only=False)
-    return valid.astype("u1").tobytes()
-
-
-def _prefixed(data: bytes) -> bytes:
-    return struct.pack("<Q", len(data)) + data
+        filled = data.fill_null(False if column.type == "bool" else 0)
+        yield number_values(column, filled.to_numpy(zero_copy_only=False))

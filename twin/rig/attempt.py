@@ -10,7 +10,7 @@ from schemas.files.judging import RECORD_FILE, attempt_digest
 from schemas.wire.control import Lease, Result
 from twin.base.errors import storage_error
 from twin.base.files import write_atomic
-from twin.records.kpi_file import kpi_sha256, kpi_table, write_kpi
+from twin.kpi.rows_file import rows_sha256, write_rows
 from twin.rig.attempt_log import head, joined
 from twin.rig.pacing import CSV_FILE, Paced
 from twin.rig.slot import Finished
@@ -34,20 +34,19 @@ def write_attempt(
     """
     relative = f"cases/{lease.case.id}/attempt-{lease.attempt}"
     folder = Path(lease.out) / relative
-    table = kpi_table(finished.table.to_lists())
     log = _log_text(lease, finished, output).encode()
     record = b""
     if finished.record is not None:
         record = msgspec.json.encode(finished.record) + b"\n"
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        write_kpi(table, folder / "kpi.parquet")
+        write_rows(finished.table, folder / "kpi.parquet")
         if record:
             write_atomic(folder / RECORD_FILE, record)
         write_atomic(folder / "log.txt", log)
     except OSError as error:
         raise storage_error(error, str(folder)) from None
-    sha = kpi_sha256(table)
+    sha = rows_sha256(finished.table)
     return Result(
         campaign=lease.case.variation.campaign,
         case=lease.case.id,

@@ -1,15 +1,18 @@
-"""Options of a worker, as its command line says them, and how many slots a rig on a GPU gets."""
+"""Options of a worker, as its command line says them: how many slots a rig on a GPU gets, whether
+recordings are possible."""
 
 from __future__ import annotations
 
+import importlib.util
 from dataclasses import dataclass
 from pathlib import Path
 
 import msgspec
 
 from schemas.case import Case
-from schemas.sections.view_mode import ViewMode
+from schemas.sections.view_mode import RECORDER, ViewMode
 from schemas.wire.control import Share
+from twin.base.errors import UsageError
 from twin.base.gpu.slot_count import MemoryCount
 from twin.fabric.endpoint import LOOPBACK
 from twin.fabric.keys.key_file import MemberKey
@@ -17,6 +20,9 @@ from twin.fabric.keys.key_file import MemberKey
 GPU_SLOTS = 128
 """Slots of a worker on a GPU unless the user says otherwise, where they fit: with more it gets
 little faster, and other workers get less to do."""
+
+_RECORDER = {"viewer": "drivetwin", "rerun": "rerun-sdk"}
+"""Package that a recorder imports -> distribution that brings it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,3 +69,31 @@ def fitting(device: str, slots: int, case: Case) -> int:
     options = ("--case", "-", "--slots", str(slots), "--device", device)
     fits = MemoryCount(msgspec.json.encode(case), options).slots()
     return slots if fits is None else min(slots, fits)
+
+
+def lacking_recorder(view: ViewMode | None) -> dict[str, str]:
+    """:attr:`schemas.wire.control.Hello.lacks`, as far as recordings go.
+
+    Args:
+        view: what the worker was told to do instead of what campaigns say; None: nothing. Who says
+            that nothing is recorded lacks nothing.
+
+    Raises:
+        UsageError: it was told to record, and cannot.
+    """
+    missing = [name for name in _RECORDER if importlib.util.find_spec(name) is None]
+    if not missing or (view is not None and not view.records):
+        return {}
+    package = missing[0]
+    if view is not None:
+        raise UsageError(
+            f"--view {view.value}: recordings need the package {package}, which is not installed; "
+            f"{_install(package)}, or give --view live or --view none"
+        )
+    return {RECORDER: f"no package {package}: {_install(package)}; or start it with --view live"}
+
+
+def _install(package: str) -> str:
+    if package == "viewer":
+        return "pip uninstall drivetwin-worker, then pip install drivetwin"
+    return f"pip install {_RECORDER[package]}"

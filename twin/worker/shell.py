@@ -24,6 +24,7 @@ from schemas import SCHEMA_VERSION
 from schemas.kinds.bridge import lacking_bridges
 from schemas.kinds.plugins import lacking_plugins
 from schemas.kinds.registry import installed_plugins
+from schemas.sections.view_mode import RECORDER
 from schemas.wire import topics
 from schemas.wire.codec import WireError, decode, encode
 from schemas.wire.control import Beat, Hello, Lease, Next, Reply, Request, Result
@@ -75,7 +76,7 @@ from twin.worker.effects import (
     StartRig,
     StopRig,
 )
-from twin.worker.options import WorkerOptions, fitting
+from twin.worker.options import WorkerOptions, fitting, lacking_recorder
 from twin.worker.preload import Loading
 from twin.worker.protection import lacking_sandbox
 from twin.worker.resources_log import ResourceLog, work_of
@@ -191,7 +192,7 @@ class Worker:
                 memory_bytes=memory_bytes,
                 tags=list(options.tags),
                 share=options.share,
-                lacks=abilities.lacks,
+                lacks=abilities.lacks | lacking_recorder(options.view),
                 plugins=abilities.plugins,
                 session=session,
             ),
@@ -235,6 +236,8 @@ class Worker:
         self._resources.start()
         self._compiling = compile_kernels(self._options.device)
         _log(f"worker {self.id}: {self._options.slots} slot(s) on {self._options.device}")
+        if lack := self._core.hello.lacks.get(RECORDER):
+            _log(f"writes no recordings, {lack}")
 
     def _shutdown(self) -> None:
         self._resources.close()

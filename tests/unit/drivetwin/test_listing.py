@@ -25,7 +25,9 @@ def test_an_unknown_command_is_refused():
     assert CliRunner().invoke(app, ["condutor"]).exit_code == 2
 
 
-@pytest.mark.parametrize("name", ["plotly", "plotly.graph_objects", "viewer.cli", "rerun"])
+@pytest.mark.parametrize(
+    "name", ["plotly", "plotly.graph_objects", "viewer.cli", "rerun", "pyarrow.parquet"]
+)
 def test_what_the_workers_distribution_is_without_is_said_in_a_line(name):
     line = missing_package(ModuleNotFoundError(f"No module named '{name}'", name=name))
     assert name.partition(".")[0] in line

@@ -72,6 +72,34 @@ def test_a_worker_without_the_package_of_a_bridge_gets_no_case_of_it(
     assert bool(bench.lease("w2")) is not runs
 
 
+@pytest.mark.parametrize(
+    ("view", "keep", "records"),
+    [
+        ("none", "all", False),
+        ("live", "all", False),
+        ("record", "none", False),
+        ("record", "failed", True),
+        ("record+live", "all", True),
+    ],
+)
+def test_a_worker_without_a_recorder_gets_no_case_of_which_a_recording_is_asked(
+    view: str, keep: str, records: bool
+) -> None:
+    bench = Bench()
+    bench.ask(submit(cases=1, view=view, recording={"keep": keep}))
+    reply = bench.ask(hello(lacks={"recorder": "no package viewer: install it"}))
+    line = (
+        f"w1: writes no recordings (view: {view}), no package viewer: install it; it gets no case "
+        "of campaign 'alpha'"
+    )
+    assert reply.status.get("notes", []) == ([line] if records else [])
+    assert bool(bench.lease()) is not records
+    if records:
+        assert line in bench.explain("repeat_0")
+        bench.ask(hello("w2"))
+        assert bench.lease("w2")
+
+
 def test_a_requirement_that_nobody_knows_is_refused() -> None:
     reply = Bench().ask(submit(requires={"device": "tpu"}))
     assert "requires.device" in reply.error

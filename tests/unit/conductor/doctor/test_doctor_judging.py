@@ -19,6 +19,7 @@ from conductor.doctor.judging import (
 
 GOOD = MachineFacts(
     python=(3, 12, 1),
+    distributions=("drivetwin",),
     packages=(Package("numpy", "~=2.4", "2.4.1", True, "2.4.1"),),
     processor="cpu:x86_64+avx2+fma",
     gpus=("NVIDIA H200",),
@@ -55,6 +56,7 @@ def test_a_machine_without_a_gpu_is_ready():
 TROUBLES = [
     ("Python", "bad", {"python": (3, 10, 9)}),
     ("Python", "bad", {"python": (3, 14, 0)}),
+    ("distributions", "bad", {"distributions": ("drivetwin", "drivetwin-worker")}),
     ("library", "bad", {"packages": (Package("numpy", "~=2.4", "", False),)}),
     ("library", "bad", {"packages": (Package("numpy", "~=2.4", "2.3.0", False, "2.4.1"),)}),
     ("library", "warn", {"packages": (Package("numpy", "~=2.4", "2.5.0", True, "2.4.1"),)}),

@@ -7,9 +7,11 @@ from pathlib import Path
 import pytest
 from foreign_distributions import install
 
+from conductor.doctor.judging import findings
 from conductor.doctor.look import (
     declared_packages,
     folder_trouble,
+    installed_distributions,
     look_at_machine,
     memory_bytes,
     port_trouble,
@@ -25,6 +27,16 @@ def test_our_own_libraries_fit():
 
 def test_an_unknown_distribution_has_no_libraries():
     assert declared_packages("no-such-distribution") == ()
+
+
+def test_the_workers_distribution_beside_ours_is_seen(tmp_path, monkeypatch):
+    assert installed_distributions() == ("drivetwin",)
+    install(tmp_path, "drivetwin_worker", "0.1", "")
+    monkeypatch.syspath_prepend(tmp_path)
+    assert installed_distributions() == ("drivetwin", "drivetwin-worker")
+    facts = look_at_machine(tmp_path, 7447)
+    (line,) = [line for line in findings(facts) if line.what == "distributions"]
+    assert "pip uninstall drivetwin drivetwin-worker" in line.do
 
 
 def test_an_old_and_a_missing_library_are_seen(tmp_path, monkeypatch):
