@@ -356,6 +356,15 @@ def test_zoom_leads_from_dots_to_pictures(pages, site):
     expect(canvas).to_have_attribute("data-tiles", str(COUNT))
 
 
+@pytest.mark.parametrize("width", [420, 1280])
+def test_a_wall_that_nobody_has_moved_stands_at_its_begin(pages, site, width):
+    page = pages.open(address(site, VIEWS["heat"]), width=width, height=860)
+    ready(page, "heat")
+    frame = page.locator(".frame")
+    expect(frame).to_have_attribute("data-loading", "0")
+    assert frame.evaluate("box => [box.scrollLeft, box.scrollTop]") == [0, 0]
+
+
 def test_film_events_and_top_view_follow_one_time(pages, site):
     page = pages.open(address(site, VIEWS["case"]))
     ready(page, "case")

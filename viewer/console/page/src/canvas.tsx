@@ -25,6 +25,8 @@ interface Inputs {
   frame: { current: HTMLDivElement | null };
   width: number;
   height: number;
+  /** Somebody chose the size of tiles. */
+  zoomed: boolean;
 }
 
 const MOVES = ["ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown", "Home", "End"];
@@ -70,12 +72,13 @@ export function Canvas(inputs: Inputs): JSX.Element {
   useEffect(() => draw.current(), [layout, table, thumbs, version, active, chosen, focused, theme]);
   useEffect(() => () => cancelAnimationFrame(asked.current), []);
 
-  // The tile in the middle stays there when tiles become larger or smaller.
+  // The tile in the middle stays there when tiles become larger or smaller; a wall that nobody has moved stands at its begin.
   const middle = useRef<{ index: number; layout: Layout } | null>(null);
   useLayoutEffect(() => {
     const box = frame.current!;
     const before = middle.current;
-    if (before !== null && before.layout !== layout && before.layout.tile !== layout.tile) {
+    const moved = inputs.zoomed || active >= 0 || box.scrollLeft > 0 || box.scrollTop > 0;
+    if (moved && before !== null && before.layout !== layout && before.layout.tile !== layout.tile) {
       const there = spotOf(layout, active >= 0 && spot !== null ? active : before.index);
       if (there !== null) {
         const [x, y] = cornerOf(layout, there);

@@ -10,7 +10,7 @@ export const PICTURE_MIN = 26;
 const HEAD_PX = 24;
 const STRIP_PX = 20;
 /** Least width of the names of rows [px]; long ones take up to a third of the screen, because rows differ in their middle as well. */
-const SIDE_PX = 108;
+const SIDE_PX = 130;
 const LETTER_PX = 7.6;
 const CELL_GAP_PX = 10;
 

@@ -111,7 +111,7 @@ function Wall({ run, query, info, table, version }: WallInputs): JSX.Element {
           <Canvas
             layout={layout} table={table} thumbs={thumbs} version={version + redraw + (atlas.data === null ? 0 : 1)} active={active} chosen={chosen}
             onActive={setActive} onChoose={choose} onOpen={open} onZoom={(factor) => zoomTo.current(tile * factor)}
-            frame={frame} width={width} height={height}
+            frame={frame} width={width} height={height} zoomed={zoomed !== ""}
           />
         )}
         {active >= 0 && <Details key={active} run={run} table={table} index={active} version={version + redraw} chosen={chosen.has(active)} pictured={(atlas.data?.has[active] ?? false) || thumbs.heard(active)} onChoose={() => choose([active], "toggle")} />}
