@@ -12,11 +12,11 @@ from dataclasses import dataclass
 
 SLOW_COMMIT_S = 0.001
 """Nobody is waited for after a commit that was quicker [s]."""
-WAIT_SHARE = 0.5
+WAIT_SHARE = 0.9
 """Longest wait after the replies, as a share of the commit before them."""
-WAIT_MAX_S = 0.002
+WAIT_MAX_S = 0.005
 """Longest wait, however long that commit took [s]."""
-SKIPPED_MAX = 256
+SKIPPED_MAX = 16
 """Most commits without a wait after waits in vain."""
 
 

@@ -9,8 +9,10 @@ running package imports.
 from __future__ import annotations
 
 import importlib
+import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, NamedTuple, Protocol, TypeVar
 
 from schemas.escape import escape
@@ -161,20 +163,39 @@ def _attribute(reference: str) -> Any:
 
 
 def _all_foreign() -> list[EntryPoint]:
-    """Entry points of other distributions, of all groups that bring kinds. Each question for entry
-    points reads the files of all distributions, so there is one for all groups."""
-    from importlib.metadata import entry_points  # takes 10 ms, and some commands need no kinds
-
-    points = entry_points()
+    """Entry points of other distributions, of all groups that bring kinds."""
+    points = _entry_points()
     groups = [name for name in points.groups if name.startswith(f"{OUR_DISTRIBUTION}.")]
     return [point for name in groups for point in _others(points.select(group=name))]
 
 
 def _foreign(group: str) -> list[EntryPoint]:
     """Entry points of other distributions."""
-    from importlib.metadata import entry_points
+    return _others(_entry_points().select(group=group))
 
-    return _others(entry_points(group=group))
+
+_looked: dict[tuple[tuple[str, int], ...], Any] = {}
+"""Import path with the times at which its folders changed -> all entry points, the latest look."""
+
+
+def _entry_points() -> Any:
+    """All entry points. A look reads a file of each distribution, and every table of kinds needs
+    one, so it is kept as long as nothing was installed."""
+    from importlib.metadata import entry_points  # takes 10 ms, and some commands need no kinds
+
+    place = tuple((folder, _changed_ns(folder)) for folder in sys.path)
+    if place not in _looked:
+        _looked.clear()
+        _looked[place] = entry_points()
+    return _looked[place]
+
+
+def _changed_ns(folder: str) -> int:
+    """When an entry of the import path changed; 0: it is not there [ns]."""
+    try:
+        return Path(folder or ".").stat().st_mtime_ns
+    except OSError:
+        return 0
 
 
 def _others(points: Iterable[EntryPoint]) -> list[EntryPoint]:

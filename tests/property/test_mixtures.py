@@ -3,7 +3,7 @@
 import heapq
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from conductor.core import backlog as lanes
@@ -30,6 +30,7 @@ def by_looking(waiting: list[int], count: int, window: int) -> list[int]:
     return sorted(heapq.nsmallest(count, waiting[:window], key=lambda p: p * GOLDEN % 1.0))
 
 
+@settings(deadline=None)
 @given(STEPS)
 def test_a_mixture_is_what_a_look_at_all_of_the_lane_would_give(steps):
     with pytest.MonkeyPatch.context() as patch:

@@ -20,6 +20,7 @@ from conductor.core.decisions import start
 from conductor.core.facts import CaseEnded, Draining, EpochRaised, Fact, Replied, Seen
 from conductor.core.fold import fold
 from conductor.core.state import State
+from conductor.journal import store
 from conductor.journal.owner import FILE_NAME as OWNER_FILE
 from conductor.journal.owner import FolderOwner
 from conductor.journal.store import FolderLockedError, Journal, JournalError, TakenOverError
@@ -55,7 +56,10 @@ def _some(number: int, text: str = "") -> Fact:
     return CaseEnded(campaign="alpha", case=str(number), outcome="cancelled", reason=text)
 
 
-def test_a_request_dirties_a_page_per_table_and_none_of_an_index(tmp_path: Path) -> None:
+def test_a_request_dirties_a_page_per_table_and_none_of_an_index(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(store, "LOG_BYTES", 0)  # so that what is written makes it longer
     bench = Bench()
     bench.ask(submit(cases=30))
     workers = ("w1", "w2", "w3")
@@ -251,3 +255,54 @@ def test_the_owner_is_asked_for_when_all_is_written_and_nothing_committed(
     connection.set_trace_callback(None)
     assert connection.execute("SELECT count(*) FROM facts").fetchone() == (1,)
     journal.close()
+
+
+def test_the_log_has_its_size_from_the_start_and_what_is_behind_its_frames_is_nothing(
+    tmp_path: Path,
+) -> None:
+    """Also for whoever opens it after a kill."""
+    state, killed = tmp_path / "state", tmp_path / "killed"
+    state.mkdir()
+    killed.mkdir()
+    log = state / "conductor.db-wal"
+    with opened(state) as journal:
+        assert log.stat().st_size == store.LOG_BYTES
+        for number in range(5):
+            journal.append([_some(number)])
+        assert log.stat().st_size == store.LOG_BYTES
+        for name in ("conductor.db", "conductor.db-wal"):
+            (killed / name).write_bytes((state / name).read_bytes())
+    assert not log.exists()
+    with opened(killed) as journal:
+        assert list(journal.fold()) == [_some(number) for number in range(5)]
+        assert (killed / log.name).stat().st_size == store.LOG_BYTES
+        for number in range(5, 800):  # beyond the end of the log, which begins anew
+            journal.append([_some(number)])
+    with opened(killed) as journal:
+        assert list(journal.fold()) == [_some(number) for number in range(800)]
+
+
+@pytest.mark.parametrize("lacking", ["room", "file"])
+def test_without_room_the_log_grows_as_it_goes(
+    lacking: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if lacking == "room":
+        monkeypatch.setattr(store, "LOG_ROOM", 1 << 60)
+    else:
+        monkeypatch.setattr(store, "_no_link", _nothing_there)
+    with opened(tmp_path) as journal:
+        journal.append([_some(1)])
+        assert 0 < (tmp_path / "conductor.db-wal").stat().st_size < store.LOG_BYTES
+        assert list(journal.fold()) == [_some(1)]
+
+
+def _nothing_there(path: str, _flags: int) -> int:
+    raise OSError(28, "No space left on device", path)
+
+
+def test_no_zeros_are_written_through_a_link(tmp_path: Path) -> None:
+    theirs = tmp_path / "theirs"
+    theirs.write_bytes(b"kept")
+    (tmp_path / "conductor.db-wal").symlink_to(theirs)
+    store._extend_log(tmp_path / "conductor.db")
+    assert theirs.read_bytes() == b"kept"
