@@ -279,10 +279,11 @@ def _work(
     signals: Signals,
 ) -> None:
     """Submit the campaign to a conductor that serves, and wait until every case has ended."""
+    software = software_digest()  # reads all our files
     request = Submit(
         v=SCHEMA_VERSION,
         campaign=msgspec.to_builtins(campaign),
-        software=software_digest(),
+        software=software,
         out=str(conductor.folder),
     )
     reply = conductor.request(request)
@@ -296,7 +297,7 @@ def _work(
     if row["left"] < cases:
         done = cases - row["left"]
         listener.say(f"{options.out}: going on, {done} of {counted(cases, 'case')} done")
-    _check_software(row, options)
+    _check_software(row, options, software)
     places = _places(options, row["left"])
     slots = _slots(options, row["left"], len(places), workers.memory)
     if options.workers.per_gpu:
@@ -443,9 +444,8 @@ def _row(conductor: Conductor, campaign: Campaign) -> CampaignStatus:
     return conductor.snapshot()["campaigns"][campaign.campaign]
 
 
-def _check_software(row: CampaignStatus, options: RunOptions) -> None:
+def _check_software(row: CampaignStatus, options: RunOptions, ours: str) -> None:
     """A campaign is finished by the software that began it: results must be comparable."""
-    ours = software_digest()
     if row["software"] and row["software"] != ours:
         raise UsageError(
             f"{options.out}: begun with software {row['software'][:12]}, this is {ours[:12]}; "
