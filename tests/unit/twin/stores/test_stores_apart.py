@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import os
 import signal
+import socket
 import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import psutil
 import pytest
@@ -26,6 +28,27 @@ def store(tmp_path: Path) -> Iterator[StoreApart]:
     made = StoreApart(str(tmp_path / "store"))
     yield made
     made.close()
+
+
+def test_an_answer_that_cannot_be_taken_ends_the_process_and_the_next_call_has_another(
+    store: StoreApart, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    store.put("o/1", b"one")
+    pid, real = store.pid, apart._receive
+
+    def odd(line: socket.socket) -> Any:
+        message = real(line)
+        if message is not None and message[1]:
+            raise MemoryError
+        return message
+
+    monkeypatch.setattr(apart, "_receive", odd)
+    with pytest.raises(StoreError, match="has ended; it will be tried again"):
+        # The thread may wait already for the first one, as it was.
+        assert [store.get("o/1") for _ in range(2)] == []
+    monkeypatch.setattr(apart, "_receive", real)
+    assert store.get("o/1") == b"one"
+    assert store.pid not in (0, pid)
 
 
 def test_large_objects_and_many_calls_at_once(store: StoreApart) -> None:
