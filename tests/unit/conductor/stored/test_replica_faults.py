@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -23,9 +24,8 @@ from conductor.stored.replicator import FAULTS_MAX
 from conductor.stored.run_files import RunFiles
 from conductor.stored.seals import StoreSeal
 from conductor.stored.successor import bring_back_all, bring_journal
-from schemas.wire.codec import encode
-from schemas.wire.control import Result
-from twin.base.errors import EXIT_INFRASTRUCTURE, TwinError
+from schemas.wire.control import Reply, Result
+from twin.base.errors import EXIT_INFRASTRUCTURE, InfrastructureError, TwinError
 from twin.fabric.keys.key_file import MemberKey
 from twin.fabric.memory_bus import MemoryHub
 from twin.stores.folder import FolderStore
@@ -119,8 +119,13 @@ def test_a_fault_that_stays_ends_the_conductor_and_the_folder_goes_on(
     served = Served(tmp_path, hub, durable=durable)
     assert not served.conductor.request(submit(), PATIENCE_S).error
     faults.left = 10**9
-    left: list[bytes] = []
-    served.conductor._inbox.receive(encode(hello("w1")), left.append)
+    left: list[Reply] = []
+
+    def ask() -> None:
+        with contextlib.suppress(InfrastructureError):
+            left.append(served.conductor.request(hello("w1"), PATIENCE_S))
+
+    threading.Thread(target=ask, daemon=True).start()
     error = served.ended()
     assert error is not None
     assert error.exit_code == EXIT_INFRASTRUCTURE
