@@ -246,8 +246,8 @@ class _Line:
                     answer.set_exception(_ERRORS.get(error, StoreError)(value))
                 else:
                     answer.set_result((value, data))
-        except (OSError, ValueError, KeyError, TypeError, msgspec.MsgspecError):
-            pass  # it speaks no more, as if it had ended
+        except Exception:
+            pass  # whatever it is, it speaks no more, as if it had ended: nobody may wait for it
         with self._lock:
             self.is_over = True
             asked, self.asked = self.asked, {}

@@ -125,12 +125,16 @@ def test_no_second_job_while_nobody_knows_of_the_first(tmp_path, status, kind, l
 
 @pytest.mark.parametrize("state", ["ended", "gone"])
 def test_the_next_job_after_the_end_of_the_first(tmp_path, state):
+    asked = []
+
     class System(Slurm):
         def status(self, job):
+            asked.append(job)
             return JobStatus(state)
 
     (tmp_path / JOB_FILE).write_text("slurm 7\n")
     check_free(tmp_path, System())
+    assert asked == ["7"]
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,7 @@ import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import msgspec
 import psutil
 import pytest
 from waiting import wait_for
@@ -26,6 +27,23 @@ def store(tmp_path: Path) -> Iterator[StoreApart]:
     made = StoreApart(str(tmp_path / "store"))
     yield made
     made.close()
+
+
+def test_an_answer_that_cannot_be_taken_ends_the_process_and_the_next_call_has_another(
+    store: StoreApart, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    store.put("o/1", b"one")
+    pid = store.pid
+
+    def odd(*_: object, **__: object) -> None:
+        raise MemoryError
+
+    with monkeypatch.context() as patched:
+        patched.setattr(msgspec.msgpack, "decode", odd)
+        with pytest.raises(StoreError, match="has ended; it will be tried again"):
+            store.get("o/1")
+    assert store.get("o/1") == b"one"
+    assert store.pid not in (0, pid)
 
 
 def test_large_objects_and_many_calls_at_once(store: StoreApart) -> None:
