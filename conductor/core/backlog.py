@@ -44,6 +44,10 @@ class LaneMixture:
     _heap: list[tuple[float, int]] = field(default_factory=list)
     """(fraction, position) of those cases; some may have left the lane."""
 
+    def __len__(self) -> int:
+        """Number of cases that it has looked at and that may still be there."""
+        return len(self._heap)
+
     def take(self, lane: list[int], count: int) -> list[int]:
         """Positions of at most ``count`` cases of ``lane``, ascending; they stay in it.
 

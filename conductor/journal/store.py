@@ -249,7 +249,7 @@ class Journal:
         self.rows = JournalRows(self._connection, self.path)
         self.rows.chain = _read_chain(self._connection, self.path)
         self._claim_folder()
-        _extend_log(self.path)
+        extend_log(self.path)
 
     def _claim_folder(self) -> None:
         try:
@@ -356,7 +356,7 @@ class Journal:
         return JournalError(f"storage: {self.path}: {words}")
 
 
-def _extend_log(path: Path) -> None:
+def extend_log(path: Path) -> None:
     """Give SQLite's log the size that it comes to anyway, in zeros that SQLite takes for no frame.
 
     A commit that is written over them needs no new blocks, so the disk has one thing less to wait

@@ -69,9 +69,9 @@ def test_so_many_cases_are_looked_at_and_no_more():
     made = LaneMixture()
     first = made.take(lane, 16)
     assert first == by_looking(list(range(3 * SPREAD_MAX)), 16, SPREAD_MAX)
-    assert len(made._heap) == SPREAD_MAX
+    assert len(made) == SPREAD_MAX
     assert made.take(lane, 16) == first  # taking changes nothing
-    assert len(made._heap) == SPREAD_MAX
+    assert len(made) == SPREAD_MAX
 
 
 def test_a_lane_that_is_gone_has_no_mixture():

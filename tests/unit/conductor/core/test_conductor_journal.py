@@ -304,5 +304,5 @@ def test_no_zeros_are_written_through_a_link(tmp_path: Path) -> None:
     theirs = tmp_path / "theirs"
     theirs.write_bytes(b"kept")
     (tmp_path / "conductor.db-wal").symlink_to(theirs)
-    store._extend_log(tmp_path / "conductor.db")
+    store.extend_log(tmp_path / "conductor.db")
     assert theirs.read_bytes() == b"kept"
