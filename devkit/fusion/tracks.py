@@ -25,6 +25,8 @@ NARROW_SIGMA_M, NARROW_SHARE = 0.1, 0.17
 """The same by LiDAR for what is narrow: at no width [m], and per width [-]."""
 BEARING_SIGMA_RAD = 0.01
 """Deviation of a radar's direction [rad]."""
+PLACE_UNKNOWN = 1e4
+"""Variance of a place along that nothing is known of [m^2]."""
 EDGE_SHARE = 0.5
 """Share by which a new sighting moves the ends of a track [-]."""
 PART_SIGMAS = 2.0
@@ -323,6 +325,8 @@ class TrackStore:
         step = np.where(grown > PART_SIGMAS * np.sqrt(sideways), grown, 0.0)
         aside = np.clip(middle - self.y_m, -step, step)
         self.y_m = np.where(moved, self.y_m + aside, self.y_m)
+        if memory is self.lidar:
+            self._begin_along(moved & (step > 0.0), x - self.x_m, sigma, 2.0 * grown)
         self._filter(moved, x, middle, sigma * sigma, sideways)
         radial = of(seen.radial_mps)
         told = paired & np.isfinite(radial)
@@ -348,6 +352,17 @@ class TrackStore:
         if by_camera:
             self.label = np.where(paired, of(seen.label), self.label)
             self.place = np.where(paired, of(seen.place), self.place)
+
+    def _begin_along(
+        self, other_part: np.ndarray, along_m: np.ndarray, sigma_m: np.ndarray, grown_m: np.ndarray
+    ) -> None:
+        """Forget the place along of tracks of which another part is seen, nearer or further away by
+        more than noise and by no more than the width has changed: a corner and the whole of a car
+        that stands aslant. Their speed stays as it was known, or unknown."""
+        elsewhere = other_part & (np.abs(along_m) > PART_SIGMAS * sigma_m)
+        elsewhere &= np.abs(along_m) <= grown_m
+        self.p_xx = np.where(elsewhere, PLACE_UNKNOWN, self.p_xx)
+        self.p_xv = np.where(elsewhere, 0.0, self.p_xv)
 
     def _sideways(
         self, x_m: np.ndarray, sigma_m: np.ndarray, width_m: np.ndarray, memory: SensorMemory

@@ -362,6 +362,51 @@ def test_another_part_of_what_stands_is_no_speed_across(side):
     assert store.live.sum() == 1
 
 
+def whole_after_edge(whole_x_m, half_m=2.0):
+    """A track that LiDAR has seen as an edge 13.5 m ahead, and a sweep later as a whole."""
+    store = TrackStore(1, PARAMETERS)
+    step(store, sightings([13.5], [-7.9], half_m=0.08))
+    step(store, sightings([whole_x_m], [-7.3], half_m=half_m))
+    assert store.live.sum() == 1
+    return store
+
+
+def test_another_part_of_what_stands_is_no_speed_along():
+    """A car that waits aslant: first its far corner is seen, then all of it, 1.5 m nearer."""
+    store = whole_after_edge(12.0)
+    assert store.vx_mps[0, 0] == 0.0
+    assert store.p_vv[0, 0] == pytest.approx(100.0, rel=0.01), "its speed is not known yet"
+    assert store.x_m[0, 0] == pytest.approx(12.0, abs=0.01)
+    assert store.p_xx[0, 0] == pytest.approx(PARAMETERS.lidar_sigma_m**2, rel=0.01)
+    for _ in range(2):
+        step(store, sightings([12.0], [-7.3], half_m=2.0))
+    assert abs(store.vx_mps[0, 0]) < 0.2
+    assert store.p_vv[0, 0] < 4.0
+
+
+def test_a_car_that_comes_is_as_fast_as_it_is_a_sweep_after_its_other_part_was_seen():
+    store = whole_after_edge(11.5)
+    for k in range(1, 3):
+        step(store, sightings([11.5 - 0.8 * k], [-7.3], half_m=2.0))
+    assert store.vx_mps[0, 0] == pytest.approx(-8.0, abs=0.5)
+    assert store.p_vv[0, 0] < 4.0
+
+
+@pytest.mark.parametrize(
+    ("whole_x_m", "half_m", "why"),
+    [
+        (10.5, 1.0, "further than the width has changed: it moved"),
+        (13.2, 2.0, "within its noise: it tells of a speed as ever"),
+        (12.5, 0.4, "as wide as before"),
+    ],
+)
+def test_what_is_no_other_part_tells_a_speed_at_once(whole_x_m, half_m, why):
+    store = whole_after_edge(whole_x_m, half_m)
+    way_m = whole_x_m - 13.5
+    assert store.vx_mps[0, 0] == pytest.approx(way_m / PERIOD_S, rel=0.15), why
+    assert store.p_vv[0, 0] < 13.0
+
+
 def test_who_walks_is_as_fast_as_before_though_his_width_changes():
     """Arms and legs swing by 0.2 m; LiDAR knows his middle no better anyway."""
     store = TrackStore(1, PARAMETERS)
