@@ -78,10 +78,12 @@ class ReportPreload:
             from conductor.report.pages.page import prepare
 
             prepare()
-        path, seen_ns = self._folder / FILE_NAME, 0
+        path, seen = self._folder / FILE_NAME, (0, 0, 0)
         while self._bytes < ROWS_BYTES_MAX and not self._over.wait(LOOK_PERIOD_S):
             with contextlib.suppress(OSError):
-                changed_ns = path.stat().st_mtime_ns
-                if changed_ns != seen_ns:
-                    seen_ns = changed_ns
+                status = path.stat()
+                # A time alone is not enough: a file system's clock stands still for milliseconds.
+                now = status.st_mtime_ns, status.st_ino, status.st_size
+                if now != seen:
+                    seen = now
                     self.look()
