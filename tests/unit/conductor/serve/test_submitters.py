@@ -81,7 +81,8 @@ def test_an_admin_that_minds_no_rule_submits_nothing_either(
         )
         with closing(open_bus("client", connect=[conductor.endpoint], key=lawless)) as bus:
             assert bus.request(topics.RPC_SUBMIT.key, submission, SILENCE_S) is None
-            data = bus.request(topics.RPC_ADMIN.key, submission, SILENCE_S)
+            patience_s = PATIENCE_S if role is Role.admin else SILENCE_S
+            data = bus.request(topics.RPC_ADMIN.key, submission, patience_s)
             if role is Role.admin:
                 assert data is not None
                 assert "send it to conductor/rpc/submit" in decode(data, Reply).error
