@@ -34,6 +34,7 @@ from conductor.stored.replica import (
     put_part,
 )
 from conductor.stored.seals import StoreSeal
+from schemas.escape import escape
 from twin.base.errors import InfrastructureError, TwinError
 from twin.stores.objects import object_name
 from twin.stores.protocol import DamagedObjectError, MissingObjectError, ResultStore
@@ -222,10 +223,11 @@ class Replicator:
             _log.error("a round of the replica has failed", exc_info=error)
             self._put_back(None)  # whatever was noted of it may be wrong: all is put anew
             if faults == FAULTS_MAX:
+                why = escape(f"{type(error).__name__}: {error}")
                 self._ended = (
-                    f"{self._store.url}: the journal cannot be brought there: "
-                    f"{type(error).__name__}: {error}; it is whole in the state folder, so serve "
-                    "that again; leave --store away if it does not help"
+                    f"{self._store.url}: the journal cannot be brought there: {why}; it is whole "
+                    "in the state folder, so serve that again; leave --store away if it does not "
+                    "help"
                 )
 
     def _due(self) -> bool:
