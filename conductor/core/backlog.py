@@ -73,6 +73,8 @@ class LaneMixture:
             return
         further = lane[end - missing : end]
         self._last = -further[0]
+        if len(self._heap) + missing > 2 * SPREAD_MAX:  # most of them have left
+            further, self._heap = lane[end - missing :], []
         if 2 * missing < len(self._heap):
             for negated in further:
                 heapq.heappush(self._heap, (-negated * GOLDEN % 1.0, -negated))

@@ -67,9 +67,10 @@ class CampaignChanges:
             UsageError: one is set twice.
         """
         for name, given in options.items():
-            word = "--axis" if name in self.axes else "--set"
-            if self.typed and given and (name in self.axes or name in self.settings):
-                raise UsageError(f"--{name} and {word} {name} say the same; give one of them")
+            words = [f"--axis {name}"] if name in self.axes else []
+            words += [f"--set {p}" for p in (name, f"matrix.{name}") if p in self.settings]
+            if self.typed and given and words:
+                raise UsageError(f"--{name} and {words[0]} say the same; give one of them")
 
 
 NO_CHANGES = CampaignChanges()
@@ -94,7 +95,17 @@ def typed_changes(axes: Sequence[str] | None, settings: Sequence[str] | None) ->
         path: _value("--set", path, text)
         for path, text in _pairs("--set", settings or (), "PATH=VALUE, e.g. camera.width=320")
     }
+    paths = [(path, f"--set {path}") for path in set_]
+    _refuse_lost([*paths, *((f"matrix.{name}", f"--axis {name}") for name in named)])
     return CampaignChanges(set_, named, typed=True)
+
+
+def _refuse_lost(changes: Sequence[tuple[str, str]]) -> None:
+    """Refuse a change that a later one replaces; each is a path, and the option as typed."""
+    for number, (path, after) in enumerate(changes):
+        for lost, before in changes[:number]:
+            if f"{lost}.".startswith(f"{path}."):
+                raise UsageError(f"{before}: {after} replaces it; give one of them")
 
 
 def _pairs(option: str, words: Sequence[str], form: str) -> Iterator[tuple[str, str]]:

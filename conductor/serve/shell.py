@@ -435,7 +435,7 @@ class Conductor:
             if reply is None:
                 continue
             if self.link is not None:
-                self.link.when_kept(partial(_respond, respond, reply))
+                self.link.when_kept(partial(_respond, respond, reply), len(reply))
             else:
                 _respond(respond, reply)
 

@@ -187,10 +187,11 @@ class StoreLink:
         if self._replicator is not None:
             self._replicator.check_rounds()
 
-    def when_kept(self, call: Callable[[], None]) -> None:
-        """Call ``call`` when replies may leave: at once, unless they wait for the store."""
+    def when_kept(self, call: Callable[[], None], size: int = 0) -> None:
+        """Call ``call`` when replies may leave: at once, unless they wait for the store; ``size``:
+        of the reply [bytes]."""
         if self.options.durable and self._replicator is not None:
-            self._replicator.when_kept(call)
+            self._replicator.when_kept(call, size)
         else:
             call()
 

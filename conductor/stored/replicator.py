@@ -34,6 +34,7 @@ from conductor.stored.replica import (
     put_part,
 )
 from conductor.stored.seals import StoreSeal
+from schemas.escape import escape
 from twin.base.errors import InfrastructureError, TwinError
 from twin.stores.objects import object_name
 from twin.stores.protocol import DamagedObjectError, MissingObjectError, ResultStore
@@ -49,6 +50,11 @@ TAIL_MAX = 256
 FAULTS_MAX = 3
 """Rounds that fail by a mistake of the program, without a good one in between; then the replica
 has ended."""
+WAITING_BYTES_MAX = 64 << 20
+"""Most that waits with calls until all is in the store [bytes]; then the oldest are never called:
+whoever waits for them has lost patience, and asks again."""
+CALL_BYTES = 1024
+"""What a call counts at least [bytes]."""
 CLOSE_S = 30.0
 """Longest wait for the last round at the end [s]."""
 
@@ -106,7 +112,9 @@ class Replicator:
         self._given, self._kept = 1, 0
         """Transactions that were committed, and that are in the store; what was written before
         the first of them counts as one."""
-        self._callbacks: deque[tuple[int, Callable[[], None]]] = deque()
+        self._callbacks: deque[tuple[int, int, Callable[[], None]]] = deque()
+        """Transaction that a call waits for, its size [bytes], and the call."""
+        self._waiting_bytes = 0
         self._closing = self._released = False
         self._taken: str = ""
         self._failing = ""
@@ -157,14 +165,27 @@ class Replicator:
         if self._ended:
             raise ReplicaEndedError(self._ended)
 
-    def when_kept(self, call: Callable[[], None]) -> None:
-        """Call ``call`` when all that was committed so far is in the store; at once if it is."""
+    def when_kept(self, call: Callable[[], None], size: int = 0) -> None:
+        """Call ``call`` when all that was committed so far is in the store; at once if it is.
+
+        ``size``: of what waits with it [bytes], see :data:`WAITING_BYTES_MAX`.
+        """
+        left_out = []  # let go of when nothing is locked any more
         with self._changed:
             if self._kept < self._given:
-                self._callbacks.append((self._given, call))
+                self._callbacks.append((self._given, max(size, CALL_BYTES), call))
+                self._waiting_bytes += max(size, CALL_BYTES)
+                while self._waiting_bytes > WAITING_BYTES_MAX:
+                    left_out.append(self._next_call())
                 self._changed.notify_all()
                 return
         call()
+
+    def _next_call(self) -> Callable[[], None]:
+        """The oldest call, which waits no longer."""
+        _, size, call = self._callbacks.popleft()
+        self._waiting_bytes -= size
+        return call
 
     def close(self, *, released: bool) -> None:
         """A last round, if the store lets us; ``released``: a successor need not wait. The journal
@@ -222,10 +243,11 @@ class Replicator:
             _log.error("a round of the replica has failed", exc_info=error)
             self._put_back(None)  # whatever was noted of it may be wrong: all is put anew
             if faults == FAULTS_MAX:
+                why = escape(f"{type(error).__name__}: {error}")
                 self._ended = (
-                    f"{self._store.url}: the journal cannot be brought there: "
-                    f"{type(error).__name__}: {error}; it is whole in the state folder, so serve "
-                    "that again; leave --store away if it does not help"
+                    f"{self._store.url}: the journal cannot be brought there: {why}; it is whole "
+                    "in the state folder, so serve that again; leave --store away if it does not "
+                    "help"
                 )
 
     def _due(self) -> bool:
@@ -245,7 +267,7 @@ class Replicator:
             self.rounds += 1
             self._kept = upto
             while self._callbacks and self._callbacks[0][0] <= self._kept and not self._taken:
-                calls.append(self._callbacks.popleft()[1])
+                calls.append(self._next_call())
         for call in calls:
             with contextlib.suppress(Exception):  # whoever asked is gone and will ask again
                 call()

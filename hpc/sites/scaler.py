@@ -251,4 +251,5 @@ def standing_of(allocation: Allocation, workers: list[WorkerStatus]) -> Standing
         state="running" if state == "running" else "queued" if state == "queued" else "unreachable",
         present=len(workers),
         held=sum(worker.get("held", 0) for worker in workers),
+        has_job=bool(allocation.job),
     )

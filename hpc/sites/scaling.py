@@ -68,6 +68,14 @@ class Standing:
     """Workers of it that the conductor sees."""
     held: int = 0
     """Cases that they run."""
+    has_job: bool = True
+    """Whether its site has taken it, as far as is known."""
+
+    @property
+    def may_wait(self) -> bool:
+        """Whether it is in a queue, or nobody says that it is not."""
+        lost = self.state == "unreachable" and self.has_job and not self.present
+        return lost or self.state == "queued"
 
 
 @dataclass(frozen=True, slots=True)
@@ -227,7 +235,7 @@ class _Tally:
     @classmethod
     def of(cls, room: SiteRoom, standings: Sequence[Standing]) -> _Tally:
         own = [each for each in standings if each.site == room.name]
-        return cls(room, len(own), sum(each.state == "queued" for each in own))
+        return cls(room, len(own), sum(each.may_wait for each in own))
 
     def no_room(self, now_s: float) -> str:
         """Why nothing is asked of the site; empty: it may be."""

@@ -184,10 +184,12 @@ def _entry_points() -> Any:
     from importlib.metadata import entry_points  # takes 10 ms, and some commands need no kinds
 
     place = tuple((folder, _changed_ns(folder)) for folder in sys.path)
-    if place not in _looked:
-        _looked.clear()
-        _looked[place] = entry_points()
-    return _looked[place]
+    points = _looked.get(place)
+    if points is None:
+        points = entry_points()
+        _looked.clear()  # perhaps of another thread, which has its points already
+        _looked[place] = points
+    return points
 
 
 def _changed_ns(folder: str) -> int:

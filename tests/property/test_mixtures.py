@@ -74,6 +74,18 @@ def test_so_many_cases_are_looked_at_and_no_more():
     assert len(made) == SPREAD_MAX
 
 
+@pytest.mark.parametrize("leaving", [100, SPREAD_MAX])
+def test_what_has_left_is_not_kept_for_ever(leaving):
+    """Rigs that are filled up take the first cases, and leave the mixture's alone."""
+    lane = [-position for position in reversed(range(24_000 + SPREAD_MAX))]
+    made = LaneMixture()
+    while len(lane) > SPREAD_MAX:
+        waiting = [-negated for negated in reversed(lane[-SPREAD_MAX:])]
+        assert made.take(lane, 2) == by_looking(waiting, 2, SPREAD_MAX)
+        assert len(made) <= 2 * SPREAD_MAX
+        del lane[-leaving:]
+
+
 def test_a_lane_that_is_gone_has_no_mixture():
     backlog = Backlog()
     assert backlog.mixed(RIG, GROUP, 3) == []

@@ -240,10 +240,11 @@ class _Line:
         try:
             while (message := _receive(self._socket)) is not None:
                 (number, error, value), data = message
-                with self._lock:
+                failure = _ERRORS.get(error, StoreError)(value) if error else None
+                with self._lock:  # last, for what is not asked for any more nobody answers
                     answer = self.asked.pop(number)
-                if error:
-                    answer.set_exception(_ERRORS.get(error, StoreError)(value))
+                if failure is not None:
+                    answer.set_exception(failure)
                 else:
                     answer.set_result((value, data))
         except Exception:

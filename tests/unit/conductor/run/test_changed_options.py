@@ -80,6 +80,16 @@ def test_a_changed_campaign_has_the_digests_of_a_file_that_says_so(tmp_path: Pat
         ([], ["camera.width=wide"], "--set camera.width: given 'wide'"),
         ([], ["camera={width: 0}"], "--set camera.width: given 0"),
         ([], ["campaign.x=3"], "--set: 'campaign.x': 'campaign' is a value and has no keys"),
+        (
+            [],
+            ["camera.width=320", "camera={height: 90}"],
+            "--set camera.width: --set camera replaces it; give one of them",
+        ),
+        (
+            ["weather=clear"],
+            ["matrix.weather=[cloudy]"],
+            "--set matrix.weather: --axis weather replaces it; give one of them",
+        ),
         ([], [".x=3"], "--set: '.x': expected the path of a key"),
     ],
 )
@@ -94,6 +104,8 @@ def test_a_change_that_cannot_be_made_is_one_line(
 def test_what_an_option_sets_is_not_changed_too(tmp_path: Path) -> None:
     line = "--weather and --axis weather say the same; give one of them"
     assert said(tmp_path, ["weather=clear"], [], weather="all") == line
+    line = "--weather and --set matrix.weather say the same; give one of them"
+    assert said(tmp_path, [], ["matrix.weather=[clear]"], weather="all") == line
     line = "--seed and --set seed say the same; give one of them"
     assert said(tmp_path, [], ["seed=3"], seed=4) == line
     line = "--render and --set render say the same; give one of them"

@@ -86,7 +86,6 @@ def test_a_group_that_waits_in_vain_goes_without():
     inbox.receive(b"a", lambda _: None)
     companions = awaiting(2, time.monotonic() + 0.001)
     assert len(inbox.group(LONG_S, companions)) == 1
-    companions.committed(1.0, replies=1, waiting=0, now_s=0.0)
     inbox.wake()
     assert inbox.group(LONG_S, awaiting(2, time.monotonic() + LONG_S)) == []
 

@@ -6,6 +6,7 @@ import contextlib
 import threading
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -20,7 +21,7 @@ from conductor.stored import replicator as replicator_module
 from conductor.stored import successor as successor_module
 from conductor.stored.link import StoreOptions
 from conductor.stored.replica import ReplicaHead, marked_head
-from conductor.stored.replicator import FAULTS_MAX
+from conductor.stored.replicator import CALL_BYTES, FAULTS_MAX
 from conductor.stored.run_files import RunFiles
 from conductor.stored.seals import StoreSeal
 from conductor.stored.successor import bring_back_all, bring_journal
@@ -47,7 +48,7 @@ class Faults:
 
     left: int = 0
     """So many will not be."""
-    error: Exception = field(default_factory=lambda: TypeError("an odd head"))
+    error: Exception = field(default_factory=lambda: TypeError("an odd\nhead"))
     asked: int = 0
     """Heads that were asked for."""
 
@@ -103,10 +104,12 @@ def test_a_few_faults_mend_themselves(
     tmp_path: Path, hub: MemoryHub, faults: Faults, durable: bool
 ) -> None:
     served = Served(tmp_path, hub, durable=durable)
+    link = served.conductor.link
+    assert link is not None
     for _ in range(2):  # those before a good round do not count
         faults.left = FAULTS_MAX - 1
         wait_for(lambda: faults.left == 0, "the faults")
-        wait_for(lambda asked=faults.asked: faults.asked > asked + 1, "a round after them")
+        wait_for(lambda before=link.rounds: link.rounds > before, "a good round after them")
     assert not served.conductor.request(submit(), PATIENCE_S).error
     assert served.stop() is None
     _is_whole(tmp_path, served.conductor.key)
@@ -130,7 +133,7 @@ def test_a_fault_that_stays_ends_the_conductor_and_the_folder_goes_on(
     assert error is not None
     assert error.exit_code == EXIT_INFRASTRUCTURE
     line = str(error)
-    assert "the journal cannot be brought there: TypeError: an odd head; it is whole" in line
+    assert "the journal cannot be brought there: TypeError: an odd\\nhead; it is whole" in line
     assert "\n" not in line
     assert not (durable and left), "a reply that waits for the store never leaves without it"
     faults.left = 0
@@ -150,6 +153,32 @@ def test_a_store_that_is_away_for_long_ends_nothing(
     assert faults.left == 0, "its reply has waited for them"
     assert served.stop() is None
     _is_whole(tmp_path, served.conductor.key)
+
+
+def test_replies_that_wait_for_a_store_take_so_much_and_no_more(
+    tmp_path: Path, hub: MemoryHub, faults: Faults, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Who asks again and again while it is away leaves a reply each time."""
+    size = 1 << 20
+    monkeypatch.setattr(replicator_module, "WAITING_BYTES_MAX", 2 * size + 8 * CALL_BYTES)
+    served = Served(tmp_path, hub, durable=True)
+    link = served.conductor.link
+    assert link is not None
+    faults.error, faults.left = StoreError("no answer"), 10**9
+    with pytest.raises(InfrastructureError, match="did not answer"):
+        served.conductor.request(submit(), 0.001)
+    wait_for(lambda: "alpha" in served.conductor.snapshot()["campaigns"], "the campaign")
+    called: list[int] = []
+    for number in range(5):
+        link.when_kept(partial(called.append, number), size)
+    assert called == []
+    faults.left = 0
+    wait_for(lambda: 4 in called, "the store")
+    for number in range(5, 9):  # what has left counts no more
+        link.when_kept(partial(called.append, number), size)
+        wait_for(lambda last=number: last in called, "it")
+    assert called == [3, 4, 5, 6, 7, 8]
+    assert served.stop() is None
 
 
 def _is_whole(folder: Path, key: MemberKey | None) -> None:

@@ -114,6 +114,17 @@ def test_a_site_that_does_not_answer_counts_for_what_is_seen_of_it():
     assert not decision(demand(left=2), rooms=(SOUTH,), standings=seen).asks
 
 
+@pytest.mark.parametrize(
+    ("present", "has_job", "asked"), [(0, True, 0), (1, True, 1), (0, False, 1)]
+)
+def test_a_job_of_which_nothing_is_known_may_be_in_the_queue(present, has_job, asked):
+    """Its site may answer, and take one after the other."""
+    lost = [Standing("north-1", "north", 2, "unreachable", present=present, has_job=has_job)]
+    found = decision(demand(left=50), rooms=(NORTH,), standings=lost)
+    assert len(found.asks) == asked
+    assert found.notes == ["north: 1 allocation in its queue already"]
+
+
 def test_the_newest_that_wait_go_first_and_idle_ones_next():
     standings = [
         Standing("north-1", "north", 2, "running", present=2, held=1),

@@ -9,6 +9,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import psutil
@@ -29,17 +30,22 @@ def store(tmp_path: Path) -> Iterator[StoreApart]:
     made.close()
 
 
+@pytest.mark.parametrize("odd", [MemoryError(), [["odd"], ""]])
 def test_an_answer_that_cannot_be_taken_ends_the_process_and_the_next_call_has_another(
-    store: StoreApart, monkeypatch: pytest.MonkeyPatch
+    store: StoreApart, monkeypatch: pytest.MonkeyPatch, odd: MemoryError | list[Any]
 ) -> None:
+    """Also one that is for a call, but says nothing."""
     store.put("o/1", b"one")
     pid = store.pid
+    read = msgspec.msgpack.decode
 
-    def odd(*_: object, **__: object) -> None:
-        raise MemoryError
+    def taken(*words: Any, **options: Any) -> list[Any]:
+        if isinstance(odd, MemoryError):
+            raise odd
+        return [read(*words, **options)[0], *odd]
 
     with monkeypatch.context() as patched:
-        patched.setattr(msgspec.msgpack, "decode", odd)
+        patched.setattr(msgspec.msgpack, "decode", taken)
         with pytest.raises(StoreError, match="has ended; it will be tried again"):
             store.get("o/1")
     assert store.get("o/1") == b"one"
