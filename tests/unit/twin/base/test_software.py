@@ -1,5 +1,6 @@
 """The software digest: which files and versions are part of it."""
 
+import importlib.metadata
 import os
 import socket
 from types import SimpleNamespace
@@ -43,6 +44,19 @@ def test_libraries_of_a_gpu_count_where_something_computes_with_them(monkeypatch
     assert not other_cudnn()
     versions["onnxruntime-gpu"] = "1.31.1"
     assert other_cudnn()
+
+
+def test_versions_are_those_that_are_installed(monkeypatch, tmp_path):
+    versions = software.library_versions()
+    installed = {name: version for name, version in versions.items() if name != "python"}
+    assert {"numpy", "warp-lang"} <= set(installed)
+    assert installed == {name: importlib.metadata.version(name) for name in installed}
+    about = tmp_path / "pillow-1.5.dist-info"
+    about.mkdir()
+    head = "Metadata-Version: 2.1\nName: pillow\nVersion: 1.5\n\n"
+    (about / "METADATA").write_text(f"{head}What its page says.\nVersion: 9\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    assert software.library_versions() == versions | {"pillow": "1.5"}
 
 
 @pytest.mark.parametrize(
