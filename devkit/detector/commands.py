@@ -19,6 +19,7 @@ from twin.base.errors import EXIT_FAILED, EXIT_PASS, UsageError
 
 if TYPE_CHECKING:
     from devkit.replaying.parity import Parity
+    from schemas.messages import Detection
 
 LISTED_MAX = 20
 """Most rows that are listed for people; JSON lists all."""
@@ -167,19 +168,25 @@ def detect(
         read_description(description) if description else None,
         runtime.value,
     )
-    with bars():
-        found = [
-            (path, detector.detect(read_picture(path)[None]).of(0))
-            for path in steps("images", images)
-        ]
-    for path, detections in found:
-        if output is Output.json:
-            print(json.dumps({"image": str(path), "detections": msgspec.to_builtins(detections)}))
-            continue
-        print(f"{path}: {counted(len(detections), 'object')}")
-        for d in detections:
-            size = f"{d.width_px:.0f}x{d.height_px:.0f}"
-            print(f"  {d.label} {d.confidence:.2f} at {d.x_px:.0f},{d.y_px:.0f} {size} px")
+    seen = []
+    try:
+        with bars():
+            for path in steps("images", images):
+                seen.append((path, detector.detect(read_picture(path)[None]).of(0)))
+    finally:  # also of those before one that cannot be read
+        for path, detections in seen:
+            _tell(path, detections, output)
+
+
+def _tell(path: Path, detections: list[Detection], output: Output) -> None:
+    """Print what was seen in an image."""
+    if output is Output.json:
+        print(json.dumps({"image": str(path), "detections": msgspec.to_builtins(detections)}))
+        return
+    print(f"{path}: {counted(len(detections), 'object')}")
+    for d in detections:
+        size = f"{d.width_px:.0f}x{d.height_px:.0f}"
+        print(f"  {d.label} {d.confidence:.2f} at {d.x_px:.0f},{d.y_px:.0f} {size} px")
 
 
 def parity(

@@ -1,11 +1,15 @@
 """Lamps of vehicles, mirrors and glass."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from pictures import Script, box_mesh, camera_in, flat, joined, light_slot, mesh_of, quad, world_of
 
 from schemas.messages import Lights
 from twin.actors.motion import ObjectKind
+from twin.render import camera as camera_module
+from twin.render.build import CPU, KernelOptions
 from twin.world.meshes import materials
 
 ROAD = quad((-50, -300, -1.4), (600, -300, -1.4), (600, 300, -1.4), (-50, 300, -1.4))
@@ -127,6 +131,29 @@ def test_glass_shows_what_is_behind_it_and_shells_are_dark():
     assert means["glass"][0] > 0.6 * means["none"][0]
     assert means["glass"][0] > means["glass"][2] + 15  # the wall's colour
     assert means["shell"][0] < 0.75 * means["glass"][0]
+
+
+def test_pictures_in_tiles_are_those_of_a_thread_per_pixel(monkeypatch):
+    """What a CPU does in another order than a GPU: noise and tone of a tile at once, and bodies
+    right behind panes before all else. The body leans: it is 2 to 18 cm behind the pane."""
+    pane = quad((8, -3, -1), (8, 3, -1), (8, 3, 1), (8, -3, 1))
+    wall = quad((20, -30, -1.4), (20, 30, -1.4), (20, 30, 9), (20, -30, 9))
+    body = quad((8.02, -3, -1), (8.18, 3, -1), (8.18, 3, 1), (8.02, -3, 1))
+    points, faces = joined(ROAD, wall, pane, body)
+    color = np.full((len(faces), 3), 0.03, np.float32)
+    color[2:4], color[6:] = (0.8, 0.5, 0.2), (0.1, 0.2, 0.9)
+    material = materials_of((4, materials.PLAIN), (2, materials.GLASS), (2, materials.PLAIN))
+    world = world_of(mesh_of(points, faces, material=material, color=color))
+    pixels = replace(CPU, mirror=KernelOptions(block=1), picture=KernelOptions(block=1))
+    pictures = []
+    for tuning in (CPU, pixels):
+        monkeypatch.setattr(camera_module, "tuning_for", lambda _device, tuning=tuning: tuning)
+        camera = camera_in(world, size=(139, 77), noise=True)
+        light_slot(camera, 0, "cloudy", 720, noise=1, tick=3)
+        pictures.append(camera.render(flat((0, 0, 0)))[0].copy())
+    np.testing.assert_array_equal(*pictures)
+    row = pictures[0][36:41, 45:95].astype(float).mean(axis=0)
+    assert row[-5:].max() < 0.7 * row[:5, 2].min(), "dark right of where the body is too far away"
 
 
 def test_baked_ambient_darkens_the_light_of_the_sky():

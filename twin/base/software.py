@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import functools
 import hashlib
 import importlib.util
@@ -9,6 +10,7 @@ import os
 import re
 import stat
 import sys
+import time
 from pathlib import Path
 
 from schemas.files.software import DECODERS, GPU_LIBRARIES, RUNTIMES, TRANSLATORS, digest_of
@@ -58,23 +60,34 @@ def software_files() -> dict[str, str]:
 _known: dict[str, tuple[tuple[int, ...], str]] = {}
 """Path -> what the system said of a file when it was read, and its SHA-256. Processes ask for the
 digest several times, and hundreds of files have not changed since."""
+_SETTLED_NS = 2_000_000_000
+"""What changed less than so long ago may change again and keep its time [ns], in whose steps some
+file systems count: it is read each time."""
+_NO_FILE = {errno.ENOENT, errno.ELOOP, errno.ENXIO}
+"""A link that leads nowhere or to itself, a socket."""
 
 
 def _sha256(path: str) -> str:
-    """SHA-256 of a file; empty: it is none, but a folder, a pipe or a link that leads nowhere."""
+    """SHA-256 of a file; empty: it is none, but a folder, a pipe, a socket or a link to nothing."""
     try:
         descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
-    except FileNotFoundError:
-        return ""
+    except OSError as error:
+        if error.errno in _NO_FILE:
+            return ""
+        raise
     try:
         status = os.fstat(descriptor)
         if not stat.S_ISREG(status.st_mode):
             return ""
         mark = status.st_mtime_ns, status.st_ctime_ns, status.st_size, status.st_ino, status.st_dev
-        if path not in _known or _known[path][0] != mark:
-            with open(descriptor, "rb", buffering=0, closefd=False) as file:
-                _known[path] = (mark, hashlib.sha256(file.readall()).hexdigest())
-        return _known[path][1]
+        settled = time.time_ns() - status.st_ctime_ns > _SETTLED_NS
+        if settled and path in _known and _known[path][0] == mark:
+            return _known[path][1]
+        with open(descriptor, "rb", buffering=0, closefd=False) as file:
+            sha256 = hashlib.sha256(file.readall()).hexdigest()
+        if settled:
+            _known[path] = mark, sha256
+        return sha256
     finally:
         os.close(descriptor)
 

@@ -18,6 +18,9 @@ class KernelOptions:
     """Blocks that fit a multiprocessor at least, which bounds the registers; 0: no bound."""
     pixels: int = 1
     """Neighbouring pixels that a thread works on: of one tile, one after another."""
+    shell_first: bool = False
+    """Second rays through a pane look for the body right behind it before all else: most panes
+    belong to closed bodies, and a core has nobody beside it that would wait for the others."""
 
     def arguments(self) -> dict[str, Any]:
         """Arguments for ``wp.kernel``: a module of its own, with the same bits on every device."""
@@ -57,7 +60,12 @@ class Tuning:
     """Parts of :data:`twin.render.picture.PARTS` to leave out, to see what they cost."""
 
 
-CPU = Tuning(*(KernelOptions(block=1, pixels=pixels) for pixels in (1, 1, 1, 32)))
+CPU = Tuning(
+    visibility=KernelOptions(block=1),
+    look=KernelOptions(block=1),
+    mirror=KernelOptions(block=1, shell_first=True),
+    picture=KernelOptions(block=1, pixels=32),
+)
 CUDA = Tuning(
     visibility=KernelOptions(blocks=8),
     look=KernelOptions(blocks=8),

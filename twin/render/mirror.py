@@ -57,8 +57,7 @@ STRIDE = 1 << 17
 def _light_functions(features: Features, shell_first: bool) -> tuple[Any, Any]:
     """``surface_of`` and ``far_light`` for worlds with such ``features``.
 
-    ``shell_first``: what lies right behind a pane is looked for before all else. Most panes belong
-    to closed bodies, and a core has nobody beside it that would wait for the others.
+    ``shell_first``: as of :class:`twin.render.build.KernelOptions`.
     """
     looks = features.looks
     trace, occluded = rays_of(features)
@@ -150,7 +149,7 @@ def mirror_kernel(build: KernelOptions, features: Features = NONE) -> wp.Kernel:
     a call copies the whole scene's handle.
     """
     looks = features.looks
-    surface_of, far_light = _light_functions(features, shell_first=build.block == 1)
+    surface_of, far_light = _light_functions(features, build.shell_first)
 
     @wp.kernel(**build.arguments())
     def second_kernel(

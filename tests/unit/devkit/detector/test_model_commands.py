@@ -68,6 +68,10 @@ def test_import_and_detect(files):
         f"{len(found)} objects"
         in devkit("detect", out, files / "a.png", "--confidence-min", "0.05").stdout
     )
+    half = devkit("detect", out, files / "a.png", files / "a.cfg", files / "a.png")
+    assert half.returncode == 2
+    assert "a.cfg: no picture" in half.stderr
+    assert half.stdout.count("a.png: ") == 1, "what was seen before it is told"
 
 
 def test_another_input_size(files):
