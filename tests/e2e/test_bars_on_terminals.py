@@ -95,7 +95,10 @@ def on_terminal(*words, codes=(0,)):
     ) as child:
         os.close(slave)
         reader.start()
-        out, _ = child.communicate(timeout=END_S)
+        try:
+            out, _ = child.communicate(timeout=END_S)
+        finally:
+            child.kill()  # nothing, if it has ended
     reader.join()
     os.close(master)
     text = re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", shown.decode(errors="replace"))

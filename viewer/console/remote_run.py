@@ -40,6 +40,11 @@ class HeardCases:
         return self._ended
 
     @property
+    def full(self) -> bool:
+        """Whether there may be cases that are not shown, so that counts do not fit."""
+        return len(self._endings) >= CASES_MAX
+
+    @property
     def version(self) -> int:
         """Changes with every word that counts."""
         return self._changes

@@ -268,6 +268,8 @@ class LiveWatch:
                     self.link.ask_cases(name)
                 continue
             anew = rejoined or name not in self._missed
+            if shown.heard.full and not anew:
+                continue  # the count of what is shown never comes to the conductor's
             missed = self._missed.setdefault(name, MissedEndings())
             said, heard = row.get("cases", 0) - row.get("left", 0), shown.heard.count_ended
             if missed.status(said, heard, now_s, anew=anew):

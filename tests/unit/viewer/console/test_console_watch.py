@@ -12,7 +12,7 @@ from schemas.wire.codec import encode
 from schemas.wire.view import ClockReading
 from twin.base.errors import UnreachableError
 from twin.fabric.bus import Sample
-from viewer.console import overview
+from viewer.console import overview, remote_run
 from viewer.console.remote_run import ASK_AGAIN_S, MissedEndings
 from viewer.console.run_folder import find_runs
 from viewer.console.site import ConsoleSite
@@ -419,6 +419,20 @@ def test_a_fact_that_got_lost_is_noticed_by_the_counts():
     assert not missed.status(8, 9, now_s + 20, anew=False), "a fact that is ahead of the status"
     assert not missed.status(9, 10, now_s + 30, anew=False), "and another one"
     assert missed.status(9, 10, now_s + 31, anew=False), "one was taken back, which nobody heard"
+
+
+@pytest.mark.parametrize(("most", "asked"), [(5, 2), (4, 1)])
+def test_a_campaign_of_more_cases_than_are_shown_is_not_asked_for_again_and_again(
+    monkeypatch, most, asked
+):
+    monkeypatch.setattr(remote_run, "CASES_MAX", most)
+    heard = Heard()
+    heard.status(cases=9, left=2, first=True)
+    heard.cases(*({"case": f"c{n}", "outcome": "verdict", "verdict": "pass"} for n in range(4)))
+    heard.now_s = ASK_AGAIN_S
+    for _ in range(2):  # seven have ended, as it says
+        heard.status(cases=9, left=2)
+    assert len(heard.asked) == asked
 
 
 def test_a_campaign_that_begins_anew_is_asked_for_again():
