@@ -19,6 +19,7 @@ from twin.base.errors import EXIT_FAILED, EXIT_PASS, UsageError
 
 if TYPE_CHECKING:
     from devkit.replaying.parity import Parity
+    from schemas.messages import Detection
 
 LISTED_MAX = 20
 """Most rows that are listed for people; JSON lists all."""
@@ -167,11 +168,16 @@ def detect(
         read_description(description) if description else None,
         runtime.value,
     )
-    with bars():
-        found = [
-            (path, detector.detect(read_picture(path)[None]).of(0))
-            for path in steps("images", images)
-        ]
+    found: list[tuple[Path, list[Detection]]] = []
+    try:
+        with bars():
+            for path in steps("images", images):
+                found.append((path, detector.detect(read_picture(path)[None]).of(0)))
+    finally:  # also of those before one that cannot be read
+        _print_detections(found, output)
+
+
+def _print_detections(found: list[tuple[Path, list[Detection]]], output: Output) -> None:
     for path, detections in found:
         if output is Output.json:
             print(json.dumps({"image": str(path), "detections": msgspec.to_builtins(detections)}))
