@@ -374,6 +374,8 @@ def test_a_session_that_was_cut_asks_for_the_cases_as_they_stand():
     assert heard.asked == ["demo"]
     heard.status(left=2, first=True)
     assert heard.asked == ["demo", "demo"]
+    heard.committed("c4")  # after the conductor had answered, and heard before the answer
+    heard.cases({"case": "c4", "outcome": ""})
     # Meanwhile one was taken back, one has ended, and a third nobody has heard of.
     heard.cases(
         {"case": "c0", "outcome": "verdict", "verdict": "collision", "scalars": {"dtc_min_m": 0}},
@@ -383,7 +385,7 @@ def test_a_session_that_was_cut_asks_for_the_cases_as_they_stand():
     )
     table = heard.read("runs/demo/table.json")
     verdicts = dict(zip(table["cases"], table["columns"]["verdict"], strict=True))
-    assert verdicts == {"c1": "pass", "c2": None, "c0": "collision", "c3": None}
+    assert verdicts == {"c1": "pass", "c2": None, "c4": "pass", "c0": "collision", "c3": None}
     assert heard.watch.charged["demo"] == {"c2": "died \\x1b (worker w1)"}
     heard.cases({"case": "c2", "outcome": "unresolved", "charges": ["died (worker w1)"]})
     assert heard.watch.charged["demo"] == {}
