@@ -112,6 +112,8 @@ COMMANDS = {
     "conductor export {at}/run --out {tmp}/study": ("cases",),
     "conductor export {at}/run --out {tmp}/csv --format csv": ("cases",),
     "conductor verify {at}/run": ("files",),
+    "conductor fingerprint {at}/run": ("KPI files",),
+    "conductor fingerprint {at}/run {at}/run": ("KPI files",),
     "twin validate vehicle opencav": ("manoeuvres",),
     "twin snapshot --out {tmp}/a.png --weather clear": ("pictures",),
     "twin memory": ("rigs",),
