@@ -116,6 +116,7 @@ COMMANDS = {
     "conductor fingerprint {at}/run {at}/run": ("KPI files",),
     "twin validate vehicle opencav": ("manoeuvres",),
     "twin snapshot --out {tmp}/a.png --weather clear": ("pictures",),
+    "twin judge {at}/run": ("attempts",),
     "twin memory": ("rigs",),
     "twin bench vehicle --vehicles 1": ("rounds",),
     "twin bench storyboard --quick": ("rounds",),
