@@ -11,6 +11,7 @@ import typer
 from schemas.words import counted
 from twin.base.cli import Output, OutputOption
 from twin.base.errors import EXIT_FAILED, EXIT_PASS
+from twin.base.progress import bars
 
 DIFFERENCES_SHOWN_MAX = 20
 """Cases that are named for people."""
@@ -37,7 +38,8 @@ def fingerprint(
         require_fit(run)
     if other is not None:
         raise typer.Exit(_are_same(folder, other, as_json=output is Output.json))
-    result = compute(folder)
+    with bars():
+        result = compute(folder)
     if output is Output.json:
         shown = {"fingerprint": result.sha256, "cases": result.cases, "mixed": result.mixed}
         print(json.dumps({**shown, "realtime": result.realtime}))
@@ -48,7 +50,8 @@ def fingerprint(
 def _are_same(first: Path, second: Path, *, as_json: bool) -> int:
     from conductor.records.sameness import sameness
 
-    comparison = sameness(first, second)
+    with bars():
+        comparison = sameness(first, second)
     if as_json:
         sums = [run.sha256 for run in comparison.fingerprints]
         differences = {case.case: case.words for case in comparison.differences}

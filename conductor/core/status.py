@@ -21,7 +21,7 @@ from schemas.wire.status import (
 PAGE_CASES_MAX = 256
 """Most cases in one page: a turn of the conductor reads a few hundred kilobytes of them."""
 PAGE_BYTES_MAX = 1 << 20
-"""A page ends with the case whose packed end reaches this size [bytes]."""
+"""A page ends with the case whose packed end and charges make it reach this size [bytes]."""
 
 
 def status(state: State, now_ns: int) -> ConductorStatus:
@@ -65,8 +65,9 @@ def case_page(campaign: CampaignState, first: int) -> CasePage:
     page: CasePage = {"campaign": name, "next": None, "cases": []}
     size = 0
     for case in campaign.ordered[first : first + PAGE_CASES_MAX]:
-        page["cases"].append(_known(case))
-        size += len(case.sealed)
+        row = _known(case)
+        page["cases"].append(row)
+        size += len(case.sealed) + sum(len(charge) for charge in row["charges"])
         if size >= PAGE_BYTES_MAX:
             break
     after = first + len(page["cases"])

@@ -95,7 +95,10 @@ def on_terminal(*words, codes=(0,)):
     ) as child:
         os.close(slave)
         reader.start()
-        out, _ = child.communicate(timeout=END_S)
+        try:
+            out, _ = child.communicate(timeout=END_S)
+        finally:
+            child.kill()  # nothing, if it has ended
     reader.join()
     os.close(master)
     text = re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", shown.decode(errors="replace"))
@@ -109,8 +112,11 @@ COMMANDS = {
     "conductor export {at}/run --out {tmp}/study": ("cases",),
     "conductor export {at}/run --out {tmp}/csv --format csv": ("cases",),
     "conductor verify {at}/run": ("files",),
+    "conductor fingerprint {at}/run": ("KPI files",),
+    "conductor fingerprint {at}/run {at}/run": ("KPI files",),
     "twin validate vehicle opencav": ("manoeuvres",),
     "twin snapshot --out {tmp}/a.png --weather clear": ("pictures",),
+    "twin judge {at}/run": ("attempts",),
     "twin memory": ("rigs",),
     "twin bench vehicle --vehicles 1": ("rounds",),
     "twin bench storyboard --quick": ("rounds",),

@@ -16,6 +16,7 @@ from schemas.files.json_text import JsonError, decode_json
 from schemas.files.judging import CLAIMED, Claim, Judgement
 from schemas.words import counted
 from twin.base.errors import EXIT_INFRASTRUCTURE, EXIT_PASS, InfrastructureError, UsageError
+from twin.base.progress import bars, steps
 from twin.fabric.discovery import OUTCOMES_NAME
 from twin.kpi.judge import examine
 from twin.records.campaign_file import read_plan
@@ -58,7 +59,8 @@ def judge_folder(folder: Path, attempts: Sequence[str], *, as_json: bool) -> int
                 + (claims[0].attempt_dir if claims else "none: nothing was committed")
             )
         claims = [claim for claim in claims if claim.attempt_dir in chosen]
-    judgements = [examine(claim) for claim in claims]
+    with bars():
+        judgements = [examine(claim) for claim in steps("attempts", claims)]
     counts = Counter(judgement.found for judgement in judgements)
     if as_json:
         print(json.dumps([msgspec.to_builtins(judgement) for judgement in judgements]))

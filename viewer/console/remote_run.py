@@ -33,11 +33,18 @@ class HeardCases:
         self._axes: dict[str, dict[str, Any]] = {}
         self._changes = 0
         self._ended = 0
+        self._newer: set[str] = set()
+        """Cases of which a fact has come since the conductor was asked for all."""
 
     @property
     def count_ended(self) -> int:
         """Cases that have ended."""
         return self._ended
+
+    @property
+    def full(self) -> bool:
+        """Whether there may be cases that are not shown, so that counts do not fit."""
+        return len(self._endings) >= CASES_MAX
 
     @property
     def version(self) -> int:
@@ -53,24 +60,30 @@ class HeardCases:
         ending = msgspec.convert(result, CaseEnding, strict=False)
         ending = msgspec.structs.replace(ending, worker=worker, attempt=attempt, attempts=attempt)
         with self._lock:
-            self._put(str(result["case"]), ending)
+            self._put_newer(str(result["case"]), ending)
 
     def ended(self, case: str, outcome: str, reason: str) -> None:
         """A case has ended without a result."""
         with self._lock:
-            self._put(case, CaseEnding(outcome=outcome, reasons=[reason]))
+            self._put_newer(case, CaseEnding(outcome=outcome, reasons=[reason]))
+
+    def asked(self) -> None:
+        """The conductor is about to be asked for all cases as they stand."""
+        with self._lock:
+            self._newer = set()
 
     def known(self, case: str, ending: CaseEnding) -> None:
-        """A case as its conductor has it, ended or not."""
+        """A case as its conductor had it when it answered, ended or not; a fact that came since it
+        was asked may be newer, and stands."""
         with self._lock:
-            if self._endings.get(case) != ending:
+            if case not in self._newer and self._endings.get(case) != ending:
                 self._put(case, ending)
 
     def waits_again(self, case: str) -> None:
         """What was known of its end does not hold any more."""
         with self._lock:
             if case in self._endings:
-                self._put(case, CaseEnding())
+                self._put_newer(case, CaseEnding())
 
     def seen(self, thumbnail: Thumbnail) -> None:
         """A picture of a case has come. Its outcome is one attempt's, which may be run again, so
@@ -95,7 +108,7 @@ class HeardCases:
     def forget(self) -> None:
         """All that was heard is of another campaign of the same name."""
         with self._lock:
-            self._endings, self._axes, self._ended = {}, {}, 0
+            self._endings, self._axes, self._ended, self._newer = {}, {}, 0, set()
             self._changes += 1
 
     def endings(self) -> dict[str, CaseEnding]:
@@ -107,6 +120,11 @@ class HeardCases:
         """Values of axes by case, as pictures said them."""
         with self._lock:
             return dict(self._axes)
+
+    def _put_newer(self, case: str, ending: CaseEnding) -> None:
+        self._put(case, ending)
+        if case in self._endings:
+            self._newer.add(case)
 
     def _put(self, case: str, ending: CaseEnding) -> None:
         before = self._endings.get(case)

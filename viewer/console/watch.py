@@ -265,13 +265,19 @@ class LiveWatch:
                 continue
             if not isinstance(shown.run, RemoteRun):
                 if rejoined:
-                    self.link.ask_cases(name)
+                    self._ask_cases(name, shown)
                 continue
             anew = rejoined or name not in self._missed
+            if shown.heard.full and not anew:
+                continue  # the count of what is shown never comes to the conductor's
             missed = self._missed.setdefault(name, MissedEndings())
             said, heard = row.get("cases", 0) - row.get("left", 0), shown.heard.count_ended
             if missed.status(said, heard, now_s, anew=anew):
-                self.link.ask_cases(name)
+                self._ask_cases(name, shown)
+
+    def _ask_cases(self, name: str, shown: ShownRun) -> None:
+        shown.heard.asked()
+        self.link.ask_cases(name)
 
     def _cases(self, page: CasePage) -> None:
         shown = self._runs.get(page["campaign"])

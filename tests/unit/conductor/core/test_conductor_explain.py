@@ -150,6 +150,15 @@ def test_a_page_ends_before_it_grows_too_large(monkeypatch: pytest.MonkeyPatch) 
     assert page_of(bench, 2)["next"] is None
 
 
+def test_long_charges_fill_a_page_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    bench = started(cases=3, attempts_max=9)
+    (lease,) = bench.lease(k=1)
+    bench.next(k=0, ended=[ended(lease, "crash", "x" * 500)])
+    monkeypatch.setattr(told, "PAGE_BYTES_MAX", 400)
+    assert page_of(bench, 0)["next"] == 1
+    assert page_of(bench, 1)["next"] is None
+
+
 def test_cases_of_a_campaign_that_is_not_here() -> None:
     bench = started(cases=1)
     reply = bench.ask(StatusRequest(v=SCHEMA_VERSION, cases="x" * 90))

@@ -152,6 +152,11 @@ def test_detect_and_evaluate_take_the_names_of_shipped_models(files, tmp_path):
     seen = devkit("detect", name, image)
     assert (seen.returncode, seen.stderr) == (0, "")
     assert seen.stdout.startswith(f"{image}: ")
+    (tmp_path / "none.png").write_bytes(b"no picture")
+    seen = devkit("detect", name, image, tmp_path / "none.png", image)
+    assert (seen.returncode, len(seen.stderr.splitlines())) == (2, 1)
+    assert seen.stdout.startswith(f"{image}: "), "those before it are told"
+    assert "none.png: " in seen.stderr
     line = refused("detect", f"{name}x", image)
     assert f"no such model is shipped; did you mean '{name}'?" in line
     line = refused("evaluate", name, tmp_path / "none")

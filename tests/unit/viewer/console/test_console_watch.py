@@ -12,7 +12,7 @@ from schemas.wire.codec import encode
 from schemas.wire.view import ClockReading
 from twin.base.errors import UnreachableError
 from twin.fabric.bus import Sample
-from viewer.console import overview
+from viewer.console import overview, remote_run
 from viewer.console.remote_run import ASK_AGAIN_S, MissedEndings
 from viewer.console.run_folder import find_runs
 from viewer.console.site import ConsoleSite
@@ -374,6 +374,8 @@ def test_a_session_that_was_cut_asks_for_the_cases_as_they_stand():
     assert heard.asked == ["demo"]
     heard.status(left=2, first=True)
     assert heard.asked == ["demo", "demo"]
+    heard.committed("c4")  # after the conductor had answered, and heard before the answer
+    heard.cases({"case": "c4", "outcome": ""})
     # Meanwhile one was taken back, one has ended, and a third nobody has heard of.
     heard.cases(
         {"case": "c0", "outcome": "verdict", "verdict": "collision", "scalars": {"dtc_min_m": 0}},
@@ -383,7 +385,7 @@ def test_a_session_that_was_cut_asks_for_the_cases_as_they_stand():
     )
     table = heard.read("runs/demo/table.json")
     verdicts = dict(zip(table["cases"], table["columns"]["verdict"], strict=True))
-    assert verdicts == {"c1": "pass", "c2": None, "c0": "collision", "c3": None}
+    assert verdicts == {"c1": "pass", "c2": None, "c4": "pass", "c0": "collision", "c3": None}
     assert heard.watch.charged["demo"] == {"c2": "died \\x1b (worker w1)"}
     heard.cases({"case": "c2", "outcome": "unresolved", "charges": ["died (worker w1)"]})
     assert heard.watch.charged["demo"] == {}
@@ -419,6 +421,20 @@ def test_a_fact_that_got_lost_is_noticed_by_the_counts():
     assert not missed.status(8, 9, now_s + 20, anew=False), "a fact that is ahead of the status"
     assert not missed.status(9, 10, now_s + 30, anew=False), "and another one"
     assert missed.status(9, 10, now_s + 31, anew=False), "one was taken back, which nobody heard"
+
+
+@pytest.mark.parametrize(("most", "asked"), [(5, 2), (4, 1)])
+def test_a_campaign_of_more_cases_than_are_shown_is_not_asked_for_again_and_again(
+    monkeypatch, most, asked
+):
+    monkeypatch.setattr(remote_run, "CASES_MAX", most)
+    heard = Heard()
+    heard.status(cases=9, left=2, first=True)
+    heard.cases(*({"case": f"c{n}", "outcome": "verdict", "verdict": "pass"} for n in range(4)))
+    heard.now_s = ASK_AGAIN_S
+    for _ in range(2):  # seven have ended, as it says
+        heard.status(cases=9, left=2)
+    assert len(heard.asked) == asked
 
 
 def test_a_campaign_that_begins_anew_is_asked_for_again():

@@ -119,6 +119,13 @@ def hasty(monkeypatch):
     monkeypatch.setattr(linking, "PERIOD_S", 0.1)
 
 
+@pytest.fixture
+def patient(monkeypatch):
+    """No request is repeated and no session begun anew because this machine is busy."""
+    monkeypatch.setattr(linking, "SILENCE_S", PATIENCE_S)
+    monkeypatch.setattr(linking, "ASK_S", PATIENCE_S)
+
+
 def connect(opened, port, wait_s=None, slots=None):
     target = Target(f"tcp/127.0.0.1:{port}", "twin", None)
     link = Link(lambda: target, wait_s, slots or LatestSlots())
@@ -258,6 +265,7 @@ def test_worlds_and_events_come_as_they_are(opened, port):
     assert hear(link, ConductorEvent).fact["epoch"] == 7
 
 
+@pytest.mark.usefixtures("patient")
 def test_cases_come_page_by_page_until_there_are_no_more(opened, port):
     conductor = serve(opened, port)
     pages = [
@@ -281,6 +289,7 @@ def test_cases_come_page_by_page_until_there_are_no_more(opened, port):
 
 
 @pytest.mark.parametrize("pages", [None, {}])
+@pytest.mark.usefixtures("patient")
 def test_a_conductor_that_has_no_such_cases_is_asked_once(opened, port, pages):
     conductor = serve(opened, port)
     conductor.pages = pages

@@ -50,7 +50,7 @@ const gapOf = (tile: number): number => (tile < 12 ? 1 : tile < PICTURE_MIN ? 2 
 export const heightOf = (tile: number): number => (tile < PICTURE_MIN ? tile : Math.round((tile * 9) / 16));
 
 function sideOf(groups: Groups, screen: number): number {
-  const wanted = Math.max(...groups.rows.map((name) => name.length)) * LETTER_PX + 14;
+  const wanted = groups.rows.reduce((most, name) => Math.max(most, name.length), 0) * LETTER_PX + 14;
   return Math.round(Math.max(Math.min(SIDE_PX, screen * 0.22), Math.min(wanted, screen / 3)));
 }
 
