@@ -40,6 +40,7 @@ KUBERNETES = {
     "container": (["--container", "/x.sif"], "--container: give --directive=--image=NAME"),
     "container_runtime": (["--container-runtime", "podman"], "--container-runtime: nodes have"),
     "container_bind": (["--container-bind", "/data"], "--container-bind: pods see no folder"),
+    "history": (["--history", "/nowhere"], "--history /nowhere: no outcomes.json there"),
     "site": (["--site", "/nowhere/site.yaml"], "/nowhere/site.yaml"),
 }
 """By the name of an option: words, and what is said of them."""
@@ -68,6 +69,7 @@ AT_SITES = {
     "workers": KUBERNETES["workers"],
     "slots": KUBERNETES["slots"],
     "out": KUBERNETES["out"],
+    "history": KUBERNETES["history"],
     "restarts_max": (["--restarts-max", "3"], "--restarts-max: differs from site to site"),
 }
 SCALE = {
