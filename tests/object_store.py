@@ -24,8 +24,8 @@ _SERVER = """
 import sys
 from moto.moto_server.werkzeug_app import DomainDispatcherApplication, create_backend_app
 from werkzeug.serving import make_server
-from twin.base.process import bind_to_parent
-bind_to_parent()
+from twin.base.process import die_with_parent
+die_with_parent(sys.argv[1])
 server = make_server("127.0.0.1", 0, DomainDispatcherApplication(create_backend_app), threaded=True)
 print(server.server_port, flush=True)
 server.serve_forever()
@@ -47,7 +47,9 @@ def s3_server(log: Path) -> Iterator[int]:
     """A server with an empty bucket; its port on loopback."""
     with log.open("wb") as errors:
         server = subprocess.Popen(
-            [sys.executable, "-c", _SERVER], stdout=subprocess.PIPE, stderr=errors
+            [sys.executable, "-c", _SERVER, str(os.getpid())],
+            stdout=subprocess.PIPE,
+            stderr=errors,
         )
         try:
             assert server.stdout is not None
