@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Hashable
+from collections.abc import Hashable, Iterable
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Annotated, Any, Literal, TypeVar, cast
@@ -235,9 +235,13 @@ def _allowed(info: inspect.Type) -> str:
 
 def suggest(given: str, allowed: list[str]) -> str:
     """``did you mean 'x'? allowed: ...`` for a misspelt name."""
-    close = difflib.get_close_matches(given, allowed, n=1)
-    hint = f"did you mean '{close[0]}'? " if close else ""
-    return f"{hint}allowed: {', '.join(allowed)}"
+    return f"{did_you_mean(given, allowed)}allowed: {', '.join(allowed)}"
+
+
+def did_you_mean(given: str, names: Iterable[str]) -> str:
+    """``did you mean 'x'?`` and a space for a misspelt name; empty: nothing is like it."""
+    close = difflib.get_close_matches(given, names, n=1)
+    return f"did you mean '{close[0]}'? " if close else ""
 
 
 def _sentence(error: msgspec.ValidationError) -> str:

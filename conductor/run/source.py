@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import functools
 import importlib.util
 from collections.abc import Iterator
@@ -29,7 +28,7 @@ from schemas.sections.perception import file_fields, with_absolute_files
 from schemas.sections.repeated import SEED_MAX
 from schemas.sections.search import Search
 from schemas.sections.stack_identity import StackIdentity
-from schemas.validation import Mistake, suggest
+from schemas.validation import Mistake, did_you_mean, suggest
 from twin.base.errors import InfrastructureError, UsageError
 from twin.base.fetch import fetch
 from twin.records.extended_file import read_extended
@@ -249,8 +248,7 @@ def only_case(plan: Plan, case: str) -> Plan:
     """
     chosen = plan.only(case)
     if chosen is None:
-        close = difflib.get_close_matches(case, [point.id for point in plan.points], n=1)
-        hint = f"did you mean '{close[0]}'? " if close else ""
+        hint = did_you_mean(case, [point.id for point in plan.points])
         raise UsageError(
             f"--case {case}: no case of '{plan.campaign.campaign}'; {hint}"
             "`conductor validate FILE --output json` lists them"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import difflib
 import os
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Any, NamedTuple
 
 from schemas.files.json_text import JsonError, decode_json
 from schemas.files.regular_file import RUN_FILE_BYTES_MAX, open_below, read_regular
+from schemas.validation import did_you_mean
 from twin.base.errors import InfrastructureError, UsageError
 from twin.records.kpi_file import read_kpi_columns
 from viewer.playback.frames import read_case
@@ -204,8 +204,7 @@ def attempts_of(folder: Path, case: str) -> list[Path]:
 def _attempts_there(folder: Path, case: str, names: list[str], committed: str) -> list[Path]:
     attempts = _attempts(folder, case, committed)
     if not attempts:
-        close = difflib.get_close_matches(case, names, n=1)
-        hint = f"did you mean '{close[0]}'?" if close else f"it has e.g. {', '.join(names[:3])}"
+        hint = did_you_mean(case, names).rstrip() or f"it has e.g. {', '.join(names[:3])}"
         raise UsageError(f"{folder}: no case '{case}'; {hint}")
     return attempts
 
