@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import warp as wp
@@ -32,15 +33,17 @@ class Relaunch:
         block_dim: int | None = None,
     ) -> None:
         """Launch as :func:`wp.launch` does."""
+        launch = partial(
+            wp.launch,
+            kernel,
+            dim,
+            inputs=inputs,
+            outputs=outputs,
+            device=self._device,
+            block_dim=block_dim,
+        )
         if not self._device.is_cpu:
-            wp.launch(
-                kernel,
-                dim,
-                inputs=inputs,
-                outputs=outputs,
-                device=self._device,
-                block_dim=block_dim,
-            )
+            launch()
             return
         # A command keeps its arguments, so nothing else gets their identities.
         given = (argument if type(argument) is int else id(argument) for argument in inputs)
@@ -48,15 +51,7 @@ class Relaunch:
         if key not in self._commands:
             if len(self._commands) >= COMMANDS_MAX:
                 self._commands.clear()
-            self._commands[key] = wp.launch(
-                kernel,
-                dim,
-                inputs=inputs,
-                outputs=outputs,
-                device=self._device,
-                block_dim=block_dim,
-                record_cmd=True,
-            )
+            self._commands[key] = launch(record_cmd=True)
         command = self._commands[key]
         if command is not None:  # there is something to launch
             command.launch()
