@@ -7,6 +7,7 @@ import re
 import shutil
 import sys
 import tempfile
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -43,6 +44,18 @@ IMPORTS = {"playwright": "browser", "torch": "train"}
 FOLDERS = {"e2e": "e2e", "faults": "faults", "redteam": "faults"}
 """Mark of every file in a folder of tests."""
 _IMPORT = re.compile(rf"^\s*(?:from|import) ({'|'.join(IMPORTS)})\b", re.MULTILINE)
+
+
+@pytest.fixture
+def hub() -> Iterator[Any]:
+    """A bus in memory, whose messages a thread passes on."""
+    from twin.fabric.memory_bus import MemoryHub
+
+    hub = MemoryHub()
+    thread = hub.run()
+    yield hub
+    hub.stop()
+    thread.join()
 
 
 @cache

@@ -187,6 +187,21 @@ def nothing_left(marked: Marked) -> Iterator[None]:
     wait_for(lambda: _shared() <= before, f"the end of {_shared() - before} in /dev/shm")
 
 
+def recorded_run(campaign: Path, out: Path) -> subprocess.CompletedProcess[str]:
+    """Run a campaign with one worker, recorded in every way."""
+    starter = Marked()
+    try:
+        with nothing_left(starter):
+            done = starter.run(
+                *("conductor", "run", str(campaign), "--workers", "1", "--out", str(out)),
+                *("--view", "record", "--record-drive"),
+            )
+    finally:
+        starter.end()
+    assert done.returncode in (0, 1), done.stderr
+    return done
+
+
 @contextmanager
 def suspended(processes: Sequence[psutil.Process]) -> Iterator[None]:
     """Processes stand still during the block; those that end meanwhile are left alone."""

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from dark_spots import write_dark_spots
 from foreign_campaigns import campaign
-from processes import END_S, Marked, nothing_left, outcomes
+from processes import END_S, outcomes, recorded_run
 from tiny_networks import write_dark_spot_detector
 
 from twin.base.gpu.vulkan import has_vulkan
@@ -52,16 +52,7 @@ def place(tmp_path_factory):
     """A finished run of a short case that was recorded in every way, and what else is needed."""
     folder = tmp_path_factory.mktemp("progress")
     path = campaign(folder, "short", {})
-    starter = Marked()
-    try:
-        with nothing_left(starter):
-            done = starter.run(
-                *("conductor", "run", str(path), "--workers", "1", "--out", str(folder / "run")),
-                *("--view", "record", "--record-drive"),
-            )
-    finally:
-        starter.end()
-    assert done.returncode in (0, 1), done.stderr
+    recorded_run(path, folder / "run")
     write_dark_spots(folder / "data")
     write_dark_spot_detector(folder / "spots.onnx")
     cv2.imwrite(str(folder / "spot.png"), np.full((32, 32, 3), 255, np.uint8))

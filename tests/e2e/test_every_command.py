@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from foreign_campaigns import campaign
-from processes import Marked, nothing_left, outcomes
+from processes import outcomes, recorded_run
 from typer.main import get_command
 from waiting import wait_for
 
@@ -160,16 +160,7 @@ def ran(tmp_path_factory):
     """A finished run of two short cases, recorded in every way."""
     folder = tmp_path_factory.mktemp("every")
     path = campaign(folder, "every", {}, matrix={"weather": ["clear", "heavy_fog"]})
-    starter = Marked()
-    try:
-        with nothing_left(starter):
-            done = starter.run(
-                *("conductor", "run", str(path), "--workers", "1", "--out", str(folder / "run")),
-                *("--view", "record", "--record-drive"),
-            )
-    finally:
-        starter.end()
-    assert done.returncode in (0, 1), done.stderr
+    done = recorded_run(path, folder / "run")
     said = [*(folder / "run").glob("logs/*"), *(folder / "run").glob("cases/*/*/log.txt")]
     assert said
     for text in (done.stderr, *(log.read_text(errors="replace") for log in said)):

@@ -38,15 +38,6 @@ from twin.fabric.discovery import find_conductor
 from twin.fabric.memory_bus import MemoryHub
 
 
-@pytest.fixture
-def hub() -> Iterator[MemoryHub]:
-    hub = MemoryHub()
-    thread = hub.run()
-    yield hub
-    hub.stop()
-    thread.join()
-
-
 @contextlib.contextmanager
 def serving(folder: Path, hub: MemoryHub, **options: object) -> Iterator[Conductor]:
     conductor = Conductor(folder, bus_factory=lambda *_: hub.open(), **options)  # type: ignore[arg-type]

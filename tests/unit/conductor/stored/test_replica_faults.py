@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import threading
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -31,15 +30,6 @@ from twin.fabric.keys.key_file import MemberKey
 from twin.fabric.memory_bus import MemoryHub
 from twin.stores.folder import FolderStore
 from twin.stores.protocol import StoreError
-
-
-@pytest.fixture
-def hub() -> Iterator[MemoryHub]:
-    hub = MemoryHub()
-    thread = hub.run()
-    yield hub
-    hub.stop()
-    thread.join()
 
 
 @dataclass

@@ -31,7 +31,6 @@ from schemas.wire.view import (
     ViewMode,
 )
 from twin.actors.motion import Still
-from twin.fabric.memory_bus import MemoryHub
 from twin.kpi.recorder import KpiRecorder
 from twin.rig.slot import Finished, RigTick, Slot, SlotEnd
 from twin.sensors.data import SensorData
@@ -126,15 +125,6 @@ def clock(monkeypatch):
     clock = SimpleNamespace(now_s=100.0)
     monkeypatch.setattr(publisher, "time", SimpleNamespace(monotonic=lambda: clock.now_s))
     return clock
-
-
-@pytest.fixture
-def hub():
-    hub = MemoryHub()
-    pump = hub.run()
-    yield hub
-    hub.stop()
-    pump.join()
 
 
 class Listener:

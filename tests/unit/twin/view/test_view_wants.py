@@ -1,7 +1,7 @@
 """Which sensors the view needs, of those that the stack does not look at."""
 
 import pytest
-from unit.twin.view.test_view_publisher import RIG, Listener, Sim, clock, hub, lease
+from unit.twin.view.test_view_publisher import RIG, Listener, Sim, clock, lease
 
 from schemas.wire.view import ViewMode
 from twin.sensors.wanted import NOTHING
@@ -10,7 +10,7 @@ from twin.view.items import SlotRun
 from twin.view.port import GuardedView, NoView
 from twin.view.publisher import ViewPublisher
 
-__all__ = ["clock", "hub"]
+__all__ = ["clock"]
 
 ALL, CAMERA = None, frozenset(["camera"])
 
