@@ -68,24 +68,45 @@ def _way(
 
 
 @wp.kernel
-def longest_tiles_kernel(
+def longest_rows_kernel(
     shutter: Shutter,
     lights: wp.array(dtype=SlotLight),
     flow: wp.array4d(dtype=wp.float32),
+    rows_out: wp.array3d(dtype=wp.vec2),
+):
+    """Longest way in the pixels of every row that belong to one tile, the first of equal ones [px].
+
+    A thread for a whole tile would leave most of a GPU idle.
+    """
+    slot, row, tile_column = wp.tid()
+    if lights[slot].active == 0:
+        return
+    longest = wp.vec2(0.0, 0.0)
+    first = tile_column * shutter.tile
+    for column in range(first, wp.min(first + shutter.tile, flow.shape[2])):
+        way = _way(shutter, flow, slot, row, column)
+        if wp.length_sq(way) > wp.length_sq(longest):
+            longest = way
+    rows_out[slot, row, tile_column] = longest
+
+
+@wp.kernel
+def longest_tiles_kernel(
+    shutter: Shutter,
+    lights: wp.array(dtype=SlotLight),
+    rows: wp.array3d(dtype=wp.vec2),
     tiles_out: wp.array3d(dtype=wp.vec2),
 ):
-    """Longest way in every tile, the first of equal ones [px]."""
+    """Longest way in every tile, the first of equal ones, from those of its rows [px]."""
     slot, tile_row, tile_column = wp.tid()
     if lights[slot].active == 0:
         return
     longest = wp.vec2(0.0, 0.0)
-    for i in range(shutter.tile):
-        row = wp.min(tile_row * shutter.tile + i, flow.shape[1] - 1)
-        for j in range(shutter.tile):
-            column = wp.min(tile_column * shutter.tile + j, flow.shape[2] - 1)
-            way = _way(shutter, flow, slot, row, column)
-            if wp.length_sq(way) > wp.length_sq(longest):
-                longest = way
+    first = tile_row * shutter.tile
+    for row in range(first, wp.min(first + shutter.tile, rows.shape[1])):
+        way = rows[slot, row, tile_column]
+        if wp.length_sq(way) > wp.length_sq(longest):
+            longest = way
     tiles_out[slot, tile_row, tile_column] = longest
 
 
@@ -202,6 +223,7 @@ class MotionBlur:
         shutter.longest = 2.0 * shutter.tile
         self._shutter = shutter
         shape = (slots, *tile_grid(height, width))
+        self._rows = wp.zeros((slots, height, shape[2]), dtype=wp.vec2, device=device)
         self._longest = wp.zeros(shape, dtype=wp.vec2, device=device)
         self._widened = wp.zeros(shape, dtype=wp.vec2, device=device)
         self._no_depth = wp.zeros((1, 1, 1), dtype=wp.float32, device=device)
@@ -215,12 +237,13 @@ class MotionBlur:
         image_out: wp.array,
     ) -> None:
         """Draw ``image`` [S, H, W, 3] moved by ``flow`` [S, H, W, 2] [px per frame]."""
-        device, tiles = image_out.device, self._longest.shape
+        device = image_out.device
         for kernel, inputs, output in (
-            (longest_tiles_kernel, [self._shutter, lights, flow], self._longest),
+            (longest_rows_kernel, [self._shutter, lights, flow], self._rows),
+            (longest_tiles_kernel, [self._shutter, lights, self._rows], self._longest),
             (widen_tiles_kernel, [lights, self._longest], self._widened),
         ):
-            wp.launch(kernel, tiles, inputs=inputs, outputs=[output], device=device)
+            wp.launch(kernel, output.shape, inputs=inputs, outputs=[output], device=device)
         behind = self._no_depth if depth is None else depth
         wp.launch(
             motion_kernel,
@@ -234,4 +257,4 @@ class MotionBlur:
 def motion_bytes(slots: int, height: int, width: int) -> int:
     """Memory of :class:`MotionBlur` [bytes]."""
     rows, columns = tile_grid(height, width)
-    return 2 * slots * rows * columns * 8
+    return slots * (height + 2 * rows) * columns * 8

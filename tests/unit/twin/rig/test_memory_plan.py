@@ -38,8 +38,10 @@ def test_the_sum_is_that_of_the_buffers():
     under_way = 8 * pixels * BYTES_PER_PIXEL
     assert one.bytes_total - bare == pixels * (12 + 8 * 3) + 8 * light + under_way
     blurred = plan([BLURRED], [], 8, triangles=0, sky_bytes=0)
-    # The linear picture, flow, one more linear picture; twice 12 x 20 tiles and the gain.
-    assert blurred.bytes_total - one.bytes_total == 8 * (pixels * (6 + 8 + 6) + 2 * 240 * 8 + 4)
+    # The linear picture, flow, one more linear picture; twice 12 x 20 tiles, a row of each and the
+    # gain.
+    ways = (360 * 20 + 2 * 240) * 8
+    assert blurred.bytes_total - one.bytes_total == 8 * (pixels * (6 + 8 + 6) + ways + 4)
     flow = msgspec.structs.replace(BLURRED, outputs=["flow"])
     shared = plan([flow], [], 8, triangles=0, sky_bytes=0)
     assert shared.bytes_total == blurred.bytes_total
