@@ -56,6 +56,12 @@ class Tuning:
     look: KernelOptions
     mirror: KernelOptions
     picture: KernelOptions
+    hits: KernelOptions | None = None
+    """Of the kernel that traces second rays; None: one kernel traces and shades them."""
+    light: KernelOptions | None = None
+    """Of the kernel that shades what they have met."""
+    light_detailed: KernelOptions | None = None
+    """Of the one for faces with details."""
     without: frozenset[str] = frozenset()
     """Parts of :data:`twin.render.picture.PARTS` to leave out, to see what they cost."""
 
@@ -71,6 +77,9 @@ CUDA = Tuning(
     look=KernelOptions(blocks=8),
     mirror=KernelOptions(blocks=4),
     picture=KernelOptions(blocks=5),
+    hits=KernelOptions(blocks=6),
+    light=KernelOptions(blocks=5),
+    light_detailed=KernelOptions(blocks=4),
 )
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 import warp as wp
@@ -17,6 +18,7 @@ from twin.render.lens import ray_table
 from twin.render.light import lamps
 from twin.render.light.lamps import BEAMS_MAX, LampBeams
 from twin.render.light.light import SlotLight
+from twin.render.light.second_light import second_light_kernel
 from twin.render.light.sky import SKY_COLUMNS, SKY_ROWS
 from twin.render.light.street_lamps import street_lamps
 from twin.render.look_kernel import look_kernel
@@ -25,7 +27,7 @@ from twin.render.outputs import OUTPUTS, Buffers, Wanted
 from twin.render.picture import picture_kernel
 from twin.render.post.chain import PostEffects, needs_depth, needs_flow
 from twin.render.tone import tone_table
-from twin.render.trace import raster, rays, sun_packet, visibility
+from twin.render.trace import raster, rays, second_hits, sun_packet, visibility
 from twin.render.trace.geometry import Geometry
 from twin.render.trace.raster import raster_of
 from twin.render.trace.rays import Optics, SlotPose
@@ -36,6 +38,17 @@ from twin.world.street.build import World
 
 _FAR = np.iinfo(np.int32).max
 _POSE_COLUMNS = 3
+
+
+class _Pass(NamedTuple):
+    """A launch over the pixels of some slots."""
+
+    kernel: wp.Kernel
+    build: KernelOptions
+    size: int
+    """Threads."""
+    inputs: list[Any]
+    outputs: list[Any]
 
 
 class RayCamera:
@@ -100,20 +113,21 @@ class RayCamera:
             self._chunk, *size, device, self._wanted.second, geometry.features
         )
         self._effects = _effects_of(camera, mount, slots, device)
-        self._tuning = tuning or tuning_for(device)
-        features = geometry.features
-        self._kernels = (
-            self._first_kernel(mount, table, camera.hfov_deg),
-            look_kernel(self._tuning.look, self._wanted.second) if features.looks else None,
-            mirror_kernel(self._tuning.mirror, features) if self._wanted.second else None,
-            picture_kernel(self._wanted, self._tuning.picture, self._tuning.without, features),
-        )
+        self._tuning = tuning = tuning or tuning_for(device)
+        features, second = geometry.features, self._wanted.second
+        self._first = self._first_kernel(mount, table, camera.hfov_deg)
+        self._look = look_kernel(tuning.look, second) if features.looks else None
+        self._mirror = mirror_kernel(tuning.mirror, features) if second else None
+        self._hits, self._left = None, self._seen
+        if second and tuning.hits is not None:
+            self._hits = second_hits.allocate_hits(self._chunk, *size, device, features)
+            self._left = second_hits.left_pixels(self._seen, self._hits)
+        self._picture = picture_kernel(self._wanted, tuning.picture, tuning.without, features)
         self._allocate(camera, image_out, outputs_out or {})
         for module in (rays, lamps):
             wp.load_module(module, device=device)
-        for kernel, build in self._launches():
-            if kernel is not None:
-                kernel.module.load(device, build.block)
+        for each in self._passes(0, self._chunk):
+            each.kernel.module.load(device, each.build.block)
 
     def _first_kernel(self, mount: CameraMount, table: np.ndarray, hfov_deg: float) -> wp.Kernel:
         """Rays to what is seen; where drawing is faster, only those to the sun are left."""
@@ -125,12 +139,43 @@ class RayCamera:
         raster.raster_kernel(features).module.load(self._device)
         return visibility.sun_kernel(build, self._wanted.second, features)
 
-    def _launches(self) -> tuple[tuple[wp.Kernel | None, KernelOptions], ...]:
-        """What goes over all pixels, in order: visibility, what materials from files say and second
-        rays if there are any, shading."""
-        tuning = self._tuning
-        builds = (tuning.visibility, tuning.look, tuning.mirror, tuning.picture)
-        return tuple(zip(self._kernels, builds, strict=True))
+    def _passes(self, first: int, slots: int) -> Iterator[_Pass]:
+        """What goes over all pixels of ``slots`` from ``first`` on, in order: visibility, what
+        materials from files say and second rays if there are any, shading."""
+        scene, seen, tuning = self.geometry.scene, self._seen, self._tuning
+        lights, poses, optics = self.lights.device, self._poses, self._optics
+        count = visibility.threads(slots, *self.shape[1:3])
+        stride = 1 if self._device.is_cpu else STRIDE
+        packets = 1 if self._raster is None else sun_packet.LANES
+        own = [scene, optics, self._rays, lights, poses, first]
+        yield _Pass(self._first, tuning.visibility, count // packets, own, [seen])
+        if self._look is not None:
+            yield _Pass(self._look, tuning.look, stride, [*own, stride], [seen])
+        if self._mirror is not None:
+            yield from self._second_passes(self._mirror, first, stride)
+        shade = [scene, self._lamps, optics, self._projection, self._rays, self._table]
+        state = [lights, self.sky_table.device, poses, self._before.handle, self._beams, seen]
+        size = count // tuning.picture.pixels
+        yield _Pass(self._picture, tuning.picture, size, [*shade, *state, first], [self._out])
+
+    def _second_passes(self, mirror: wp.Kernel, first: int, stride: int) -> Iterator[_Pass]:
+        """Second rays: traced, shaded apart by what they have met, and those left to do both."""
+        seen, hits, tuning = self._seen, self._hits, self._tuning
+        lights, poses, optics = self.lights.device, self._poses, self._optics
+        scene, features = self.geometry.scene, self.geometry.features
+        model = [scene, self._lamps, optics, self._rays]
+        state = [lights, self.sky_table.device, poses, self._beams]
+        if hits is not None and tuning.hits is not None:
+            kernel = second_hits.hits_kernel(tuning.hits, features)
+            inputs = [scene, optics, self._rays, lights, poses, seen, first, stride]
+            yield _Pass(kernel, tuning.hits, stride, inputs, [hits])
+            for detailed, build in ((False, tuning.light), (True, tuning.light_detailed)):
+                if build is not None and (features.looks or not detailed):
+                    kernel = second_light_kernel(build, features, detailed)
+                    yield _Pass(
+                        kernel, build, stride, [*model, *state, hits, first, stride], [seen]
+                    )
+        yield _Pass(mirror, tuning.mirror, stride, [*model, *state, first, stride], [self._left])
 
     def _allocate(
         self, camera: Camera, image_out: np.ndarray | None, outputs_out: Mapping[str, np.ndarray]
@@ -208,35 +253,22 @@ class RayCamera:
 
     def launch(self, pose: wp.array) -> None:
         """Render as :meth:`render` does, and leave everything on the device."""
-        slots, height, width, _ = self.shape
+        slots = self.shape[0]
         self.lights.push()
         if self.sky_stale:
             self.sky_table.push()
             self.sky_stale = False
         wp.copy(self.boxes, self._empty)
         self._place(pose)
-        scene, beams, seen = self.geometry.scene, self._beams, self._seen
+        scene, seen = self.geometry.scene, self._seen
         lights, poses, optics = self.lights.device, self._poses, self._optics
-        sky = self.sky_table.device
-        stride = 1 if self._device.is_cpu else STRIDE
-        self._launch(lamps.beams_kernel, slots, [scene, lights, poses], [beams])
+        self._launch(lamps.beams_kernel, slots, [scene, lights, poses], [self._beams])
         for first in range(0, slots, self._chunk):
-            own = [scene, self._lamps, optics, self._rays]
-            shade = [scene, self._lamps, optics, self._projection, self._rays, self._table]
-            before = self._before.handle
-            arguments = (
-                ([scene, optics, self._rays, lights, poses, first], [seen]),
-                ([scene, optics, self._rays, lights, poses, first, stride], [seen]),
-                ([*own, lights, sky, poses, beams, first, stride], [seen]),
-                (
-                    [*shade, lights, sky, poses, before, beams, seen, first],
-                    [self._out],
-                ),
-            )
             chunk = min(self._chunk, slots - first)
-            count = visibility.threads(chunk, height, width)
             seen.listed_count.zero_()
             seen.detailed_count.zero_()
+            if self._hits is not None:
+                second_hits.begin_hits(self._hits)
             if self._raster is not None:
                 self._launch(
                     raster.raster_kernel(self.geometry.features),
@@ -244,13 +276,8 @@ class RayCamera:
                     [scene, optics, self._raster, lights, poses, first],
                     [seen],
                 )
-            packets = 1 if self._raster is None else sun_packet.LANES
-            sizes = (count // packets, stride, stride, count // self._tuning.picture.pixels)
-            for (kernel, build), (inputs, outputs), size in zip(
-                self._launches(), arguments, sizes, strict=True
-            ):
-                if kernel is not None:
-                    self._launch(kernel, size, inputs, outputs, build.block)
+            for each in self._passes(first, chunk):
+                self._launch(each.kernel, each.size, each.inputs, each.outputs, each.build.block)
         if self._effects is not None:
             out = self._out
             self._effects.apply(

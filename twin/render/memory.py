@@ -20,6 +20,7 @@ from twin.render.light.light import SlotLight
 from twin.render.looks import has_looks
 from twin.render.outputs import bytes_per_pixel
 from twin.render.post.chain import bytes_needed
+from twin.render.trace.second_hits import DETAIL_HIT_BYTES_PER_PIXEL, HIT_BYTES_PER_PIXEL
 from twin.render.trace.visibility import BYTES_PER_PIXEL, CHUNK_PIXELS, DETAIL_BYTES_PER_PIXEL
 from twin.world.meshes.details import DATA
 from twin.world.street.build import World
@@ -186,7 +187,7 @@ def camera_rows(
     pixels = camera.width * camera.height
     rows = [
         MemoryRow(f"{camera.name}: rays through the lens", pixels * _RAY_BYTES, 0),
-        _under_way(camera.name, pixels, details=details),
+        _under_way(camera, details=details),
         MemoryRow(f"{camera.name}: pictures", 0, pixels * bytes_per_pixel(wanted_of(camera))),
         MemoryRow(f"{camera.name}: light, sky and boxes", 0, small),
     ]
@@ -196,11 +197,14 @@ def camera_rows(
     return rows
 
 
-def _under_way(name: str, pixels: int, *, details: bool) -> MemoryRow:
+def _under_way(camera: Camera, *, details: bool) -> MemoryRow:
     """Pixels are traced in chunks of whole pictures."""
-    most = max(1, CHUNK_PIXELS // pixels)
+    pixels = camera.width * camera.height
     size = BYTES_PER_PIXEL + (DETAIL_BYTES_PER_PIXEL if details else 0)
-    return MemoryRow(f"{name}: pixels under way", 0, pixels * size, most)
+    if camera.reflections:
+        size += HIT_BYTES_PER_PIXEL + (DETAIL_HIT_BYTES_PER_PIXEL if details else 0)
+    most = max(1, CHUNK_PIXELS // pixels)
+    return MemoryRow(f"{camera.name}: pixels under way", 0, pixels * size, most)
 
 
 def check_free(found: MemoryPlan, device: wp.Device) -> None:

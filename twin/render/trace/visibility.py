@@ -60,7 +60,8 @@ BYTES_PER_PIXEL = 26
 DETAIL_BYTES_PER_PIXEL = 68
 """What is added where materials come from files [bytes]."""
 CHUNK_PIXELS = 1 << 24
-"""Pixels that are under way at once: 436 MB of :class:`PixelsSeen`."""
+"""Pixels that are under way at once: 436 MB of :class:`PixelsSeen`, and 403 MB of what second rays
+meet."""
 
 
 @wp.struct

@@ -9,6 +9,11 @@ import warp as wp
 from schemas.sections.camera import Camera, ImageOutput
 from twin.render.build import NONE, Features
 from twin.render.memory import LidarLoad, plan
+from twin.render.trace.second_hits import (
+    DETAIL_HIT_BYTES_PER_PIXEL,
+    HIT_BYTES_PER_PIXEL,
+    allocate_hits,
+)
 from twin.render.trace.visibility import BYTES_PER_PIXEL, DETAIL_BYTES_PER_PIXEL, allocate_seen
 
 PAIR = [Camera(name=f"front_{side}", width=640, height=360) for side in ("left", "right")]
@@ -35,7 +40,7 @@ def test_the_sum_is_that_of_the_buffers():
     one = plan([EYE], [], 8, triangles=0, sky_bytes=0)
     pixels = 640 * 360
     light = next(r.per_slot for r in one.rows if r.name == "eye: light, sky and boxes")
-    under_way = 8 * pixels * BYTES_PER_PIXEL
+    under_way = 8 * pixels * (BYTES_PER_PIXEL + HIT_BYTES_PER_PIXEL)
     assert one.bytes_total - bare == pixels * (12 + 8 * 3) + 8 * light + under_way
     blurred = plan([BLURRED], [], 8, triangles=0, sky_bytes=0)
     # The linear picture, flow, one more linear picture; twice 12 x 20 tiles, a row of each and the
@@ -69,7 +74,8 @@ def test_the_largest_number_of_slots_fits_and_one_more_does_not():
 def test_pixels_under_way_stop_growing():
     one, many = (plan([EYE], [], n, triangles=0) for n in (72, 720))
     rows = [next(r for r in p.rows if "under way" in r.name) for p in (one, many)]
-    assert rows[0].total(72) == rows[1].total(720) == 72 * 640 * 360 * BYTES_PER_PIXEL
+    each = BYTES_PER_PIXEL + HIT_BYTES_PER_PIXEL
+    assert rows[0].total(72) == rows[1].total(720) == 72 * 640 * 360 * each
 
 
 @pytest.mark.parametrize("details", [False, True])
@@ -81,6 +87,14 @@ def test_pixels_under_way_are_those_of_the_buffers(details):
     taken = sum(array.size * wp.types.type_size_in_bytes(array.dtype) for array in arrays)
     each = BYTES_PER_PIXEL + details * DETAIL_BYTES_PER_PIXEL
     assert taken == 2 * 36 * 64 * each
-    eye = msgspec.structs.replace(EYE, width=64, height=36)
+    eye = msgspec.structs.replace(EYE, width=64, height=36, reflections=False)
     rows = plan([eye], [], 2, triangles=0, details=details).rows
     assert next(row for row in rows if "under way" in row.name).total(2) == taken
+    hits = allocate_hits(2, 36, 64, wp.get_device("cpu"), features)
+    arrays = [hits.t, hits.u, hits.v, hits.face, hits.flags, hits.left]
+    arrays += [hits.plain, hits.detailed] if details else []
+    met = sum(array.size * wp.types.type_size_in_bytes(array.dtype) for array in arrays)
+    assert met == 2 * 36 * 64 * (HIT_BYTES_PER_PIXEL + details * DETAIL_HIT_BYTES_PER_PIXEL)
+    mirrors = msgspec.structs.replace(eye, reflections=True)
+    rows = plan([mirrors], [], 2, triangles=0, details=details).rows
+    assert next(row for row in rows if "under way" in row.name).total(2) == taken + met
