@@ -150,7 +150,7 @@ class RayCamera:
         own = [scene, optics, self._rays, lights, poses, first]
         yield _Pass(self._first, tuning.visibility, count // packets, own, [seen])
         if self._look is not None:
-            yield _Pass(self._look, tuning.look, stride, [*own, stride], [seen])
+            yield _Pass(self._look, tuning.look, stride, own, [seen])
         if self._mirror is not None:
             yield from self._second_passes(self._mirror, first, stride)
         shade = [scene, self._lamps, optics, self._projection, self._rays, self._table]
@@ -167,14 +167,12 @@ class RayCamera:
         state = [lights, self.sky_table.device, poses, self._beams]
         if hits is not None and tuning.hits is not None:
             kernel = second_hits.hits_kernel(tuning.hits, features)
-            inputs = [scene, optics, self._rays, lights, poses, seen, first, stride]
+            inputs = [scene, optics, self._rays, lights, poses, seen, first]
             yield _Pass(kernel, tuning.hits, stride, inputs, [hits])
             for detailed, build in ((False, tuning.light), (True, tuning.light_detailed)):
                 if build is not None and (features.looks or not detailed):
                     kernel = second_light_kernel(build, features, detailed)
-                    yield _Pass(
-                        kernel, build, stride, [*model, *state, hits, first, stride], [seen]
-                    )
+                    yield _Pass(kernel, build, stride, [*model, *state, hits, first], [seen])
         yield _Pass(mirror, tuning.mirror, stride, [*model, *state, first, stride], [self._left])
 
     def _allocate(
@@ -268,7 +266,7 @@ class RayCamera:
             seen.listed_count.zero_()
             seen.detailed_count.zero_()
             if self._hits is not None:
-                second_hits.begin_hits(self._hits)
+                self._hits.counts.zero_()
             if self._raster is not None:
                 self._launch(
                     raster.raster_kernel(self.geometry.features),

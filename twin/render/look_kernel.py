@@ -23,7 +23,9 @@ from twin.render.trace.rays import Optics, SlotPose
 from twin.render.trace.visibility import (
     SECOND_RANGE_M,
     PixelsSeen,
+    list_is_done,
     needs_second_rays,
+    next_of_list,
     pixel_of,
     put_on_list,
 )
@@ -49,15 +51,18 @@ def look_kernel(build: KernelOptions, second: bool) -> wp.Kernel:
         poses: wp.array(dtype=SlotPose),
         # args
         first_slot: wp.int32,
-        stride: wp.int32,
         # out
         seen: PixelsSeen,
     ):
         """Work out the points of the pixels on the list; the launch may be shorter than it."""
-        at_list = wp.tid()
-        while at_list < seen.detailed_count[0]:
-            thread = seen.detailed[at_list]
-            at_list += stride
+        count = seen.detailed_count[0]
+        while True:
+            place = next_of_list(seen.detailed_count)
+            if list_is_done(place, count):
+                break
+            if place >= count:
+                continue
+            thread = seen.detailed[place]
             pixel = pixel_of(thread, first_slot, optics)
             slot = pixel.slot
             pose = poses[slot]

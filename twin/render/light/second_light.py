@@ -22,7 +22,15 @@ from twin.render.shading import PI_INVERSE, ShadedPoint, look_of, surface_functi
 from twin.render.trace.geometry import RayScene, out_of_object
 from twin.render.trace.rays import Optics, SlotPose
 from twin.render.trace.second_hits import LEFT, Aim, SecondHits, aim_function
-from twin.render.trace.visibility import LIT, MIRRORED, OBJECT_MASK, PixelsSeen, pixel_of
+from twin.render.trace.visibility import (
+    LIT,
+    MIRRORED,
+    OBJECT_MASK,
+    PixelsSeen,
+    list_is_done,
+    next_of_list,
+    pixel_of,
+)
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -122,20 +130,24 @@ def second_light_kernel(
         hits: SecondHits,
         # args
         first_slot: wp.int32,
-        stride: wp.int32,
         # out
         seen: PixelsSeen,
     ):
         """Shade what was met; the launch may be shorter than the list."""
-        next_place = wp.tid()
         count = seen.listed_count[0]
         if wp.static(looks):
             count = hits.plain_count[0]
             if wp.static(detailed):
                 count = hits.detailed_count[0]
-        while next_place < count:
-            place = next_place
-            next_place += stride
+        while True:
+            if wp.static(detailed):
+                place = next_of_list(hits.detailed_count)
+            else:
+                place = next_of_list(hits.plain_count)
+            if list_is_done(place, count):
+                break
+            if place >= count:
+                continue
             if wp.static(looks):
                 if wp.static(detailed):
                     place = hits.detailed[place]

@@ -26,6 +26,8 @@ from twin.render.trace.visibility import (
     LIT,
     NOTHING,
     PixelsSeen,
+    list_is_done,
+    next_of_list,
     pixel_of,
     put_on_list,
     threads,
@@ -66,16 +68,18 @@ class SecondHits:
     left: wp.array(dtype=wp.int32)
     """Threads whose pixels are left to the kernel that traces and shades, in any order."""
     left_count: wp.array(dtype=wp.int32)
-    """Number of these [1]."""
+    """Number of these, and how many have been given out, as in :class:`PixelsSeen` [2]."""
     plain: wp.array(dtype=wp.int32)
     """Places whose rays meet faces without details or the sky, in any order; empty where no face
     has any."""
     plain_count: wp.array(dtype=wp.int32)
-    """Number of these [1]."""
+    """The same of these [2]; where no face has details, what is given out is the first list."""
     detailed: wp.array(dtype=wp.int32)
     """Places whose rays meet faces with details, in any order."""
     detailed_count: wp.array(dtype=wp.int32)
-    """Number of these [1]."""
+    """The same of these [2]."""
+    counts: wp.array(dtype=wp.int32)
+    """All of these numbers [6]."""
 
 
 def allocate_hits(
@@ -91,15 +95,9 @@ def allocate_hits(
     sorted_places = count if features.looks else 1
     hits.plain = wp.empty(sorted_places, dtype=wp.int32, device=device)
     hits.detailed = wp.empty(sorted_places, dtype=wp.int32, device=device)
-    for name in ("left_count", "plain_count", "detailed_count"):
-        setattr(hits, name, wp.zeros(1, dtype=wp.int32, device=device))
+    hits.counts = counts = wp.zeros(6, dtype=wp.int32, device=device)
+    hits.left_count, hits.plain_count, hits.detailed_count = counts[0:2], counts[2:4], counts[4:6]
     return hits
-
-
-def begin_hits(hits: SecondHits) -> None:
-    """Empty the lists."""
-    for count in (hits.left_count, hits.plain_count, hits.detailed_count):
-        count.zero_()
 
 
 def left_pixels(seen: PixelsSeen, hits: SecondHits) -> PixelsSeen:
@@ -202,23 +200,23 @@ def hits_kernel(build: KernelOptions, features: Features = NONE) -> wp.Kernel:
         seen: PixelsSeen,
         # args
         first_slot: wp.int32,
-        stride: wp.int32,
         # out
         hits: SecondHits,
     ):
         """Trace mirrored rays of the pixels on the list; the launch may be shorter than it."""
-        next_place = wp.tid()
-        while next_place < seen.listed_count[0]:
-            place = next_place
-            next_place += stride
+        count = seen.listed_count[0]
+        while True:
+            place = next_of_list(seen.listed_count)
+            if list_is_done(place, count):
+                break
+            if place >= count:
+                continue
             thread = seen.listed[place]
             pixel = pixel_of(thread, first_slot, optics)
             slot = pixel.slot
-            light = lights[slot]
-            pose = poses[slot]
             ray = rays[pixel.row, pixel.column]
-            direction = of_axes(ray, pose.right, pose.down, pose.ahead)
-            aim = aim_of(scene, slot, optics, seen, thread, pose, direction, light)
+            direction = of_axes(ray, poses[slot].right, poses[slot].down, poses[slot].ahead)
+            aim = aim_of(scene, slot, optics, seen, thread, poses[slot], direction, lights[slot])
             hit = RayHit()
             # One loop over both rays, so that the code of a ray stands there once.
             turn = wp.int32(2)
@@ -257,8 +255,8 @@ def hits_kernel(build: KernelOptions, features: Features = NONE) -> wp.Kernel:
                         )
                         facing = smooth.n
                         p = p + smooth.lift
-                sun = light.sun_direction
-                if light.shadows != 0 and dot(facing, sun) > 0.0:
+                sun = lights[slot].sun_direction
+                if lights[slot].shadows != 0 and dot(facing, sun) > 0.0:
                     p = p + hit.normal * 0.02
                     if not occluded(scene, slot, p, sun, RANGE_M):
                         flags = flags | LIT

@@ -77,13 +77,13 @@ class PixelsSeen:
     listed: wp.array(dtype=wp.int32)
     """Threads whose pixels need second rays, in any order."""
     listed_count: wp.array(dtype=wp.int32)
-    """Number of listed pixels [1]."""
+    """Number of listed pixels, and how many of them :func:`next_of_list` has given out [2]."""
     second: wp.array2d(dtype=wp.float16)
     """Luminance that comes by mirrors and through glass, RGB, where flagged [cd/m^2]."""
     detailed: wp.array(dtype=wp.int32)
     """Threads whose pixels see faces with details, in any order."""
     detailed_count: wp.array(dtype=wp.int32)
-    """Number of these pixels [1]."""
+    """Number of these pixels, and how many have been given out [2]."""
     look: wp.array2d(dtype=wp.vec4)
     """What the materials of such faces say, see :mod:`twin.render.look_pixels`."""
 
@@ -121,11 +121,11 @@ def allocate_seen(
     seen.bary = wp.empty(count, dtype=wp.int32, device=device)
     listed = count if second else 1
     seen.listed = wp.empty(listed, dtype=wp.int32, device=device)
-    seen.listed_count = wp.zeros(1, dtype=wp.int32, device=device)
+    seen.listed_count = wp.zeros(2, dtype=wp.int32, device=device)
     seen.second = wp.empty((listed, 3), dtype=wp.float16, device=device)
     detailed = count if features.looks else 1
     seen.detailed = wp.empty(detailed, dtype=wp.int32, device=device)
-    seen.detailed_count = wp.zeros(1, dtype=wp.int32, device=device)
+    seen.detailed_count = wp.zeros(2, dtype=wp.int32, device=device)
     seen.look = wp.empty((PARTS, detailed), dtype=wp.vec4, device=device)
     return seen
 
@@ -162,6 +162,32 @@ def put_on_list(
     places: wp.array(dtype=wp.int32), count: wp.array(dtype=wp.int32), thread: wp.int32
 ):
     """Append ``thread`` to the first ``count[0]`` of ``list``."""
+
+
+# All threads of a warp wait for each other here.
+_NEXT = """
+    #if defined(__CUDA_ARCH__)
+    unsigned lane;
+    asm("mov.u32 %0, %%laneid;" : "=r"(lane));
+    int first = 0;
+    if (lane == 0) first = atomicAdd(count.data + 1, 32);
+    return __shfl_sync(0xffffffffu, first, 0) + (int)lane;
+    #else
+    return count.data[1]++;
+    #endif
+"""
+
+
+@wp.func_native(_NEXT)
+def next_of_list(count: wp.array(dtype=wp.int32)) -> wp.int32:
+    """Next place on a list that no thread has worked on, perhaps beyond its end: a GPU's warps take
+    32 at a time, as they get done, so that none is left with the longest rays of all."""
+
+
+@wp.func
+def list_is_done(place: wp.int32, count: wp.int32) -> wp.bool:
+    """Whether the whole warp of a thread that got ``place`` has nothing left of ``count``."""
+    return place - place % 32 >= count
 
 
 @wp.func
