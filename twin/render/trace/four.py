@@ -35,7 +35,10 @@ _SCALARS = """
     #define TWIN_DOT(a, b, c, d, e, f) ((a) * (b) + (c) * (d) + (e) * (f))
     #define TWIN_LINK(key) ((unsigned)TWIN_BITS((key) & 2u ? ((key) & 1u ? child.w : child.z) \\
         : ((key) & 1u ? child.y : child.x)))
-    const bool mirror_x = rx < 0.0f, mirror_y = ry < 0.0f, mirror_z = rz < 0.0f;
+    // Bytes from a node to the planes that the ray meets first. Sums of 32 bits, because a compiler
+    // takes those of 64 apart and multiplies once per plane.
+    const unsigned x_near = rx < 0.0f ? 48u : 0u, y_near = ry < 0.0f ? 64u : 16u;
+    const unsigned z_near = rz < 0.0f ? 80u : 32u;
     unsigned long long stack[128];
 """
 
@@ -50,14 +53,15 @@ _CHILD4 = """
 """
 
 _BOXES4 = """
-            const float* base = nodes.data + (size_t)node * 28;
-            const v4 lx = TWIN_LOAD(base + (mirror_x ? 12 : 0));
-            const v4 ly = TWIN_LOAD(base + (mirror_y ? 16 : 4));
-            const v4 lz = TWIN_LOAD(base + (mirror_z ? 20 : 8));
-            const v4 hx = TWIN_LOAD(base + (mirror_x ? 0 : 12));
-            const v4 hy = TWIN_LOAD(base + (mirror_y ? 4 : 16));
-            const v4 hz = TWIN_LOAD(base + (mirror_z ? 8 : 20));
-            const v4 child = TWIN_LOAD(base + 24);
+            const char* words = (const char*)nodes.data;
+            const unsigned place = (unsigned)node * 112u;
+            const v4 lx = TWIN_LOAD(words + (place + x_near));
+            const v4 ly = TWIN_LOAD(words + (place + y_near));
+            const v4 lz = TWIN_LOAD(words + (place + z_near));
+            const v4 hx = TWIN_LOAD(words + (place + 48u - x_near));
+            const v4 hy = TWIN_LOAD(words + (place + 80u - y_near));
+            const v4 hz = TWIN_LOAD(words + (place + 112u - z_near));
+            const v4 child = TWIN_LOAD(words + (place + 96u));
 """
 
 _CORNERS4 = """
