@@ -10,6 +10,12 @@ _SCALARS = """
     #define TWIN_MIN(a, b) fminf(a, b)
     #define TWIN_MAX(a, b) fmaxf(a, b)
     #define TWIN_FMA(a, b, c) fmaf(a, b, c)
+    // Of three numbers at once, by their bits: the greatest or 0, and the least or, where some are
+    // below 0, any of those. Boxes need no more, and half the instructions do.
+    #define TWIN_MAX3(a, b, c) __int_as_float(__vimax3_s32_relu( \\
+        __float_as_int(a), __float_as_int(b), __float_as_int(c)))
+    #define TWIN_MIN3(a, b, c) __int_as_float(__vimin3_s32( \\
+        __float_as_int(a), __float_as_int(b), __float_as_int(c)))
     #define TWIN_LOAD(p) __ldg((const float4*)(p))
     typedef float4 v4;
     #define TWIN_BITS(f) __float_as_int(f)
@@ -19,6 +25,8 @@ _SCALARS = """
     #define TWIN_MIN(a, b) ((a) < (b) ? (a) : (b))
     #define TWIN_MAX(a, b) ((a) > (b) ? (a) : (b))
     #define TWIN_FMA(a, b, c) __builtin_fmaf(a, b, c)
+    #define TWIN_MAX3(a, b, c) TWIN_MAX(TWIN_MAX(a, b), TWIN_MAX(c, 0.0f))
+    #define TWIN_MIN3(a, b, c) TWIN_MIN(TWIN_MIN(a, b), c)
     #define TWIN_LOAD(p) (*(const f4*)(p))
     typedef f4 v4;
     #define TWIN_BITS(f) __builtin_bit_cast(int, f)
@@ -44,10 +52,10 @@ _SCALARS = """
 
 _CHILD4 = """
             {{
-                const float near4 = TWIN_MAX(TWIN_MAX(TWIN_FMA(lx.{k}, rx, mx0),
-                    TWIN_FMA(ly.{k}, ry, my0)), TWIN_MAX(TWIN_FMA(lz.{k}, rz, mz0), 0.0f));
-                const float far4 = TWIN_MIN(TWIN_MIN(TWIN_FMA(hx.{k}, rx, mx0),
-                    TWIN_FMA(hy.{k}, ry, my0)), TWIN_MIN(TWIN_FMA(hz.{k}, rz, mz0), limit));
+                const float near4 = TWIN_MAX3(TWIN_FMA(lx.{k}, rx, mx0),
+                    TWIN_FMA(ly.{k}, ry, my0), TWIN_FMA(lz.{k}, rz, mz0));
+                const float far4 = TWIN_MIN(TWIN_MIN3(TWIN_FMA(hx.{k}, rx, mx0),
+                    TWIN_FMA(hy.{k}, ry, my0), TWIN_FMA(hz.{k}, rz, mz0)), limit);
                 {use}
             }}
 """
