@@ -52,13 +52,18 @@ TUNINGS: dict[str, Tuning] = {
         for blocks in (0, 5, 6, 8)
     },
     "picture block 256": replace(CUDA, picture=KernelOptions(block=256, blocks=2)),
+    "second rays in one kernel": replace(CUDA, hits=None),
     **{
-        f"mirror {blocks} blocks": replace(CUDA, mirror=KernelOptions(blocks=blocks))
-        for blocks in (0, 3, 5)
+        f"hits of second rays {blocks} blocks": replace(CUDA, hits=KernelOptions(blocks=blocks))
+        for blocks in (0, 5, 7, 8)
+    },
+    **{
+        f"light of second rays {blocks} blocks": replace(CUDA, light=KernelOptions(blocks=blocks))
+        for blocks in (4, 6)
     },
     **{
         f"visibility {blocks} blocks": replace(CUDA, visibility=KernelOptions(blocks=blocks))
-        for blocks in (0, 6, 10)
+        for blocks in (0, 6, 7, 10)
     },
     "visibility block 64": replace(CUDA, visibility=KernelOptions(block=64, blocks=16)),
     "visibility block 256": replace(CUDA, visibility=KernelOptions(block=256, blocks=4)),
