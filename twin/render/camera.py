@@ -297,6 +297,14 @@ class RayCamera:
         """Pixels of the last slots that were listed for second rays in the last picture."""
         return int(self._seen.listed_count.numpy()[0])
 
+    def second_kinds(self) -> dict[str, int]:
+        """Numbers of these by what they met: ``plain`` faces or the sky, and ``detailed`` ones, if
+        any face has details; ``left`` to the kernel that does both. Empty where that does all."""
+        if self._hits is None:
+            return {}
+        left, _, plain, _, detailed, _ = self._hits.counts.numpy().tolist()
+        return {"left": left, "plain": plain, "detailed": detailed}
+
     def rays_per_frame(self) -> float:
         """Rays to what is seen and to the sun in the last picture, the mean of the last slots."""
         slots, height, width, _ = self.shape
