@@ -1,8 +1,9 @@
 """Bounding volume hierarchies with four or eight children per node, built on the host.
 
 Binary trees are grown level by level with the binned surface area heuristic (Wald 2007), all nodes
-of a level at once; then nodes are opened until each has all the children it may have. Child boxes
-lie side by side, so that one vector instruction meets all of them.
+of a level at once, with the finer bins the larger they are. Wide nodes are those of all choices
+whose areas add up to the least (Wald, Benthin, Boulos 2008). Child boxes lie side by side, so that
+one vector instruction meets all of them.
 """
 
 from __future__ import annotations
@@ -30,7 +31,8 @@ CUDA = BvhWidth(4, 2, packed=False)
 """What it meets one by one."""
 NOBODY = np.int32(-(2**31))
 """No child."""
-_BINS = 16
+_BINS, _BINS_MAX = 32, 128
+"""Bins along an axis: as many as the nodes of a level have faces, within these limits."""
 _PAD_M, _PAD = 1e-4, 2e-6
 """Child boxes are larger by this, absolute and relative to the farthest coordinate."""
 _SAH_LEVELS = 24
@@ -144,20 +146,21 @@ def _split(
     member, first = _members(start, count)
     faces = order[member]
     node = np.repeat(np.arange(len(start)), count)
+    bin_count = min(_BINS_MAX, max(_BINS, len(member) // len(start)))
     centre = middle[faces]
     base = np.minimum.reduceat(centre, first)
     extent = np.maximum.reduceat(centre, first) - base
-    scale = np.where(extent > 0, _BINS * (1 - 1e-6) / np.where(extent > 0, extent, 1), 0)
+    scale = np.where(extent > 0, bin_count * (1 - 1e-6) / np.where(extent > 0, extent, 1), 0)
     bins = ((centre - base[node]) * scale[node]).astype(np.int64)
     best = np.full(len(start), np.inf)
     axis = np.zeros(len(start), np.int64)
     cut = np.zeros(len(start), np.int64)
     for k in range(3):
-        key = node * _BINS + bins[:, k]
-        shape = (len(start), _BINS)
-        number = np.bincount(key, minlength=len(start) * _BINS).reshape(shape)
-        box_low = np.full((len(start) * _BINS, 3), np.inf)
-        box_high = np.full((len(start) * _BINS, 3), -np.inf)
+        key = node * bin_count + bins[:, k]
+        shape = (len(start), bin_count)
+        number = np.bincount(key, minlength=len(start) * bin_count).reshape(shape)
+        box_low = np.full((len(start) * bin_count, 3), np.inf)
+        box_high = np.full((len(start) * bin_count, 3), -np.inf)
         # Much faster than ufunc.at: faces sorted by bin, then one reduction per bin.
         sorted_ = np.argsort(key, kind="stable")
         used = np.flatnonzero(number.ravel())
@@ -187,29 +190,71 @@ def _split(
     return np.bincount(node[right], minlength=len(start))
 
 
+def _levels(tree: _Tree) -> list[slice]:
+    """The nodes of each level of a tree, root first."""
+    levels, start, stop = [], 0, 1
+    while start < stop:
+        levels.append(slice(start, stop))
+        start, stop = stop, stop + 2 * int((tree.left[start:stop] >= 0).sum())
+    return levels
+
+
+def _choices(tree: _Tree, area: np.ndarray, width: int) -> tuple[np.ndarray, np.ndarray]:
+    """Choices by which binary nodes become wide ones whose areas add up to the least.
+
+    Returns:
+        For each node and number of places: how many of them go to its left child [N, width + 1];
+        and whether it takes just one of them as a wide node of its own [N, width + 1].
+    """
+    nodes = len(area)
+    least = np.zeros((nodes, width + 1))  # of what is below a node that has so many places
+    to_left = np.ones((nodes, width + 1), np.int64)
+    alone = np.ones((nodes, width + 1), np.bool_)
+    for level in reversed(_levels(tree)):
+        inner = np.flatnonzero(tree.left[level] >= 0) + level.start
+        left, right = least[tree.left[inner]], least[tree.left[inner] + 1]
+        opened = np.full((len(inner), width + 1), np.inf)
+        for places in range(2, width + 1):
+            sums = left[:, 1:places] + right[:, places - 1 : 0 : -1]
+            to_left[inner, places] = 1 + sums.argmin(axis=1)
+            opened[:, places] = sums.min(axis=1)
+        whole = (area[inner] + opened[:, width])[:, None]
+        alone[inner] = whole <= opened
+        least[inner] = np.minimum(whole, opened)
+    return to_left, alone
+
+
+def _children(tree: _Tree, to_left: np.ndarray, alone: np.ndarray, node: int) -> list[int]:
+    """Nodes of the binary tree that a wide node at ``node`` has for children, leaves last."""
+    width = to_left.shape[1] - 1
+    inner, closed = [], []
+    waiting = [(node, width)]
+    while waiting:
+        at, places = waiting.pop()
+        if tree.left[at] < 0:
+            closed.append(at)
+        elif at != node and alone[at, places]:
+            inner.append(at)
+        else:
+            left = int(to_left[at, places])
+            waiting += [(int(tree.left[at]) + 1, places - left), (int(tree.left[at]), left)]
+    return inner + closed
+
+
 def _widen(tree: _Tree, width: int) -> tuple[np.ndarray, np.ndarray]:
     """Nodes with children -1 - i for leaf i, and the tree's nodes that became leaves."""
-    area = _area(tree.high - tree.low)
+    to_left, alone = _choices(tree, _area(tree.high - tree.low), width)
     # A traversal's arithmetic moves a plane by the rounding of its place and of the ray's.
     pad = _PAD_M + _PAD * max(np.abs(tree.low[0]).max(), np.abs(tree.high[0]).max())
     rows: list[np.ndarray] = []
     leaves: list[int] = []
     queue = [0]
     while len(rows) < len(queue):
-        root = queue[len(rows)]
-        inner, closed = [root], []
-        while inner and (len(inner) + len(closed) < width or inner == [root]):
-            k = max(range(len(inner)), key=lambda i: area[inner[i]])
-            child = tree.left[inner[k]]
-            if child < 0:
-                closed.append(inner.pop(k))
-            else:
-                inner[k : k + 1] = [child, child + 1]
         row = np.zeros((7, width), np.float32)
         row[:3], row[3:6] = np.inf, -np.inf
         links = row[6].view(np.int32)
         links[:] = NOBODY
-        for i, child in enumerate(inner + closed):
+        for i, child in enumerate(_children(tree, to_left, alone, queue[len(rows)])):
             row[:3, i], row[3:6, i] = tree.low[child] - pad, tree.high[child] + pad
             if tree.left[child] < 0:
                 links[i] = -1 - len(leaves)
