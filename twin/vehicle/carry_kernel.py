@@ -9,7 +9,7 @@ from __future__ import annotations
 import warp as wp
 
 from twin.base.portable_math import portable_atan2
-from twin.vehicle.chassis import observe
+from twin.vehicle.chassis import observe, observe_motion
 from twin.vehicle.kernel import VehicleScene, measure, mover_contacts, vehicle_contacts
 from twin.vehicle.model import GRAVITY_MPS2, PHYSICS_STEP_NS, VehicleModel
 from twin.vehicle.state import VehicleState
@@ -110,7 +110,7 @@ def carry_kernel(
             upward = wp.vec3d(pull[0], pull[1], pull[2] + _GRAVITY)
             s.specific_force = wp.quat_rotate_inv(s.orientation, upward)
             s.accel = wp.dot(pull, wp.quat_rotate(s.orientation, wp.vec3d(_ONE, _ZERO, _ZERO)))
-            n = observe(m, s)
+            n = observe_motion(s)
             spin = n.speed / m.radius
             n.wheel_speed = wp.vec4d(spin, spin, spin, spin)
             n.wheel_angle = n.wheel_angle + n.wheel_speed * _STEP_S
@@ -123,4 +123,4 @@ def carry_kernel(
             vehicle_contacts(models, model_of, scene, states, events, counts, slot, 0, now)
             since = wp.float64(k + 1) * _STEP_S
             mover_contacts(m, scene, states, movers, events, counts, slot, 0, now, since)
-    states[slot, 0] = measure(m, scene, states[slot, 0], targets[slot])
+    states[slot, 0] = measure(m, scene, observe(m, states[slot, 0]), targets[slot])

@@ -221,14 +221,16 @@ def advance(
     friction: wp.float64,
     wind: wp.vec2d,
 ) -> VehicleState:
-    """One physics step without contacts of the hull; ``wind``: of the world, x and y [m/s]."""
+    """One physics step without contacts of the hull; ``wind``: of the world, x and y [m/s].
+
+    What only follows from the state is left to :func:`observe` and :func:`observe_wheels`.
+    """
     s = before
     s.throttle = before.throttle + (c.throttle - before.throttle) * m.throttle_gain
     s.brake = before.brake + (c.brake - before.brake) * m.brake_gain
     s.handbrake = before.handbrake + (c.handbrake - before.handbrake) * m.handbrake_gain
     s.steering = steer(m, before.steering, c.steering, before.speed)
     slopes = wheel_slopes(m, s.steering)
-    s.steer = wp.vec2d(portable_atan(slopes[0]), portable_atan(slopes[1]))
     d = drive(m, before, s.throttle, c.selector, friction)
     s.gear = d.gear
     s.shift_left = d.shift_left
@@ -356,13 +358,29 @@ def move(
 
 
 @wp.func
-def observe(m: VehicleModel, state: VehicleState) -> VehicleState:
-    """Fill in what follows from the body's motion: pose of the reference point, speeds, angles."""
+def observe_motion(state: VehicleState) -> VehicleState:
+    """Fill in what the next physics step needs of the body's motion: yaw, speeds and yaw rate."""
     s = state
+    x = wp.quat_rotate(s.orientation, wp.vec3d(_ONE, _ZERO, _ZERO))
+    s.yaw = portable_atan2(x[1], x[0])
+    s.body_velocity = _axis(s, s.velocity)
+    if s.held != _ZERO:
+        s.body_velocity = wp.vec3d(_ZERO, _ZERO, s.body_velocity[2])
+    s.speed = s.body_velocity[0]
+    s.yaw_rate = s.rate[2]
+    return s
+
+
+@wp.func
+def observe(m: VehicleModel, state: VehicleState) -> VehicleState:
+    """Fill in all that follows from the body's motion: pose of the reference point, speeds, angles.
+
+    A state that was observed stays as it is.
+    """
+    s = observe_motion(state)
     x = wp.quat_rotate(s.orientation, wp.vec3d(_ONE, _ZERO, _ZERO))
     y = wp.quat_rotate(s.orientation, wp.vec3d(_ZERO, _ONE, _ZERO))
     z = wp.quat_rotate(s.orientation, wp.vec3d(_ZERO, _ZERO, _ONE))
-    s.yaw = portable_atan2(x[1], x[0])
     s.roll = portable_atan2(y[2], z[2])
     # Cosine and sine of the yaw; upright there is no yaw.
     flat = wp.sqrt(x[0] * x[0] + x[1] * x[1])
@@ -376,9 +394,13 @@ def observe(m: VehicleModel, state: VehicleState) -> VehicleState:
     s.x = s.com[0] + cosine * m.reference_x - sine * m.reference_y
     s.y = s.com[1] + sine * m.reference_x + cosine * m.reference_y
     s.z = s.com[2] + m.reference_x * x[2] + m.reference_y * y[2] - m.com_height * z[2]
-    s.body_velocity = _axis(s, s.velocity)
-    if s.held != _ZERO:
-        s.body_velocity = wp.vec3d(_ZERO, _ZERO, s.body_velocity[2])
-    s.speed = s.body_velocity[0]
-    s.yaw_rate = s.rate[2]
+    return s
+
+
+@wp.func
+def observe_wheels(m: VehicleModel, state: VehicleState) -> VehicleState:
+    """Fill in the angles of the front wheels, which follow from the steering."""
+    s = state
+    slopes = wheel_slopes(m, s.steering)
+    s.steer = wp.vec2d(portable_atan(slopes[0]), portable_atan(slopes[1]))
     return s

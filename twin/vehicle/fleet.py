@@ -23,8 +23,11 @@ from twin.world.mirror import Mirror
 from twin.world.relaunch import Relaunch
 
 _BLOCK = 8
-"""Threads of a block: a vehicle is a thread of its own length, and the smaller the blocks, the more
-of a GPU's processors a few hundred slots reach. Measured on an H200: 4.2 ms a tick, with 64 5.5."""
+"""Fewest threads of a block: the smaller the blocks, the more of a GPU's processors a few hundred
+slots reach. 256 slots took 4.2 ms a tick on an H200, with blocks of 64 5.5."""
+_WARP = 32
+_SCHEDULERS = 4
+"""Of a GPU's multiprocessor; each is to have one block at most."""
 _NO_COLLIDERS = np.zeros((0, 5))
 
 
@@ -62,6 +65,7 @@ class Fleet:
         self.slots = slots
         self._device = device
         self._launch = Relaunch(device)
+        self._block = threads_of_a_block(slots, device.sm_count)
         self._host_models = [vehicle_model(v) for v in vehicles]
         # Behind those of the vehicles there is room for that of each slot's loaded vehicle 0. An
         # index, since a GPU reads what all slots share once.
@@ -94,8 +98,7 @@ class Fleet:
         self._movers = Mirror((slots, movers, len(kernel.MOVER_COLUMNS)), wp.float64, device)
         self._scene_movers = Mirror((slots, movers, len(kernel.MOVER_COLUMNS)), wp.float64, device)
         self._nearest = Mirror((slots, len(NEAREST)), wp.float64, device)
-        self._unseen = False
-        """Events on the device are newer than those on the host."""
+        self._unseen = False  # whether events on the device are newer than those on the host
         self._placed: list[int] = []
         self.state = self._state.host
         self.friction = self._friction.host
@@ -107,8 +110,8 @@ class Fleet:
         self.targets = self._targets.host
         self.targets[...] = -1
         self.movers = self._movers.host
-        wp.load_module(kernel, device=device, block_dim=_BLOCK)
-        wp.load_module(nearest, device=device, block_dim=_BLOCK)
+        wp.load_module(kernel, device=device, block_dim=self._block)
+        wp.load_module(nearest, device=device, block_dim=self._block)
 
     def _build_scene(self, colliders: np.ndarray, stop_at_impact: bool) -> kernel.VehicleScene:
         """Everything that vehicles can stand on or hit."""
@@ -162,7 +165,7 @@ class Fleet:
                 self._scene_movers.device,
             ],
             [self._nearest.device],
-            _BLOCK,
+            self._block,
         )
 
     def nearest(self) -> np.ndarray:
@@ -293,7 +296,7 @@ class Fleet:
             inputs=[self._models, self._model_of.device, self._scene, self._targets.device],
             outputs=[self._rows],
             device=self._device,
-            block_dim=_BLOCK,
+            block_dim=self._block,
         )
         self._state.pull()
 
@@ -342,7 +345,7 @@ class Fleet:
                 self._events.device,
                 self._event_count.device,
             ],
-            _BLOCK,
+            self._block,
         )
 
     def carry(self, steps: int, carried: np.ndarray, com: np.ndarray, turn: np.ndarray) -> None:
@@ -376,7 +379,7 @@ class Fleet:
                 self._event_count.device,
             ],
             device=self._device,
-            block_dim=_BLOCK,
+            block_dim=self._block,
         )
         self._state.pull()
 
@@ -415,6 +418,19 @@ class Fleet:
             if code != 0.0:
                 return FAULTS.get(int(code), FAULTS[1]) if math.isfinite(code) else FAULTS[1]
         return "" if np.isfinite(rows).all() else FAULTS[1]
+
+
+def threads_of_a_block(slots: int, processors: int) -> int:
+    """Threads of a block of the vehicles' kernels; ``processors``: of the GPU, 0: it is a CPU.
+
+    A block of fewer threads than a warp has takes a warp's place all the same, and only eight find
+    room on a multiprocessor, because a thread uses all 255 registers. Blocks therefore grow
+    with the slots, up to a whole warp: 16,384 vehicles in blocks of 8 do not run at once.
+    """
+    block = _BLOCK
+    while processors and block < _WARP and slots > block * _SCHEDULERS * processors:
+        block *= 2
+    return block
 
 
 def _extent_m(vehicle: Vehicle) -> float:
