@@ -8,7 +8,7 @@ import warp as wp
 from typer.testing import CliRunner
 
 from twin.cli import app
-from twin.vehicle.model import VehicleModel, vehicle_model
+from twin.vehicle.model import WheelModel, vehicle_model, wheel_models
 from twin.vehicle.tyre import stiffnesses
 from twin.vehicle.vehicle_file import load_vehicle
 from twin.world.kernel_cache import prepare_kernels
@@ -21,14 +21,14 @@ LOAD_N = 5000.0
 
 @wp.kernel
 def forces_kernel(
-    models: wp.array(dtype=VehicleModel),
+    wheels: wp.array(dtype=WheelModel),
     slips: wp.array2d(dtype=wp.float64),
     friction: wp.float64,
     load: wp.float64,
     forces: wp.array2d(dtype=wp.float64),
 ):
     i = wp.tid()
-    k = stiffnesses(models[0], 2, slips[i, 0], slips[i, 1], load, friction)
+    k = stiffnesses(wheels[2], slips[i, 0], slips[i, 1], load, friction)
     forces[i, 0] = k[0] * slips[i, 0]
     forces[i, 1] = k[1] * slips[i, 1]
 
@@ -36,12 +36,12 @@ def forces_kernel(
 def forces(slips, friction):
     slips = np.ascontiguousarray(slips, float)
     out = wp.zeros(slips.shape, dtype=wp.float64, device="cpu")
-    models = wp.array([vehicle_model(CAR)], dtype=VehicleModel, device="cpu")
+    wheels = wp.array(wheel_models(vehicle_model(CAR)), dtype=WheelModel, device="cpu")
     given = wp.array(slips, dtype=wp.float64, device="cpu")
     wp.launch(
         forces_kernel,
         len(slips),
-        inputs=[models, given, friction, LOAD_N],
+        inputs=[wheels, given, friction, LOAD_N],
         outputs=[out],
         device="cpu",
     )

@@ -14,9 +14,11 @@ from __future__ import annotations
 import warp as wp
 
 from twin.base.portable_math import portable_atan, portable_atan2
+from twin.vehicle import lanes as _lanes
 from twin.vehicle import model as _model
 from twin.vehicle.ground import Ground, surface_below
-from twin.vehicle.model import VehicleModel
+from twin.vehicle.lanes import add_wheel, four, of, three, wheel_part, wheel_sum
+from twin.vehicle.model import VehicleModel, WheelModel
 from twin.vehicle.powertrain import drive, steer, wheel_slopes, wheel_torque
 from twin.vehicle.state import VehicleState
 from twin.vehicle.tyre import stiffnesses
@@ -39,6 +41,11 @@ _STEP_M = wp.constant(wp.float64(0.005))
 """Ground this much above the plane below the hub is a step, such as a kerb [m]."""
 _REACH = wp.constant(wp.float64(0.7))
 """Where a wheel feels for steps, forward and back, over its radius [-]."""
+
+_UP = wp.constant(_lanes.UP)
+_FORCE = wp.constant(_lanes.FORCE)
+_LIFT = wp.constant(_lanes.LIFT)
+_TORQUE = wp.constant(_lanes.TORQUE)
 
 
 @wp.struct
@@ -87,14 +94,16 @@ def footing(
     m: VehicleModel,
     ground: Ground,
     s: VehicleState,
-    wheel: wp.int32,
+    radius: wp.float64,
     hub: wp.vec3d,
     hub_velocity: wp.vec3d,
     forward: wp.vec3d,
 ) -> Footing:
-    """Where ``wheel`` stands; hub, its velocity and the wheel's direction in vehicle axes."""
+    """Where a wheel stands; hub, its velocity and the wheel's direction in vehicle axes.
+
+    ``radius``: of the wheel without load [m].
+    """
     f = Footing()
-    radius = m.free_radius[wheel]
     p = s.com + wp.quat_rotate(s.orientation, hub)
     below = surface_below(ground, p)
     f.grip = below.grip
@@ -146,7 +155,7 @@ def holds(
     g = _axis(s, wp.vec3d(_ZERO, _ZERO, -_GRAVITY)) * m.mass + wind
     along = wp.float64(0.0)
     across = wp.float64(0.0)
-    for i in range(m.wheels):
+    for i in range(4):
         grip = mu * s.load[i] * _GRIP_SHARE
         across += grip
         own = brake * m.brake_force * m.brake_share[i] + m.rolling * s.load[i]
@@ -203,35 +212,146 @@ def pressure_of(
 
 
 @wp.func
-def suspension_force(m: VehicleModel, s: VehicleState, wheel: wp.int32) -> wp.float64:
-    """Force of spring, damper, stops and stabiliser that lifts the body at a wheel [N]."""
-    z = s.suspension[wheel]
-    force = m.stiffness[wheel] * z + m.damping[wheel] * s.suspension_rate[wheel]
-    force += m.stop[wheel] * (wp.max(z - m.travel[wheel], _ZERO) + wp.min(z, _ZERO))
-    other = wheel + 1 - 2 * (wheel % 2)
-    return force + m.antiroll[wheel] * (z - s.suspension[other])
+def suspension_force(
+    u: WheelModel, z: wp.float64, rate: wp.float64, other_z: wp.float64
+) -> wp.float64:
+    """Force of spring, damper, stops and stabiliser that lifts the body at a wheel [N].
+
+    ``z`` and ``rate``: travel of the wheel [m, m/s]; ``other_z``: of the axle's other one.
+    """
+    force = u.stiffness * z + u.damping * rate
+    force += u.stop * (wp.max(z - u.travel, _ZERO) + wp.min(z, _ZERO))
+    return force + u.antiroll * (z - other_z)
+
+
+@wp.func
+def wheel_step(
+    m: VehicleModel,
+    u: WheelModel,
+    ground: Ground,
+    before: VehicleState,
+    s: VehicleState,
+    i: wp.int32,
+    slopes: wp.vec2d,
+    drive_torque: wp.float64,
+    friction: wp.float64,
+    held: wp.bool,
+) -> wheel_part:
+    """What wheel ``i`` gives in a physics step, see :data:`twin.vehicle.lanes.PART`.
+
+    ``s``: the next state, of which the actuators are known. ``slopes``: tangents of the angles of
+    the front wheels. ``held``: the vehicle is at rest.
+    """
+    v = _axis(before, before.velocity)
+    w = before.rate
+    g = _axis(before, wp.vec3d(_ZERO, _ZERO, -_GRAVITY))
+    total_load = wp.max(
+        before.load[0] + before.load[1] + before.load[2] + before.load[3], _LOAD_MIN
+    )
+    z = of(before.suspension, i)
+    z_rate = of(before.suspension_rate, i)
+    other_z = of(before.suspension, i + 1 - 2 * (i % 2))
+    load = of(before.load, i)
+    speed = of(before.wheel_speed, i)
+    hub = wp.vec3d(u.x, u.y, u.mount_z + z)
+    hub_v = v + wp.cross(w, hub) + wp.vec3d(_ZERO, _ZERO, z_rate)
+    heading = wp.vec3d(_ONE, _ZERO, _ZERO)
+    if i < 2:
+        slope = wp.where(i == 0, slopes[0], slopes[1])
+        heading = wp.normalize(wp.vec3d(_ONE, slope, _ZERO))
+    f = footing(m, ground, before, u.free_radius, hub, hub_v, heading)
+    n = f.normal
+    forward = wp.normalize(heading - n * wp.dot(heading, n))
+    left = wp.cross(n, forward)
+    mu = friction * f.grip
+    contact = hub - n * f.distance
+    slide = v + wp.cross(w, contact)
+    vx = wp.dot(slide, forward)
+    over = wp.max(wp.abs(vx), m.slip_speed_min)
+    roll = (z - other_z) / u.other_y
+    slip = (m.radius * speed - vx) / over
+    sideslip = -wp.dot(slide, left) / over + u.roll_steer * roll
+    k = stiffnesses(u, slip, sideslip, f.load, mu)
+    fy = k[1] * sideslip
+    share = u.brake_share
+    if m.abs != _ZERO:
+        share = load / total_load
+    pressure = pressure_of(m, of(before.pressure, i), s.brake, k[2], wp.abs(vx))
+    stopping = s.brake * m.brake_force * share * pressure * m.radius
+    stopping += s.handbrake * u.parking + m.rolling * f.load * m.radius
+    # Implicit in the spin: F = k (R w' - v) / over, I (w' - w) / dt = T - R F -+ stopping.
+    inertia = m.wheel_inertia + m.step * m.radius * m.radius * k[0] / over
+    turning = wheel_torque(m, u.drive_share, i, drive_torque, s.steering) - m.radius * k[0] * slip
+    spin = speed + m.step * turning / inertia
+    most = m.step * stopping / inertia
+    spin = spin - wp.clamp(spin, -most, most)
+    fx = k[0] * (m.radius * spin - vx) / over
+    grip_y = wp.max(mu * f.load * u.force_y, _LOAD_MIN)
+    rest = wp.sqrt(wp.max(_ONE - (fy / grip_y) * (fy / grip_y), _ZERO))
+    grip_x = mu * f.load * u.force_x * rest
+    fx = wp.clamp(fx, -grip_x, grip_x)
+    tangential = forward * fx + left * fy
+    if held:
+        spin = _ZERO
+        weight = m.mass * load / total_load
+        tangential = wp.vec3d(-g[0] * weight, -g[1] * weight, _ZERO)
+    road = tangential + n * f.load + f.push
+    susp = suspension_force(u, z, z_rate, other_z)
+    # The wheel hands its forces to the body at the hub, with the moment of those along the
+    # road; its own share of the inertia needs none of the body's.
+    arm = wp.vec3d(hub[0], hub[1], hub[2] * (_ONE - m.unsprung))
+    moment = wp.cross(arm, wp.vec3d(road[0], road[1], _ZERO))
+    moment = moment + wp.cross(hub, wp.vec3d(_ZERO, _ZERO, susp))
+    back = wp.cross(n, tangential) * f.distance
+    return wheel_part(
+        f.up[0],
+        f.up[1],
+        f.up[2],
+        road[0],
+        road[1],
+        susp,
+        moment[0],
+        moment[1],
+        moment[2],
+        back[0],
+        back[1],
+        back[2],
+        road[2] - susp,
+        pressure,
+        spin,
+        of(before.wheel_angle, i) + spin * m.step,
+        f.load + wp.length(f.push),
+        slip,
+        sideslip,
+    )
 
 
 @wp.func
 def advance(
-    m: VehicleModel,
+    models: wp.array(dtype=VehicleModel),
+    wheels: wp.array2d(dtype=WheelModel),
+    model: wp.int32,
     ground: Ground,
     before: VehicleState,
     c: VehicleCommand,
     friction: wp.float64,
     wind: wp.vec2d,
+    first: wp.int32,
+    last: wp.int32,
 ) -> VehicleState:
     """One physics step without contacts of the hull; ``wind``: of the world, x and y [m/s].
 
-    What only follows from the state is left to :func:`observe` and :func:`observe_wheels`.
+    ``first`` and ``last``: wheels of this lane, 0 and 4 on a CPU. What only follows from the state
+    is left to :func:`observe` and :func:`observe_wheels`.
     """
+    m = models[model]
     s = before
     s.throttle = before.throttle + (c.throttle - before.throttle) * m.throttle_gain
     s.brake = before.brake + (c.brake - before.brake) * m.brake_gain
     s.handbrake = before.handbrake + (c.handbrake - before.handbrake) * m.handbrake_gain
     s.steering = steer(m, before.steering, c.steering, before.speed)
     slopes = wheel_slopes(m, s.steering)
-    d = drive(m, before, s.throttle, c.selector, friction)
+    d = drive(models, model, before, s.throttle, c.selector, friction)
     s.gear = d.gear
     s.shift_left = d.shift_left
     s.rpm = d.rpm
@@ -242,83 +362,31 @@ def advance(
     pushed = wp.vec3d(blown[0], blown[1], _ZERO)
     held = holds(m, s, s.brake, d.torque, friction, pushed)
     w = before.rate
-    g = _axis(before, wp.vec3d(_ZERO, _ZERO, -_GRAVITY))
-    total_load = wp.max(
-        before.load[0] + before.load[1] + before.load[2] + before.load[3], _LOAD_MIN
-    )
-    force = drag(area, v)
-    torque = wp.vec3d(_ZERO, _ZERO, _ZERO)
+    total = wheel_sum()
+    begin = drag(area, v)
     if not held:  # a vehicle at rest: its tyres take it
-        force += pushed
-        torque = wp.vec3d(_ZERO, _ZERO, blown[2])
-    lift = wp.float64(0.0)
-    up = wp.vec3d(_ZERO, _ZERO, _ZERO)
-    wheel_z = wp.vec4d(_ZERO, _ZERO, _ZERO, _ZERO)
-    for i in range(m.wheels):
-        hub = wp.vec3d(m.wheel_x[i], m.wheel_y[i], m.mount_z[i] + before.suspension[i])
-        hub_v = v + wp.cross(w, hub) + wp.vec3d(_ZERO, _ZERO, before.suspension_rate[i])
-        heading = wp.vec3d(_ONE, _ZERO, _ZERO)
-        if i < 2:
-            heading = wp.normalize(wp.vec3d(_ONE, slopes[i], _ZERO))
-        f = footing(m, ground, before, i, hub, hub_v, heading)
-        n = f.normal
-        up += f.up
-        forward = wp.normalize(heading - n * wp.dot(heading, n))
-        left = wp.cross(n, forward)
-        mu = friction * f.grip
-        contact = hub - n * f.distance
-        slide = v + wp.cross(w, contact)
-        vx = wp.dot(slide, forward)
-        over = wp.max(wp.abs(vx), m.slip_speed_min)
-        other = i + 1 - 2 * (i % 2)
-        roll = (before.suspension[i] - before.suspension[other]) / (m.wheel_y[other] - m.wheel_y[i])
-        slip = (m.radius * before.wheel_speed[i] - vx) / over
-        sideslip = -wp.dot(slide, left) / over + m.roll_steer[i] * roll
-        k = stiffnesses(m, i, slip, sideslip, f.load, mu)
-        fy = k[1] * sideslip
-        share = m.brake_share[i]
-        if m.abs != _ZERO:
-            share = before.load[i] / total_load
-        s.pressure[i] = pressure_of(m, before.pressure[i], s.brake, k[2], wp.abs(vx))
-        stopping = s.brake * m.brake_force * share * s.pressure[i] * m.radius
-        stopping += s.handbrake * m.parking[i] + m.rolling * f.load * m.radius
-        # Implicit in the spin: F = k (R w' - v) / over, I (w' - w) / dt = T - R F -+ stopping.
-        inertia = m.wheel_inertia + m.step * m.radius * m.radius * k[0] / over
-        turning = wheel_torque(m, i, d.torque, s.steering) - m.radius * k[0] * slip
-        spin = before.wheel_speed[i] + m.step * turning / inertia
-        most = m.step * stopping / inertia
-        spin = spin - wp.clamp(spin, -most, most)
-        fx = k[0] * (m.radius * spin - vx) / over
-        grip_y = wp.max(mu * f.load * m.force_y[i], _LOAD_MIN)
-        rest = wp.sqrt(wp.max(_ONE - (fy / grip_y) * (fy / grip_y), _ZERO))
-        grip_x = mu * f.load * m.force_x[i] * rest
-        fx = wp.clamp(fx, -grip_x, grip_x)
-        tangential = forward * fx + left * fy
-        if held:
-            spin = _ZERO
-            part = m.mass * before.load[i] / total_load
-            tangential = wp.vec3d(-g[0] * part, -g[1] * part, _ZERO)
-        road = tangential + n * f.load + f.push
-        along = wp.vec3d(road[0], road[1], _ZERO)
-        susp = suspension_force(m, before, i)
-        force += along
-        lift += susp
-        # The wheel hands its forces to the body at the hub, with the moment of those along the
-        # road; its own share of the inertia needs none of the body's.
-        arm = wp.vec3d(hub[0], hub[1], hub[2] * (_ONE - m.unsprung))
-        torque += wp.cross(arm, along) + wp.cross(hub, wp.vec3d(_ZERO, _ZERO, susp))
-        torque -= wp.cross(n, tangential) * f.distance
-        wheel_z[i] = road[2] - susp
-        s.wheel_speed[i] = spin
-        s.wheel_angle[i] = before.wheel_angle[i] + spin * m.step
-        s.load[i] = f.load + wp.length(f.push)
-        s.slip[i] = slip
-        s.sideslip[i] = sideslip
+        begin += pushed
+        total[_TORQUE + 2] = blown[2]
+    total[_FORCE] = begin[0]
+    total[_FORCE + 1] = begin[1]
+    total[_FORCE + 2] = begin[2]
+    for i in range(first, last):
+        part = wheel_step(
+            m, wheels[model, i], ground, before, s, i, slopes, d.torque, friction, held
+        )
+        total = add_wheel(total, part, i)
+    s.pressure = four(total, 1)
+    s.wheel_speed = four(total, 2)
+    s.wheel_angle = four(total, 3)
+    s.load = four(total, 4)
+    s.slip = four(total, 5)
+    s.sideslip = four(total, 6)
+    force = three(total, _FORCE)
     s.specific_force = wp.vec3d(
-        force[0] / m.mass, force[1] / m.mass, force[2] / m.mass + lift / m.sprung_mass
+        force[0] / m.mass, force[1] / m.mass, force[2] / m.mass + total[_LIFT] / m.sprung_mass
     )
-    s.rate_change = m.inertia_inverse * (torque - wp.cross(w, m.inertia * w))
-    return move(m, before, s, wheel_z, held, wp.normalize(up))
+    s.rate_change = m.inertia_inverse * (three(total, _TORQUE) - wp.cross(w, m.inertia * w))
+    return move(m, before, s, four(total, 0), held, wp.normalize(three(total, _UP)))
 
 
 @wp.func
@@ -333,7 +401,7 @@ def move(
     """Integrate the body and the wheels' travel; ``up``: the ground's normal, world axes."""
     s = after
     w = before.rate
-    for i in range(m.wheels):
+    for i in range(4):
         hub = wp.vec3d(m.wheel_x[i], m.wheel_y[i], m.mount_z[i] + before.suspension[i])
         frame = wp.cross(s.rate_change, hub) + wp.cross(w, wp.cross(w, hub))
         accel = wheel_z[i] / m.wheel_mass - s.specific_force[2] - frame[2]
@@ -359,16 +427,21 @@ def move(
 
 @wp.func
 def observe_motion(state: VehicleState) -> VehicleState:
-    """Fill in what the next physics step needs of the body's motion: yaw, speeds and yaw rate."""
+    """Fill in what the next physics step needs of the body's motion: speeds and yaw rate."""
     s = state
-    x = wp.quat_rotate(s.orientation, wp.vec3d(_ONE, _ZERO, _ZERO))
-    s.yaw = portable_atan2(x[1], x[0])
     s.body_velocity = _axis(s, s.velocity)
     if s.held != _ZERO:
         s.body_velocity = wp.vec3d(_ZERO, _ZERO, s.body_velocity[2])
     s.speed = s.body_velocity[0]
     s.yaw_rate = s.rate[2]
     return s
+
+
+@wp.func
+def yaw_of(s: VehicleState) -> wp.float64:
+    """Where a vehicle points to, seen from above [rad]."""
+    x = wp.quat_rotate(s.orientation, wp.vec3d(_ONE, _ZERO, _ZERO))
+    return portable_atan2(x[1], x[0])
 
 
 @wp.func
@@ -381,6 +454,7 @@ def observe(m: VehicleModel, state: VehicleState) -> VehicleState:
     x = wp.quat_rotate(s.orientation, wp.vec3d(_ONE, _ZERO, _ZERO))
     y = wp.quat_rotate(s.orientation, wp.vec3d(_ZERO, _ONE, _ZERO))
     z = wp.quat_rotate(s.orientation, wp.vec3d(_ZERO, _ZERO, _ONE))
+    s.yaw = yaw_of(s)
     s.roll = portable_atan2(y[2], z[2])
     # Cosine and sine of the yaw; upright there is no yaw.
     flat = wp.sqrt(x[0] * x[0] + x[1] * x[1])

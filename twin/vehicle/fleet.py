@@ -12,8 +12,15 @@ from twin.vehicle import kernel, nearest
 from twin.vehicle.carry_kernel import carry_kernel
 from twin.vehicle.ground import FlatGround, GroundMesh
 from twin.vehicle.guard import FAULTS
+from twin.vehicle.lanes import LANES
 from twin.vehicle.masses import NO_LOAD, Load
-from twin.vehicle.model import GRAVITY_MPS2, VehicleModel, vehicle_model
+from twin.vehicle.model import (
+    GRAVITY_MPS2,
+    VehicleModel,
+    WheelModel,
+    vehicle_model,
+    wheel_models,
+)
 from twin.vehicle.nearest import NEAREST
 from twin.vehicle.powertrain import COMMANDS
 from twin.vehicle.state import COLUMN, TELEMETRY, VehicleState, columns
@@ -65,16 +72,9 @@ class Fleet:
         self.slots = slots
         self._device = device
         self._launch = Relaunch(device)
-        self._block = threads_of_a_block(slots, device.sm_count)
-        self._host_models = [vehicle_model(v) for v in vehicles]
-        # Behind those of the vehicles there is room for that of each slot's loaded vehicle 0. An
-        # index, since a GPU reads what all slots share once.
-        rooms = [*self._host_models, *([self._host_models[0]] * slots)]
-        self._models = wp.array(rooms, dtype=VehicleModel, device=device)
-        self._model_of = Mirror((slots, len(self.vehicles)), wp.int32, device)
-        self._model_of.host[...] = np.arange(len(self.vehicles))
-        self._model_of.push()
-        self._loaded: dict[int, VehicleModel] = {}
+        self._lanes = 1 if device.is_cpu else LANES
+        self._block = threads_of_a_block(slots * self._lanes, device.sm_count)
+        self._build_models()
         self._ground = ground or FlatGround(device)
         self._scene = self._build_scene(colliders, stop_at_impact)
         count = len(self.vehicles)
@@ -112,6 +112,24 @@ class Fleet:
         self.movers = self._movers.host
         wp.load_module(kernel, device=device, block_dim=self._block)
         wp.load_module(nearest, device=device, block_dim=self._block)
+
+    def _build_models(self) -> None:
+        """Constants of vehicles and wheels.
+
+        Behind those of the vehicles there is room for that of each slot's loaded vehicle 0. An
+        index, since a GPU reads what all slots share once.
+        """
+        device, count = self._device, len(self.vehicles)
+        self._host_models = [vehicle_model(vehicle) for vehicle in self.vehicles]
+        rooms = [*self._host_models, *([self._host_models[0]] * self.slots)]
+        self._models = wp.array(rooms, dtype=VehicleModel, device=device)
+        rows = np.stack([wheel_models(model) for model in self._host_models])
+        rows = np.concatenate([rows, np.repeat(rows[:1], self.slots, axis=0)])
+        self._wheels = wp.array(rows, dtype=WheelModel, device=device, ndim=2)
+        self._model_of = Mirror((self.slots, count), wp.int32, device)
+        self._model_of.host[...] = np.arange(count)
+        self._model_of.push()
+        self._loaded: dict[int, VehicleModel] = {}
 
     def _build_scene(self, colliders: np.ndarray, stop_at_impact: bool) -> kernel.VehicleScene:
         """Everything that vehicles can stand on or hit."""
@@ -204,6 +222,8 @@ class Fleet:
             model = self._loaded[slot] = vehicle_model(self.vehicles[0], load)
             room = wp.array([model], dtype=VehicleModel, device=self._device)
             wp.copy(self._models, room, dest_offset=index, count=1)
+            wheels = wp.array(wheel_models(model), dtype=WheelModel, device=self._device)
+            wp.copy(self._wheels, wheels, dest_offset=4 * index, count=4)
         if self._model_of.host[slot, 0] != index:
             self._model_of.host[slot, 0] = index
             self._model_of.push()
@@ -325,11 +345,13 @@ class Fleet:
         """Only the kernel: nothing is moved between host and device."""
         self._launch(
             kernel.drive_kernel,
-            self.slots,
+            self.slots * self._lanes,
             [
                 self._models,
+                self._wheels,
                 self._model_of.device,
                 self._scene,
+                self._lanes,
                 steps,
                 self._friction.device,
                 self._wind.device,

@@ -1,4 +1,4 @@
-"""The vehicles' kernels: one thread per slot, the loop over physics steps inside.
+"""The vehicles' kernels: a slot is one thread, on a GPU four; the loop over physics steps inside.
 
 A slot's vehicles advance one after the other, then meet: nothing depends on other slots
 or on how many there are. A vehicle whose state leaves its limits keeps the last good state and a
@@ -15,12 +15,14 @@ from twin.vehicle.chassis import (
     observe,
     observe_motion,
     observe_wheels,
+    yaw_of,
 )
 from twin.vehicle.contact import RigidBox, extent_of, hull_of, in_reach, meet, near
 from twin.vehicle.ground import Ground
 from twin.vehicle.guard import fault_of
 from twin.vehicle.hull import hull_at, separation
-from twin.vehicle.model import PHYSICS_STEP_NS, VehicleModel
+from twin.vehicle.lanes import together
+from twin.vehicle.model import PHYSICS_STEP_NS, VehicleModel, WheelModel
 from twin.vehicle.state import VehicleState
 from twin.vehicle.wall_grid import WallGrid, walls_near
 
@@ -198,11 +200,14 @@ def vehicle_contacts(
 ):
     """Contacts of vehicle ``v`` with vehicles after it and with walls."""
     m = models[model_of[slot, v]]
-    # Made anew only after a touch: a GPU waits for what it reads from memory in every round.
+    # Made anew only after a touch: a GPU waits for what it reads from memory in every round. Most
+    # steps are near nothing and need no yaw.
     a = _vehicle_box(m, states[slot, v])
     for u in range(v + 1, states.shape[1]):
         b = _vehicle_box(models[model_of[slot, u]], states[slot, u])
         if near(a, b):
+            a.yaw = yaw_of(states[slot, v])
+            b.yaw = yaw_of(states[slot, u])
             t = meet(a, b)
             if t.touched:
                 new = _note(events, counts, slot, now, v, _CAR, u, t.speed, t.x, t.y)
@@ -210,16 +215,21 @@ def vehicle_contacts(
                 _touch(scene, states, slot, u, t.b, new, now)
                 a = _vehicle_box(m, states[slot, v])
     extent = extent_of(a)
+    turned = wp.bool(False)
     walls = scene.colliders
     close = walls_near(scene.grid, a.x, a.y)
     for i in range(close[0], close[1]):
         k = scene.grid.walls[i]
         if in_reach(a.x, a.y, walls[k, 0], walls[k, 1], extent + walls[k, 3] + walls[k, 4]):
+            if not turned:
+                a.yaw = yaw_of(states[slot, v])
+                turned = True
             t = meet(a, _wall_box(walls, k))
             if t.touched:
                 new = _note(events, counts, slot, now, v, _WALL, k, t.speed, t.x, t.y)
                 _touch(scene, states, slot, v, t.a, new, now)
                 a = _vehicle_box(m, states[slot, v])
+                turned = False
 
 
 @wp.func
@@ -243,6 +253,7 @@ def mover_contacts(
             x = movers[slot, k, 0] + movers[slot, k, 5] * since
             y = movers[slot, k, 1] + movers[slot, k, 6] * since
             if in_reach(a.x, a.y, x, y, extent + movers[slot, k, 3] + movers[slot, k, 4]):
+                a.yaw = yaw_of(states[slot, v])
                 t = meet(a, _mover_box(movers, slot, k, since))
                 if t.touched:
                     new = _note(events, counts, slot, now, v, _MOVER, k, t.speed, t.x, t.y)
@@ -293,9 +304,11 @@ def measure_kernel(
 def drive_kernel(
     # model
     models: wp.array(dtype=VehicleModel),
+    wheels: wp.array2d(dtype=WheelModel),
     model_of: wp.array2d(dtype=wp.int32),
     scene: VehicleScene,
     # args
+    lanes: wp.int32,
     steps: wp.int32,
     friction: wp.array(dtype=wp.float64),
     wind: wp.array(dtype=wp.vec2d),
@@ -314,9 +327,14 @@ def drive_kernel(
 
     ``commands`` [S, V, 2, 5]: in force before and from ``switch_step``. ``first_step`` [S]: physics
     steps since reset at the start. ``targets`` [S]: collider that distances are measured to, -1:
-    none. ``movers`` [S, M, 8]: hulls at the start, MOVER_COLUMNS.
+    none. ``movers`` [S, M, 8]: hulls at the start, MOVER_COLUMNS. ``lanes``: threads of a slot, 4
+    on a GPU, with a wheel each, or 1; the first writes, and sees to contacts.
     """
-    slot = wp.tid()
+    thread = wp.tid()
+    slot = thread / lanes
+    lane = thread - slot * lanes
+    first = wp.where(lanes == 1, 0, lane)
+    last = wp.where(lanes == 1, 4, lane + 1)
     if active[slot] == 0:
         return
     vehicles = states.shape[1]
@@ -334,22 +352,35 @@ def drive_kernel(
                 c.steering = commands[slot, v, row, 2]
                 c.handbrake = commands[slot, v, row, 3]
                 c.selector = commands[slot, v, row, 4]
-                moved = advance(models[w], scene.ground, s, c, friction[slot], wind[slot])
+                moved = advance(
+                    models,
+                    wheels,
+                    w,
+                    scene.ground,
+                    s,
+                    c,
+                    friction[slot],
+                    wind[slot],
+                    first,
+                    last,
+                )
                 n = observe_motion(moved)
+                together()  # nobody reads the state of before any more
                 fault = fault_of(n)
                 if fault != _ZERO:
                     s.fault = fault
-                    states[slot, v] = s
+                    n = s
                 else:
                     if n.speed != _ZERO:
                         n.moved = _ONE
                         n.rest_step = -_ONE
                     elif n.moved > _ZERO and n.rest_step < _ZERO:
                         n.rest_step = now
+                if lane == 0:
                     states[slot, v] = n
         for v in range(vehicles):
             frozen = scene.stop_at_impact != 0 and states[slot, v].collisions > _ZERO
-            if states[slot, v].fault == _ZERO and not frozen:
+            if lane == 0 and states[slot, v].fault == _ZERO and not frozen:
                 vehicle_contacts(models, model_of, scene, states, events, counts, slot, v, now)
                 since = wp.float64(k + 1) * _STEP_S
                 mover_contacts(
@@ -364,8 +395,11 @@ def drive_kernel(
                     now,
                     since,
                 )
+        together()
+    if lane > 0:
+        return
     # No step needs angles and the place of the reference point: the end is early enough.
     for v in range(vehicles):
-        last = models[model_of[slot, v]]
-        shown = observe_wheels(last, observe(last, states[slot, v]))
-        states[slot, v] = measure(last, scene, shown, targets[slot])
+        m = models[model_of[slot, v]]
+        shown = observe_wheels(m, observe(m, states[slot, v]))
+        states[slot, v] = measure(m, scene, shown, targets[slot])

@@ -35,8 +35,6 @@ class VehicleModel:
     """Constants of one vehicle, SI; per-wheel values in the order of the wheels."""
 
     step: wp.float64
-    wheels: wp.int32
-    """4; a variable, so that the compiler keeps the loops over wheels."""
     # hull and reference point
     half_length: wp.float64
     half_width: wp.float64
@@ -134,6 +132,54 @@ class VehicleModel:
     friction: wp.float64
 
 
+@wp.struct
+class WheelModel:
+    """Constants of one wheel, SI: a lane of a kernel reads its own from memory.
+
+    A field of :class:`VehicleModel` that is indexed by a variable would be copied first.
+    """
+
+    x: wp.float64
+    y: wp.float64
+    mount_z: wp.float64
+    other_y: wp.float64
+    """From this wheel to the axle's other one, along y [m]."""
+    stiffness: wp.float64
+    damping: wp.float64
+    stop: wp.float64
+    travel: wp.float64
+    antiroll: wp.float64
+    roll_steer: wp.float64
+    free_radius: wp.float64
+    slip_x: wp.float64
+    force_x: wp.float64
+    tail_slip_x: wp.float64
+    tail_force_x: wp.float64
+    shape_x: wp.float64
+    slip_y: wp.float64
+    force_y: wp.float64
+    tail_slip_y: wp.float64
+    tail_force_y: wp.float64
+    shape_y: wp.float64
+    drive_share: wp.float64
+    brake_share: wp.float64
+    parking: wp.float64
+
+
+_RENAMED = {"x": "wheel_x", "y": "wheel_y"}
+
+
+def wheel_models(model: VehicleModel) -> np.ndarray:
+    """The four wheels of a vehicle, rows of :class:`WheelModel` [4]."""
+    rows = np.zeros(4, WheelModel.numpy_dtype())
+    for name in rows.dtype.names:
+        if name != "other_y":
+            rows[name] = np.array(getattr(model, _RENAMED.get(name, name)))
+    y = rows["y"]
+    rows["other_y"] = y[[1, 0, 3, 2]] - y
+    return rows
+
+
 def gain(lag_s: float) -> float:
     """Share of the way to its target that a first-order lag goes in one physics step [-]."""
     return 1.0 if lag_s == 0.0 else -math.expm1(-PHYSICS_STEP_NS / 1e9 / lag_s)
@@ -162,7 +208,7 @@ def vehicle_model(vehicle: Vehicle, load: Load = NO_LOAD) -> VehicleModel:
     """
     masses = masses_of(vehicle, load)
     model = VehicleModel()
-    model.step, model.wheels = PHYSICS_STEP_NS / 1e9, 4
+    model.step = PHYSICS_STEP_NS / 1e9
     _masses(model, vehicle, masses)
     _suspension(model, vehicle, masses)
     _tyres(model, vehicle, masses)

@@ -43,34 +43,65 @@ class WheelDrive:
     """The traction control's share of torque [-]."""
 
 
+# Rows are read where they lie: a table that is indexed by a variable would be copied first.
+@wp.func_native("return models.data[model].engine_rpm[row];")
+def _engine_rpm(
+    models: wp.array(dtype=VehicleModel), model: wp.int32, row: wp.int32
+) -> wp.float64: ...
+
+
+@wp.func_native("return models.data[model].engine_torque[row];")
+def _engine_torque(
+    models: wp.array(dtype=VehicleModel), model: wp.int32, row: wp.int32
+) -> wp.float64: ...
+
+
+@wp.func_native("return models.data[model].ratios[row];")
+def _ratio(models: wp.array(dtype=VehicleModel), model: wp.int32, row: wp.int32) -> wp.float64: ...
+
+
 @wp.func
-def engine_torque(m: VehicleModel, rpm: wp.float64) -> wp.float64:
+def engine_torque(
+    models: wp.array(dtype=VehicleModel), model: wp.int32, rpm: wp.float64
+) -> wp.float64:
     """Full-load torque, linear between the map's rows, 0 beyond its last [N m]."""
-    torque = m.engine_torque[0]
-    for i in range(1, m.engine_rows):
-        low = m.engine_rpm[i - 1]
-        high = m.engine_rpm[i]
-        if rpm > low:
-            share = wp.min((rpm - low) / (high - low), _ONE)
-            torque = m.engine_torque[i - 1] + share * (m.engine_torque[i] - m.engine_torque[i - 1])
-    if rpm > m.engine_rpm[m.engine_rows - 1]:
+    rows = models[model].engine_rows
+    row = wp.int32(0)
+    for i in range(1, rows):
+        if rpm > _engine_rpm(models, model, i - 1):
+            row = i
+    torque = _engine_torque(models, model, 0)
+    if row > 0:
+        low = _engine_rpm(models, model, row - 1)
+        high = _engine_rpm(models, model, row)
+        share = wp.min((rpm - low) / (high - low), _ONE)
+        before = _engine_torque(models, model, row - 1)
+        torque = before + share * (_engine_torque(models, model, row) - before)
+    if rpm > _engine_rpm(models, model, rows - 1):
         torque = _ZERO
     return torque
 
 
 @wp.func
-def overall_ratio(m: VehicleModel, gear: wp.float64) -> wp.float64:
+def overall_ratio(
+    models: wp.array(dtype=VehicleModel), model: wp.int32, gear: wp.float64
+) -> wp.float64:
     """Engine speed over wheel speed, negative in reverse, 0 in neutral [-]."""
     if gear < _ZERO:
-        return -m.reverse_ratio
+        return -models[model].reverse_ratio
     if gear < _ONE:
         return _ZERO
-    return m.ratios[whole_within(gear, 1, m.gear_count) - 1]
+    return _ratio(models, model, whole_within(gear, 1, models[model].gear_count) - 1)
 
 
 @wp.func
 def next_gear(
-    m: VehicleModel, gear: wp.float64, selector: wp.float64, speed: wp.float64, pedal: wp.float64
+    m: VehicleModel,
+    ratio: wp.float64,
+    gear: wp.float64,
+    selector: wp.float64,
+    speed: wp.float64,
+    pedal: wp.float64,
 ) -> wp.float64:
     """The gear that the selector and the engine's band ask for."""
     if selector == _ZERO:
@@ -79,7 +110,7 @@ def next_gear(
         return wp.where(speed < _ENGAGE_MPS, -_ONE, _ZERO)
     if gear < _ONE:
         return wp.where(speed > -_ENGAGE_MPS, _ONE, _ZERO)
-    rpm = wp.abs(speed) / m.radius * _RPM * overall_ratio(m, gear)
+    rpm = wp.abs(speed) / m.radius * _RPM * ratio
     up = m.shift_up[0] + pedal * (m.shift_up[1] - m.shift_up[0])
     down = m.shift_down[0] + pedal * (m.shift_down[1] - m.shift_down[0])
     if rpm > up and gear < wp.float64(m.gear_count):
@@ -91,29 +122,32 @@ def next_gear(
 
 @wp.func
 def drive(
-    m: VehicleModel,
+    models: wp.array(dtype=VehicleModel),
+    model: wp.int32,
     s: VehicleState,
     throttle: wp.float64,
     selector: wp.float64,
     friction: wp.float64,
 ) -> WheelDrive:
     """One step of engine and gearbox at actuator position ``throttle``."""
+    m = models[model]
     d = WheelDrive()
     d.gear = s.gear
     d.shift_left = wp.max(s.shift_left - m.step, _ZERO)
     if d.shift_left == _ZERO:
-        wanted = next_gear(m, s.gear, selector, s.speed, throttle)
+        engaged = overall_ratio(models, model, s.gear)
+        wanted = next_gear(m, engaged, s.gear, selector, s.speed, throttle)
         if wanted != s.gear:
             # Engaging from neutral or reverse happens at walking pace and takes no time.
             d.shift_left = wp.where(wanted >= _ONE and s.gear >= _ONE, m.shift_time, _ZERO)
             d.gear = wanted
     share = throttle - (_ONE - throttle) * wp.abs(s.speed) / m.pedal_speed
     share = wp.clamp(share, _ZERO, _ONE)
-    ratio = overall_ratio(m, d.gear)
+    ratio = overall_ratio(models, model, d.gear)
     turning = wp.float64(0.0)
     driven = wp.float64(0.0)
     slip = wp.float64(0.0)
-    for i in range(m.wheels):
+    for i in range(4):
         if m.drive_share[i] > _ZERO:
             turning += s.wheel_speed[i]
             driven += _ONE
@@ -129,15 +163,23 @@ def drive(
         return d
     slipping = _ONE - wp.min(coupled / wp.max(d.rpm, _ONE), _ONE)
     converter = _ONE + (m.converter - _ONE) * slipping
-    d.torque = engine_torque(m, d.rpm) * share * d.traction * converter * ratio * m.efficiency
+    d.torque = (
+        engine_torque(models, model, d.rpm) * share * d.traction * converter * ratio * m.efficiency
+    )
     return d
 
 
 @wp.func
-def wheel_torque(m: VehicleModel, wheel: wp.int32, total: wp.float64, steering: wp.float64):
+def wheel_torque(
+    m: VehicleModel,
+    share: wp.float64,
+    wheel: wp.int32,
+    total: wp.float64,
+    steering: wp.float64,
+) -> wp.float64:
     """Drive torque of a wheel after the differential: the wheel inside the turn loses torque."""
     inside = wp.where(wheel % 2 == 0, wp.max(steering, _ZERO), wp.max(-steering, _ZERO))
-    return total * m.drive_share[wheel] * (_ONE - wp.clamp(m.drop * inside, _ZERO, _DROP_MAX))
+    return total * share * (_ONE - wp.clamp(m.drop * inside, _ZERO, _DROP_MAX))
 
 
 @wp.func

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import warp as wp
 
-from twin.vehicle.model import VehicleModel
+from twin.vehicle.model import WheelModel
 
 _ZERO = wp.constant(wp.float64(0.0))
 _ONE = wp.constant(wp.float64(1.0))
@@ -33,25 +33,16 @@ def curve_over_slip(
 
 @wp.func
 def stiffnesses(
-    m: VehicleModel,
-    wheel: wp.int32,
-    slip: wp.float64,
-    sideslip: wp.float64,
-    load: wp.float64,
-    friction: wp.float64,
+    w: WheelModel, slip: wp.float64, sideslip: wp.float64, load: wp.float64, friction: wp.float64
 ) -> wp.vec3d:
     """Secant stiffnesses F_x / slip and F_y / sideslip of a wheel [N], and slip over extremum.
 
     Secants instead of forces: a wheel's spin is solved implicitly with them.
     """
     mu = wp.max(friction, _FRICTION_MIN)
-    sx = slip / (m.slip_x[wheel] * mu)
-    sy = sideslip / (m.slip_y[wheel] * mu)
+    sx = slip / (w.slip_x * mu)
+    sy = sideslip / (w.slip_y * mu)
     rho = wp.sqrt(sx * sx + sy * sy)
-    gx = curve_over_slip(rho, m.shape_x[wheel], m.tail_slip_x[wheel], m.tail_force_x[wheel])
-    gy = curve_over_slip(rho, m.shape_y[wheel], m.tail_slip_y[wheel], m.tail_force_y[wheel])
-    return wp.vec3d(
-        load * m.force_x[wheel] * gx / m.slip_x[wheel],
-        load * m.force_y[wheel] * gy / m.slip_y[wheel],
-        sx,
-    )
+    gx = curve_over_slip(rho, w.shape_x, w.tail_slip_x, w.tail_force_x)
+    gy = curve_over_slip(rho, w.shape_y, w.tail_slip_y, w.tail_force_y)
+    return wp.vec3d(load * w.force_x * gx / w.slip_x, load * w.force_y * gy / w.slip_y, sx)
