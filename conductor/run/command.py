@@ -11,7 +11,7 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -193,16 +193,17 @@ def carry_out(
     if options.workers.count != 0 and not options.workers.gpus:
         device_class(options.device)  # refuses one that is not here before anything is written
     started = time.monotonic()
-    campaign, cases = plan.campaign, len(plan.cases)
+    campaign = plan.campaign
     if options.view is not None:
         campaign = msgspec.structs.replace(campaign, view=options.view.value)
     lengths_s = earlier_lengths(options.history)
     if line := history_line(options.history, lengths_s, (case.id for case in plan.cases)):
         listener.say(line)
+    known_s = [lengths_s.get(case.id) for case in plan.cases]
     conductor = _conductor_of(options, workers, lengths_s)
     reported = False
     try:
-        _execute(conductor, campaign, options, workers, cases, listener, signals)
+        _execute(conductor, campaign, options, workers, known_s, listener, signals)
         computed()
         if not options.report:
             return None
@@ -244,7 +245,7 @@ def _execute(
     campaign: Campaign,
     options: RunOptions,
     workers: LocalWorkers,
-    cases: int,
+    known_s: Sequence[float | None],
     listener: RunListener,
     signals: Signals,
 ) -> None:
@@ -260,7 +261,7 @@ def _execute(
             signals.release()
             serving.await_start()
             with metrics_of(conductor, options.metrics):
-                _work(conductor, campaign, options, workers, cases, listener, signals)
+                _work(conductor, campaign, options, workers, known_s, listener, signals)
         finally:
             signals.held = True
     finally:
@@ -274,11 +275,14 @@ def _work(
     campaign: Campaign,
     options: RunOptions,
     workers: LocalWorkers,
-    cases: int,
+    known_s: Sequence[float | None],
     listener: RunListener,
     signals: Signals,
 ) -> None:
-    """Submit the campaign to a conductor that serves, and wait until every case has ended."""
+    """Submit the campaign to a conductor that serves, and wait until every case has ended.
+
+    ``known_s``: length of each case in an earlier run [s of simulated time]; None: it knows none.
+    """
     software = software_digest()  # reads all our files
     request = Submit(
         v=SCHEMA_VERSION,
@@ -291,7 +295,7 @@ def _work(
         raise UsageError(reply.error)
     row = _row(conductor, campaign)
     if not row["left"]:
-        listener.say(all_ended(options.out, cases))
+        listener.say(all_ended(options.out, len(known_s)))
         return
     cases = row["cases"]  # of a search, all that are proposed so far
     if row["left"] < cases:
@@ -299,7 +303,7 @@ def _work(
         listener.say(f"{options.out}: going on, {done} of {counted(cases, 'case')} done")
     _check_software(row, options, software)
     places = _places(options, row["left"])
-    slots = _slots(options, row["left"], len(places), workers.memory)
+    slots = _slots(options, row["left"], len(places), workers.memory, known_s)
     if options.workers.per_gpu:
         devices = ", ".join(place.device for place in places)
         listener.say(f"workers on {devices} with {slots} slots each")
@@ -471,11 +475,18 @@ def _memory_count(campaign: Campaign, options: RunOptions) -> MemoryCount | None
     return MemoryCount(msgspec.json.encode(campaign), asked)
 
 
-def _slots(options: RunOptions, left: int, workers: int, count: MemoryCount | None) -> int:
+def _slots(
+    options: RunOptions,
+    left: int,
+    workers: int,
+    count: MemoryCount | None,
+    known_s: Sequence[float | None],
+) -> int:
     """Slots per worker."""
     if count is None:
         return options.slots or 1
-    return gpu_slots(left, workers, count.slots())
+    lengths_s = [length_s for length_s in known_s if length_s is not None]
+    return gpu_slots(left, workers, count.slots(), lengths_s)
 
 
 class _Serving(threading.Thread):

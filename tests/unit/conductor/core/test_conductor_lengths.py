@@ -12,6 +12,7 @@ from conductor_bench import Bench, ended, hello, result
 from conductor.core.case_table import pack
 from conductor.core.durations import PILOT_SHARE, VALUES_MAX, CaseLengths
 from conductor.core.state import Config
+from conductor.run.places import gpu_slots
 from schemas import SCHEMA_VERSION as V
 from schemas.case import Case
 from schemas.plan import parse_plan
@@ -68,6 +69,48 @@ def slot_use(config: Config, slots: int, data: dict[str, Any] | None = None) -> 
             heapq.heappush(running, (end_s + length_s(more.case), more.token, more))
     assert not bench.state.left
     return busy_s / (slots * end_s)
+
+
+def use_of_workers(config: Config, workers: int, slots: int) -> tuple[float, float]:
+    """Share of the slots of several workers of one GPU that have a case until their last one ends,
+    and when the last of all ends [s]."""
+    bench = Bench(config)
+    bench.ask(Submit(v=V, campaign=family()))
+    names = [f"w{number}" for number in range(workers)]
+    held: dict[str, list[int]] = {name: [] for name in names}
+    running: list[tuple[float, int, str, Any]] = []
+
+    def begin(name: str, now_s: float, **fields: Any) -> None:
+        for lease in bench.lease(name, k=slots - len(held[name]), held=held[name], **fields):
+            held[name].append(lease.token)
+            heapq.heappush(running, (now_s + length_s(lease.case), lease.token, name, lease))
+
+    for number, name in enumerate(names):
+        bench.ask(hello(name, slots=slots, share=Share(number, workers, 0, 1)))
+    for name in names:
+        begin(name, 0.0)
+    busy_s, ends_s = 0.0, dict.fromkeys(names, 0.0)
+    while running:
+        now_s, token, name, lease = heapq.heappop(running)
+        busy_s, ends_s[name] = busy_s + length_s(lease.case), now_s
+        held[name].remove(token)
+        done = [result(lease, scalars={"sim_time_s": length_s(lease.case)})]
+        begin(name, now_s, results=done)
+    assert not bench.state.left
+    return busy_s / (slots * sum(ends_s.values())), max(ends_s.values())
+
+
+def test_with_an_earlier_run_fewer_slots_end_as_early():
+    """All cases at once leave most slots empty at last, in whatever order they began."""
+    before = {case.id: length_s(case) for case in cases_of(family())}
+    config = replace(CONFIG, lengths_s=before)
+    at_once, fewer = gpu_slots(64, 4, None), gpu_slots(64, 4, None, list(before.values()))
+    assert (at_once, fewer) == (16, 9)
+    used, end_s = use_of_workers(config, 4, at_once)
+    assert used == use_of_workers(CONFIG, 4, at_once)[0] < 0.65
+    used_now, end_now_s = use_of_workers(config, 4, fewer)
+    assert used_now > used + 0.1
+    assert end_now_s == end_s == max(before.values())
 
 
 def test_a_pilot_has_every_value_and_few_cases():

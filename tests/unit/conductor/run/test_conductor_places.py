@@ -88,6 +88,22 @@ def test_slots_of_a_gpu(left, workers, fit, slots):
     assert gpu_slots(left, workers, fit) == slots
 
 
+@pytest.mark.parametrize(
+    ("lengths_s", "workers", "fit", "slots"),
+    [
+        ([10.0] * 256, 4, None, 64),  # all end together: none stands empty
+        ([12.0] * 255 + [24.0], 4, None, 32),  # 171 slots, in whole batches
+        ([12.0] * 255 + [24.0], 4, 20, 20),
+        ([12.0] * 255 + [16.0], 4, None, 64),
+        ([10.0] * 60 + [60.0], 4, None, 4),
+        ([0.0] * 8, 1, None, 8),
+        ([10.0] * 7, 1, None, 8),  # one is not known
+    ],
+)
+def test_slots_that_would_stand_empty_are_not_made(lengths_s, workers, fit, slots):
+    assert gpu_slots(max(8, len(lengths_s)), workers, fit, lengths_s) == slots
+
+
 def test_ranges_of_cores():
     assert ranges([8, 0, 1, 2, 3]) == "0-3,8"
     assert ranges([5]) == "5"
