@@ -15,9 +15,9 @@ COMMANDS_MAX = 64
 class Relaunch:
     """Launches kernels on one device.
 
-    On a CPU the arguments of a launch are packed once: to check and pack them takes Warp 60 us, as
-    long as some of the kernels. Arguments are the same if they are the same objects, or equal whole
-    numbers; what a struct or an array holds may change. On a GPU every launch packs its own.
+    The arguments of a launch are packed once: to check and pack them takes Warp 60 us, as long as
+    some of the kernels. Arguments are the same if they are the same objects, or equal whole
+    numbers; what a struct or an array holds may change.
     """
 
     def __init__(self, device: wp.Device) -> None:
@@ -42,9 +42,6 @@ class Relaunch:
             device=self._device,
             block_dim=block_dim,
         )
-        if not self._device.is_cpu:
-            launch()
-            return
         # A command keeps its arguments, so nothing else gets their identities.
         given = (argument if type(argument) is int else id(argument) for argument in inputs)
         key = (kernel, dim, block_dim, *given, *map(id, outputs))
