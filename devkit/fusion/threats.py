@@ -23,7 +23,7 @@ MOVING_MPS = 0.8
 SURE_VARIANCES = 4.0
 """Square of a speed over its variance from which on it counts as a speed [-]."""
 PERSON_SURE_VARIANCES = 2.25
-"""The same of pedestrians and cyclists across: there is no time to be surer."""
+"""The same across of pedestrians and cyclists whom two boxes name: there is no time to be surer."""
 AWAY_MPS = 2.0
 """Who drives ahead, at least so fast and not slower than the car, is not in the way [m/s]."""
 COMES_MPS = 2.0
@@ -164,9 +164,13 @@ def find_threats(
     speed = ego.speed_mps[:, None]
     vx = np.where(_is_speed(tracks.vx_mps, tracks.p_vv, SURE_VARIANCES), tracks.vx_mps, 0.0)
     person = _persons(tracks)
-    sure = np.where(person, PERSON_SURE_VARIANCES, SURE_VARIANCES)
-    # What a camera names and LiDAR has seen often enough is where its points are.
+    sure = np.where(
+        person & (tracks.camera.hits >= NAMED_BOXES), PERSON_SURE_VARIANCES, SURE_VARIANCES
+    )
+    # What a camera names and LiDAR has seen often enough is where its points are; but a vehicle is
+    # no single point of one.
     placed = (tracks.label > 0) & (tracks.lidar.hits >= SIGHTINGS_MIN)
+    placed &= _is_any(tracks.label, _PERSONS) | (tracks.left_m - tracks.right_m > NARROW_M)
     doppler, echoed = _moves_by_doppler(tracks, staging)
     comes = tracks.lidar.hits >= np.where(doppler, BESIDE_SIGHTINGS, RUNS_SIGHTINGS)
     comes &= np.abs(ego.path.spread(2).beside_circle_m(tracks.x_m, tracks.y_m)) > BESIDE_M
@@ -271,7 +275,12 @@ def _in_path(tracks: TrackStore) -> tuple[np.ndarray, np.ndarray]:
     # One or two boxes are no measurement, where radar has made some.
     seen = (tracks.camera.hits >= SIGHTINGS_MIN) | (tracks.radar.hits < SIGHTINGS_MIN)
     seen &= tracks.camera.age_s < RECENT_S
-    says = np.where(seen, tracks.camera.inside, tracks.radar.inside)
+    # A box may be of two parked cars. Many echoes know a direction as well.
+    echoes = tracks.radar.hits >= WALKS_ECHOES
+    boxes = np.where(
+        echoes, 0.5 * (tracks.camera.inside + tracks.radar.inside), tracks.camera.inside
+    )
+    says = np.where(seen, boxes, tracks.radar.inside)
     # Nor are one or two sweeps, where radar has seen it for a second: at 40 m LiDAR misses cars.
     swept = (tracks.lidar.hits >= SIGHTINGS_MIN) | (tracks.radar.hits < WALKS_ECHOES)
     says = np.where(swept & (tracks.lidar.age_s < HELD_S), tracks.lidar.inside, says)
@@ -327,9 +336,11 @@ def _crosses(
     # A vehicle that comes along a curve is no crossing one, though it goes aside for a while.
     aside = (speed > np.abs(vx_mps)) | (tracks.x_m < PATH_SURE_M)
     # LiDAR alone goes from one post to the next in fog, and a box behind them may name them; a
-    # vehicle is wider, or radar sees it move too. Without LiDAR nobody knows how wide it is.
+    # vehicle that crosses is as wide as it is long, or radar sees it move too, but an end and a
+    # wheel of one that goes by do so as well. Without LiDAR nobody knows how wide it is.
     unseen = tracks.lidar.hits < SIGHTINGS_MIN
-    seen = ~narrow | _moves_by_doppler(tracks, staging)[0]
+    often = tracks.lidar.hits >= WALKS_SIGHTINGS
+    seen = ~narrow | (often & _moves_by_doppler(tracks, staging)[0])
     seen |= unseen & ((tracks.label > 0) | (tracks.radar.hits >= SIGHTINGS_MIN))
     vehicle = seen | (runs & (speed > RUNS_NARROW_MPS))
     moves &= person | (vehicle & (speed > CROSSES_MPS) & (driven | runs))

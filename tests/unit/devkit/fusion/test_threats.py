@@ -188,7 +188,13 @@ def test_a_vehicle_that_crosses_is_braked_for_once_its_speed_across_is_known(lab
     step = "a step from one corner to the next"
     assert not beside(label, age_s=0.3, lidar_hits=2, **CROSSES), step
     assert beside(label, age_s=0.3, **CROSSES) == bool(label), "named, and where its points are"
+    thin = CROSSES | {"right_m": -0.1, "left_m": 0.1}
+    assert not beside("car", age_s=0.3, **thin), "a vehicle is no single point of LiDAR"
     assert beside("bicycle", age_s=0.3, **CROSSES), "there is no time to be surer"
+    unsure = CROSSES | {"q_vv": 5.0}
+    assert beside("bicycle", age_s=0.3, **unsure)
+    once = "the box of somebody on the footway behind a lorry's corner"
+    assert not beside("bicycle", age_s=0.3, camera_hits=1, **unsure), once
 
 
 def test_what_radar_alone_sees_go_aside_does_not_cross():
@@ -328,9 +334,21 @@ def inside(**values):
 def test_two_boxes_are_no_measurement_where_radar_has_made_some():
     """A car comes along the next lane, and two boxes half a second apart reach into the path."""
     comes = {"x_m": 27.0, "y_m": 2.4, "vx_mps": -4.0, "lidar_hits": 0, "boxes_inside": True}
-    assert not beside("car", camera_hits=2, **comes)
-    assert beside("car", camera_hits=3, **comes)
+    assert not beside("car", camera_hits=2, radar_hits=19, **comes)
+    assert beside("car", camera_hits=3, radar_hits=19, **comes)
     assert beside("car", camera_hits=2, **(comes | {"radar_hits": 2, "lidar_hits": 3})) is False
+
+
+def test_boxes_and_many_echoes_have_the_same_say_in_who_is_in_the_path():
+    """One box is of two parked cars and reaches into the path, where no echo has been."""
+    parked = {"x_m": 21.0, "y_m": -2.1, "lidar_hits": 0, "boxes_inside": True}
+    assert beside("car", radar_hits=19, **parked), "boxes tell directions better than a few echoes"
+    assert not beside("car", radar_hits=20, **parked)
+    assert not beside("car", radar_hits=20, **(parked | {"lidar_hits": 1})), "nor one sweep"
+    assert beside("car", radar_hits=20, **(parked | {"inside": True}))
+    assert not beside("car", radar_hits=19, **(parked | {"lidar_hits": 3})), "LiDAR knows best"
+    ahead = parked | {"y_m": 0.0, "inside": True, "boxes_inside": False}
+    assert not beside("car", radar_hits=20, **ahead), "boxes beside the path count as much"
 
 
 def test_a_box_at_speed_counts_only_with_echoes_or_points():
@@ -365,6 +383,7 @@ def test_a_narrow_thing_that_lidar_alone_sees_cross_is_no_vehicle():
     post |= {"right_m": -0.16, "left_m": 0.16}
     assert not beside(radar_hits=0, **post)
     assert beside(radar_hits=3, **post), "radar sees it too"
+    assert not beside("car", radar_hits=5, **(post | {"lidar_hits": 4})), "a wheel that goes by"
     assert beside(radar_hits=0, **(post | {"right_m": -0.9, "left_m": 0.9})), "wide enough"
     assert not beside("car", radar_hits=0, **post), "named by the box of a car behind it"
     assert beside("car", radar_hits=0, **(post | {"lidar_hits": 2})), "no LiDAR says otherwise"
