@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import http.client
 import json
 import signal
@@ -62,7 +63,7 @@ class Outside:
                 caller, _ = self._socket.accept()
             except OSError:
                 return
-            with caller:
+            with caller, contextlib.suppress(OSError):  # some are opened ahead, and ask nothing
                 caller.settimeout(5)
                 self.calls.append(caller.recv(200).split(b"\r\n")[0].decode())
 
