@@ -38,11 +38,11 @@ def test_missing_and_damaged(tmp_path):
 
 
 def test_a_stale_file_is_no_conductor(tmp_path):
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        announce(tmp_path, free.getsockname()[1])
-    with pytest.raises(UnreachableError, match="no conductor answers"):
-        await_conductor(tmp_path, 0, Role.worker)
+    with socket.socket() as silent:
+        silent.bind(("127.0.0.1", 0))
+        announce(tmp_path, silent.getsockname()[1])
+        with pytest.raises(UnreachableError, match="no conductor answers"):
+            await_conductor(tmp_path, 0, Role.worker)
 
 
 def test_a_conductor_that_comes_later_is_awaited(tmp_path):
