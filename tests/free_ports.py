@@ -2,12 +2,27 @@
 
 from __future__ import annotations
 
+import contextlib
+import secrets
 import socket
 from collections.abc import Iterator
-from contextlib import contextmanager
+
+PORTS = range(20000, 32768)
+"""Below those that the system gives to whoever asks for any."""
 
 
-@contextmanager
+def free_port(*others: int) -> int:
+    """A port that is free now, and none of ``others``, for a server that takes no port over from
+    :func:`reserved_port`: the system gives it to nobody else before the server is there."""
+    while True:
+        port = secrets.choice(PORTS)
+        with socket.socket() as probe, contextlib.suppress(OSError):
+            probe.bind(("127.0.0.1", port))
+            if port not in others:
+                return port
+
+
+@contextlib.contextmanager
 def reserved_port() -> Iterator[int]:
     """A port of loopback that nobody answers at, and that the system gives nobody else: whoever is
     told its number can listen there, more than once, as servers do (``SO_REUSEADDR``)."""
