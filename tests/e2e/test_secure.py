@@ -9,7 +9,7 @@ from pathlib import Path
 
 import psutil
 import pytest
-from processes import PATIENCE_S, interrupt, keys_of, wait_for
+from processes import PATIENCE_S, has_line_to, interrupt, keys_of, wait_for
 from strangers import Stranger, certificates_on, options_of
 
 from schemas import SCHEMA_VERSION
@@ -264,8 +264,9 @@ def test_plain_beyond_loopback_is_typed_on_every_side(marked, tmp_path):
     assert (both.returncode, "leave one of them away" in both.stderr) == (2, True), both.stderr
     typed = (*place, "--insecure")
     assert marked.run("conductor", "submit", "chaos-16", *typed).returncode == 0
-    worker = marked.start("twin", "worker", *typed)
     look = marked.start("viewer", "live", "--no-window", *typed, "--output", "json")
+    wait_for(lambda: has_line_to(look.pid, found.endpoint), "a viewer that sees all")
+    worker = marked.start("twin", "worker", *typed)
     wait_for(lambda: any(state.glob("chaos-16/cases/*/attempt-1/kpi.parquet")), "a verdict")
     script = "from devkit.client import running_cases as f; import sys; f(connect=sys.argv[1]%s)"
     for option, code in ((", insecure=True", 0), ("", 1)):
