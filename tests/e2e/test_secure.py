@@ -73,7 +73,7 @@ def test_campaign_among_strangers(marked, quiet, tmp_path):
     assert not own, "a rig on one host needs none"
     member = options_of(load_key(keys, Role.worker))
     at = [each.laddr.port for each in simulator.net_connections("tcp") if each.status == "LISTEN"]
-    inside = [Stranger(f"tls/127.0.0.1:{port}", member) for port in at]
+    inside = [Stranger(f"tls/127.0.0.1:{port}", member, PATIENCE_S) for port in at]
     assert [each.inside for each in inside] == [True], "the feed"
     for each in inside:
         each.close()
@@ -139,6 +139,10 @@ def locked(marked, tmp_path):
     assert "Traceback" not in err
 
 
+REFUSAL_S = 2.0
+"""Long enough to be told why, on a busy machine too [s]."""
+
+
 def test_a_relay_says_whom_it_refuses(marked, locked, tmp_path):
     state, _, _ = locked
     relay = marked.start(
@@ -146,7 +150,8 @@ def test_a_relay_says_whom_it_refuses(marked, locked, tmp_path):
     )
     entrance = relay.stdout.readline().split()[-1]
     for kind, tls in certificates_on(keys_of(state), tmp_path).items():
-        assert not Stranger(f"{entrance if kind != 'plain' else 'tcp' + entrance[3:]}", tls).inside
+        there = entrance if kind != "plain" else "tcp" + entrance[3:]
+        assert not Stranger(there, tls, REFUSAL_S).inside
     admin = ("--connect", entrance, "--key", str(keys_of(state)))
     assert marked.run("conductor", "status", *admin).returncode == 0
     relay.terminate()
