@@ -25,7 +25,9 @@ from twin.fabric.keys.roles import Role
 
 def announce(folder, port):
     content = ConductorFile(f"tcp/127.0.0.1:{port}", 1, "h", 1, "twin", "0")
-    (folder / FILE_NAME).write_bytes(msgspec.json.encode(content))
+    whole = folder / "whole"
+    whole.write_bytes(msgspec.json.encode(content))
+    whole.replace(folder / FILE_NAME)  # as a conductor does: it is never seen half
     return content
 
 
