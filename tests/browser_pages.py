@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import http.server
 import json
@@ -9,11 +10,11 @@ import shutil
 import subprocess
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
+from free_ports import reserved_port
 
 CHROMIUM = Path("/usr/bin/chromium")
 ARGUMENTS = ["--no-sandbox", "--disable-dev-shm-usage", "--disable-background-networking"]
@@ -70,7 +71,7 @@ class OpenedPages:
         assert said == [], said
 
 
-@contextmanager
+@contextlib.contextmanager
 def chromium(sync_api: Any) -> Iterator[Any]:
     """A browser without a window."""
     with sync_api.sync_playwright() as playwright:
@@ -116,7 +117,7 @@ class QuietHandler(http.server.SimpleHTTPRequestHandler):
         """Says nothing."""
 
 
-@contextmanager
+@contextlib.contextmanager
 def file_server(folder: Path) -> Iterator[str]:
     """Any web server: gives the files of a folder at the address that it yields."""
     handler = functools.partial(QuietHandler, directory=str(folder))
@@ -146,6 +147,7 @@ class LiveSite:
         self.posted: list[tuple[str, dict[str, Any], str]] = []
         self.changed = threading.Condition()
         self._server: http.server.ThreadingHTTPServer | None = None
+        self._held = contextlib.ExitStack()
         self._stopped = False
         self._silent = False
 
@@ -157,10 +159,11 @@ class LiveSite:
     def start(self) -> None:
         """Listen, at the port of before."""
         self._stopped = False
+        if not self.port:  # while it does not listen, nobody else may be given its port
+            self.port = self._held.enter_context(reserved_port())
         handler = type("BoundHandler", (LiveHandler,), {"site": self})
         server = http.server.ThreadingHTTPServer(("127.0.0.1", self.port), handler)
         server.daemon_threads = True
-        self.port = server.server_address[1]
         self._server = server
         threading.Thread(target=server.serve_forever, daemon=True).start()
 
@@ -172,6 +175,11 @@ class LiveSite:
         assert self._server is not None
         self._server.shutdown()
         self._server.server_close()
+
+    def close(self) -> None:
+        """Stop for good."""
+        self.stop()
+        self._held.close()
 
     @property
     def cut(self) -> bool:

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from again import Ends
 
 # Thousands of processes are started, in environments that were installed without compiled modules:
 # they compile once, also where the environment of an image says that nothing is to be kept.
@@ -75,6 +76,12 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         help="quick: neither processes and clusters nor browsers and torch, but one run of every "
         "command; rest: what the quick lane leaves out; all: both (default)",
     )
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """For ``tests/again.py``, which runs what failed once more."""
+    if getattr(config, "cache", None) is not None and not hasattr(config, "workerinput"):
+        config.pluginmanager.register(Ends())
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:

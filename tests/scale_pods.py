@@ -15,8 +15,8 @@ from pathlib import Path
 
 import kube_cluster
 import yaml
+from free_ports import free_port
 from kube_cluster import IMAGE, KubeCluster
-from kube_site import free_port
 from processes import MARK, Marked
 from test_scale import STUCK
 from waiting import wait_for

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
-import secrets
 import shutil
-import socket
 import subprocess
 import sys
 from pathlib import Path
 from typing import Any
 
 import yaml
+from free_ports import free_port
 from kube_cluster import IMAGE, KubeCluster
 from processes import Marked
 from waiting import wait_for
@@ -21,21 +19,7 @@ from hpc.kubernetes.objects import USER
 
 CASES = 120
 """Some seconds for a few workers."""
-PORTS = range(20000, 32768)
 NOOP = f"campaign: many\nsimulator: noop\nmatrix: {{repeat: {list(range(CASES))}}}\n"
-
-
-def free_port() -> int:
-    """A port for a conductor's pod; pods of the double share this machine's network.
-
-    It is below those that the system gives to whoever asks for any, so that no other program gets
-    it before the pod is there.
-    """
-    while True:
-        port = secrets.choice(PORTS)
-        with socket.socket() as probe, contextlib.suppress(OSError):
-            probe.bind(("127.0.0.1", port))
-            return port
 
 
 def with_kernels(folder: Path) -> Path:

@@ -216,6 +216,13 @@ def suspended(processes: Sequence[psutil.Process]) -> Iterator[None]:
                 process.resume()
 
 
+def has_line_to(pid: int, endpoint: str) -> bool:
+    """Whether a process has a connection to an endpoint: a viewer that has sees what comes."""
+    port = int(endpoint.rpartition(":")[2])
+    lines = psutil.Process(pid).net_connections("tcp")
+    return any(line.raddr and line.raddr.port == port for line in lines)
+
+
 def interrupt(process: subprocess.Popen[str]) -> None:
     """Ctrl-C."""
     process.send_signal(signal.SIGINT)

@@ -7,8 +7,10 @@ import textwrap
 from pathlib import Path
 
 SMALL = {"campaign": "small", "simulator": "noop", "matrix": {"repeat": [0, 1, 2]}}
-LONG = {**SMALL, "campaign": "long", "matrix": {"repeat": list(range(1500))}}
-"""Enough cases that a stop comes before the last of them, one at a time."""
+LONG_CASES = 6000
+LONG = {**SMALL, "campaign": "long", "matrix": {"repeat": list(range(LONG_CASES))}}
+"""Enough cases that a stop comes before the last of them: they simulate nothing, and more and more
+of them are leased at once."""
 
 
 def task(folder: Path, code: str) -> str:

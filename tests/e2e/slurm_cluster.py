@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import TypeVar
 
 import psutil
+from free_ports import free_port
 from kernel_folders import for_jobs
 
 PACKAGES = {
@@ -212,14 +213,17 @@ class SlurmCluster:
         key.chmod(0o600)
         for name, device in _DEVICES.items():
             (self.folder / "run" / name).symlink_to(device)
-        ctld_port, *ports = free_ports(1 + len(NODES))
+        ctld_port = free_port()
+        ports = [ctld_port]
+        for _ in NODES:
+            ports.append(free_port(*ports))
         values = {
             "dir": str(self.folder),
             "host": socket.gethostname().split(".")[0],
             "address": self.address,
             "user": getpass.getuser(),
             "ctld_port": ctld_port,
-            **{node: self.place(node, port) for node, port in zip(NODES, ports, strict=True)},
+            **{node: self.place(node, port) for node, port in zip(NODES, ports[1:], strict=True)},
         }
         (self.folder / "slurm.conf").write_text(_CONF.format(**values))
         (self.folder / "gres.conf").write_text(_GRES.format(**values))
@@ -262,18 +266,6 @@ class SlurmCluster:
             if dead or time.monotonic() > until:
                 raise AssertionError(f"no {what}; ended: {dead}\n{self.logs()}")
             time.sleep(0.05)
-
-
-def free_ports(count: int) -> list[int]:
-    """TCP ports that nobody uses now."""
-    sockets = [socket.socket() for _ in range(count)]
-    try:
-        for each in sockets:
-            each.bind(("127.0.0.1", 0))
-        return [each.getsockname()[1] for each in sockets]
-    finally:
-        for each in sockets:
-            each.close()
 
 
 def _program(name: str) -> str:

@@ -135,9 +135,9 @@ def test_an_interrupted_audit_goes_on(marked, certificate, tmp_path):
     out = tmp_path / "audit"
     words = ("conductor", "audit", str(certificate), "--out", str(out), *OPTIONS)
     child = marked.start(*words)
-    wait_for(lambda: list(out.glob("cases/*/attempt-*")), 60)
+    wait_for(lambda: list(out.glob("cases/*/attempt-*")), "an attempt")
     child.send_signal(signal.SIGTERM)
-    child.communicate(timeout=60)
+    child.communicate()
     assert child.returncode == 75
     found = audited(marked, certificate, "--out", str(out))
     assert (found["same"], len(found["findings"])) == (16, 16)

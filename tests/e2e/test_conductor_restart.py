@@ -169,9 +169,9 @@ def test_results_outlive_both_conductor_and_worker(marked, quiet, tmp_path):
         return before == sorted(state.glob("spool/*"))
 
     wait_for(written, "the worker has spooled what it has")
-    spooled = {int(path.stem) for path in state.glob("spool/*.result")}
     worker.kill()
     worker.wait()
+    spooled = {int(path.stem) for path in state.glob("spool/*.result")}
     second = serve(marked, state)
     successor = marked.start(
         *("twin", "worker", "--state", str(state), "--slots", "4", "--until-done")

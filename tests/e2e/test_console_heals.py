@@ -15,6 +15,7 @@ import pytest
 from browser_pages import CHROMIUM, CUT, PATIENCE_MS, OpenedPages, chromium
 from console_pages import ConsolePage
 from cut_lines import CutLine
+from free_ports import reserved_port
 from processes import PATIENCE_S, keys_of, wait_for
 from test_conductor_restart import serve
 
@@ -29,7 +30,6 @@ from twin.fabric.keys.roles import Role
 from twin.fabric.session import new_secret
 from twin.fabric.zenoh_bus import join, open_bus
 from viewer.console.stream import EVENTS_MAX
-from viewer.playback.native import free_port
 
 sync_api = pytest.importorskip("playwright.sync_api", reason="install the package 'playwright'")
 expect = sync_api.expect
@@ -67,9 +67,9 @@ class Conductor:
         if told:
             self.say(fact="committed", result=result, worker="w1", attempt=1)
 
-    def say(self, **fact: Any) -> None:
-        """Publish a fact."""
-        self.bus.publish(topics.EVENT.key, encode(fact))
+    def say(self, *, block: bool = False, **fact: Any) -> None:
+        """Publish a fact; ``block``: none is dropped because many are under way."""
+        self.bus.publish(topics.EVENT.key, encode(fact), block=block)
 
     def _answer(self, data: bytes, respond: Any) -> None:
         decode(data, Request)
@@ -89,9 +89,10 @@ def browser():
 
 @pytest.fixture
 def conductor():
-    conductor = Conductor(free_port())
-    yield conductor
-    conductor.bus.close()
+    with reserved_port() as port:
+        conductor = Conductor(port)
+        yield conductor
+        conductor.bus.close()
 
 
 @pytest.fixture
@@ -202,7 +203,7 @@ def test_a_browser_that_slept_until_nobody_remembers_what_it_missed(
     conductor.end()
     for first in range(0, EVENTS_MAX + 1, BURST):
         for number in range(first, first + BURST):
-            conductor.say(fact="worker_left", worker=f"w-{number}", reason="bye")
+            conductor.say(fact="worker_left", worker=f"w-{number}", reason="bye", block=True)
         wait_for(lambda last=number: said(witness, f"w-{last} "), "the facts on the stream")
     time.sleep(ASLEEP_S)
     outer.mend()

@@ -70,7 +70,7 @@ def made(tmp_path: Path) -> tuple[LiveSite, list[MadeCase]]:
     site.running = cases[-1].name
     site.start()
     yield site, cases
-    site.stop()
+    site.close()
 
 
 @pytest.fixture
@@ -91,7 +91,9 @@ def ended(site: LiveSite, index: int, version: str, verdict: str = "collision") 
     cells = {"verdict": verdict, "state": "ended", "reason": "collided at 9 m/s"}
     for name, value in cells.items():
         table["columns"][name][index] = value
-    path.write_text(json.dumps({**table, "version": version}))
+    whole = path.with_suffix(".new")
+    whole.write_text(json.dumps({**table, "version": version}))
+    whole.replace(path)  # a page may be reading it
     site.put("table", run=RUN, version=version, rows={str(index): cells}, cases=[])
 
 
@@ -103,6 +105,16 @@ def pictured(site: LiveSite, page: Any, picture: list[float], words: str, **know
         if page.get_by_text(words).is_visible():
             return
     expect(page.get_by_text(words)).to_be_visible()
+
+
+def spoken(site: LiveSite, page: Any) -> None:
+    """The conductor speaks until the page says so; one word is soon as good as none."""
+    for _ in range(200):
+        site.put("workers", draining=False)
+        page.wait_for_timeout(500)
+        if page.locator(".online").text_content() == "live":
+            return
+    online(page, "live")
 
 
 def chip(page: Any, words: str) -> Any:
@@ -241,8 +253,7 @@ def test_a_lost_conductor_and_a_late_picture_are_said(pages, made):
     pictured(site, page, [index, 3, 1.7, 3.14], late, **known)
     site.talks = False
     online(page, "conductor: no word from it")
-    site.put("workers", draining=False)
-    online(page, "live")
+    spoken(site, page)
     site.put("gone", error="no conductor answers")
     online(page, "conductor: no conductor answers")
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from foreign_campaigns import campaign
-from processes import outcomes, recorded_run
+from processes import PATIENCE_S, outcomes, recorded_run
 from typer.main import get_command
 from waiting import wait_for
 
@@ -201,7 +201,7 @@ def test_a_conductor_that_serves_and_all_that_asks_it(marked, tmp_path):
         assert done.returncode == 0, (words, done.stdout[-500:], done.stderr[-2000:])
         if command[1] == "submit":
             names["waiting"] = wait_for(lambda: case_of(state / "small"), "a case")
-    assert conductor.wait(60) == 0
+    assert conductor.wait(PATIENCE_S) == 0
 
 
 def case_of(folder):

@@ -4,7 +4,7 @@ import signal
 
 import psutil
 import pytest
-from processes import committed, interrupt, outcomes, wait_for
+from processes import committed, interrupt, outcomes, suspended, wait_for
 
 
 def start(marked, folder, *options):
@@ -19,17 +19,18 @@ def start(marked, folder, *options):
 def test_listens_on_loopback_only(marked, tmp_path):
     child = start(marked, tmp_path / "c")
     addresses = set()
-    for process in marked.processes():
-        try:
-            for connection in process.net_connections("inet"):
-                if connection.status == psutil.CONN_LISTEN or not connection.raddr:
-                    addresses.add(connection.laddr.ip)
-        except psutil.NoSuchProcess:
-            continue
+    with suspended(marked.processes("sim")):  # so that the run does not end meanwhile
+        for process in marked.processes():
+            try:
+                for connection in process.net_connections("inet"):
+                    if connection.status == psutil.CONN_LISTEN or not connection.raddr:
+                        addresses.add(connection.laddr.ip)
+            except psutil.NoSuchProcess:
+                continue
+        # While everything is there: each worker's stack is the one that it had load ahead.
+        assert len(marked.processes("devkit", "host", "--connect", "-")) == 2
+        assert len(marked.processes("devkit", "host")) == 2
     assert addresses == {"127.0.0.1"}
-    # While everything is there: each worker's stack is the one that it had load ahead.
-    assert len(marked.processes("devkit", "host", "--connect", "-")) == 2
-    assert len(marked.processes("devkit", "host")) == 2
     child.communicate()
 
 

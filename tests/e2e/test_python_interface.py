@@ -10,7 +10,7 @@ import pytest
 from foreign_campaigns import campaign
 from IPython.core.formatters import HTMLFormatter
 from processes import Marked, complete, nothing_left, outcomes
-from python_tasks import LONG, SMALL, task, written
+from python_tasks import LONG, LONG_CASES, SMALL, task, written
 
 import drivetwin
 
@@ -245,7 +245,7 @@ def test_stopped_and_resumed(marked, tmp_path):
     assert done.returncode == 0, done.stderr
     said = done.stdout.splitlines()
     assert said[0] == "runs/long: stopped; the same call goes on"
-    assert said[1] == "1500 of 1500 passed (1500 pass)"
+    assert said[1] == f"{LONG_CASES} of {LONG_CASES} passed ({LONG_CASES} pass)"
     printed = marked.run("conductor", "fingerprint", "runs/long", folder=tmp_path)
     assert printed.stdout.strip() == said[2]
 

@@ -7,7 +7,7 @@ import shutil
 import pytest
 import site_networks
 import yaml
-from kube_site import free_port
+from free_ports import free_port
 from processes import outcomes
 from site_networks import SiteCluster, networks, own_bin
 from waiting import PATIENCE_S, wait_for

@@ -9,9 +9,11 @@ from typing import Any
 
 import msgspec
 import pytest
+from browser_pages import PATIENCE_MS
 from unit.conductor.report.reading.test_report_leases import one_after_the_other
 from unit.conductor.report.reading.test_report_resources import sample, write_parts
 from unit.conductor.report.synthetic_campaign import campaign_data, make_campaign, page_of
+from waiting import wait_for
 
 from conductor.bench.report_campaign import plan_of, write_files, write_outcomes
 from conductor.report import make_report
@@ -20,6 +22,7 @@ from schemas.campaign import WEATHERS
 sync_api = pytest.importorskip("playwright.sync_api", reason="install the package 'playwright'")
 # The page's security policy forbids eval, so wait with `expect`, not with `wait_for_function`.
 expect = sync_api.expect
+expect.set_options(timeout=PATIENCE_MS)
 
 CHROMIUM = Path("/usr/bin/chromium")
 
@@ -62,9 +65,29 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def page(browser: Any, report: Path) -> Iterator[Any]:
     """The report, freshly opened."""
     with looked_at(browser, report) as page:
-        page.wait_for_selector("#curves .scatterlayer .trace")
+        await_drawn(page, "#curves", "#heat", "#effects", "#interactions", "#leases", "#resources")
         yield page
         assert page.evaluate("window.hacked") is None
+
+
+def await_drawn(page: Any, *places: str) -> None:
+    """Until something of each plot stands there."""
+    for place in places:
+        drawn = ".main-svg" if place == "#heat" else ".trace"
+        page.locator(f"{place} {drawn}").first.wait_for(state="attached")
+
+
+def await_hovered(page: Any, place: str, x: float, y: float) -> None:
+    """Stay there with the mouse until the plot says what is below it; a plot that has just been
+    drawn may miss a move."""
+
+    def look() -> bool:
+        for off in (1, 0):
+            page.mouse.move(x + off, y)
+        page.wait_for_timeout(200)
+        return bool(page.locator(f"{place} .hoverlayer .hovertext").count())
+
+    wait_for(look, f"words at the mouse in {place}")
 
 
 @contextlib.contextmanager
@@ -73,6 +96,7 @@ def looked_at(browser: Any, path: Path, width: int = 1280) -> Iterator[Any]:
     complaints: list[str] = []
     requests: list[str] = []
     page = browser.new_page(viewport={"width": width, "height": 900})
+    page.set_default_timeout(PATIENCE_MS)
     page.on("console", lambda m: complaints.append(m.text) if m.type != "log" else None)
     page.on("pageerror", lambda error: complaints.append(str(error)))
     page.on("request", lambda request: requests.append(request.url))
@@ -141,8 +165,8 @@ def test_hovering_over_a_curve_names_its_case(page: Any) -> None:
     panel = page.locator("#curves .nsewdrag[data-subplot=x2y2]")
     panel.scroll_into_view_if_needed()
     box = panel.bounding_box()
-    page.mouse.move(box["x"] + 0.3 * box["width"], box["y"] + 0.3 * box["height"])
-    page.wait_for_selector("#curves .hoverlayer .hovertext")
+    x, y = box["x"] + 0.3 * box["width"], box["y"] + 0.3 * box["height"]
+    await_hovered(page, "#curves", x, y)
     assert "yolov3-" in page.locator("#curves .hoverlayer").text_content()
 
 
@@ -155,9 +179,12 @@ def test_zooming_into_one_plot_moves_the_time_of_all(page: Any) -> None:
     page.mouse.move(box["x"] + 0.6 * box["width"], box["y"] + 0.8 * box["height"], steps=4)
     page.mouse.up()
     ranges = "['xaxis2', 'xaxis10'].map(a => document.getElementById('curves').layout[a].range)"
-    first, last = page.evaluate(ranges)
-    assert first == last
-    assert 0 < first[0] < first[1] < 12
+
+    def zoomed() -> Any:
+        first, last = page.evaluate(ranges)
+        return first if first == last and 0 < first[0] < first[1] < 12 else None
+
+    assert wait_for(zoomed, "the same time in the plots of the first row and the last")
 
 
 def test_the_maps_take_any_two_axes(page: Any) -> None:
@@ -196,8 +223,7 @@ def test_a_click_on_a_heat_map_cell_highlights_the_case(page: Any) -> None:
     plot.scroll_into_view_if_needed()
     box = plot.bounding_box()
     x, y = box["x"] + 0.75 * box["width"], box["y"] + 0.25 * box["height"]
-    page.mouse.move(x, y)
-    page.wait_for_selector("#heat .hoverlayer .hovertext")
+    await_hovered(page, "#heat", x, y)
     page.mouse.click(x, y)
     expect(page.locator("#pick-case")).to_have_value("yolov3-1300-clear")
 
@@ -249,7 +275,7 @@ def test_the_paper_s_256_cases(browser: Any, tmp_path: Path) -> None:
     path = make_report(tmp_path).page
     assert path.stat().st_size < 10_000_000
     with looked_at(browser, path) as page:
-        page.wait_for_selector("#curves .scatterlayer .trace")
+        await_drawn(page, "#curves", "#heat", "#leases")
         assert page.locator("#curves .subplot").count() == 4 * 5
         assert page.locator("#heat .js-plotly-plot").count() == 4
         assert page.locator("#cases tbody tr").count() == 256

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import psutil
 import pytest
-from processes import PATIENCE_S, interrupt, keys_of, wait_for
+from processes import PATIENCE_S, has_line_to, interrupt, keys_of, wait_for
 from strangers import Stranger, certificates_on, options_of
 
 from schemas import SCHEMA_VERSION
@@ -73,7 +73,7 @@ def test_campaign_among_strangers(marked, quiet, tmp_path):
     assert not own, "a rig on one host needs none"
     member = options_of(load_key(keys, Role.worker))
     at = [each.laddr.port for each in simulator.net_connections("tcp") if each.status == "LISTEN"]
-    inside = [Stranger(f"tls/127.0.0.1:{port}", member) for port in at]
+    inside = [Stranger(f"tls/127.0.0.1:{port}", member, PATIENCE_S) for port in at]
     assert [each.inside for each in inside] == [True], "the feed"
     for each in inside:
         each.close()
@@ -139,6 +139,10 @@ def locked(marked, tmp_path):
     assert "Traceback" not in err
 
 
+REFUSAL_S = 2.0
+"""Long enough to be told why, on a busy machine too [s]."""
+
+
 def test_a_relay_says_whom_it_refuses(marked, locked, tmp_path):
     state, _, _ = locked
     relay = marked.start(
@@ -146,7 +150,8 @@ def test_a_relay_says_whom_it_refuses(marked, locked, tmp_path):
     )
     entrance = relay.stdout.readline().split()[-1]
     for kind, tls in certificates_on(keys_of(state), tmp_path).items():
-        assert not Stranger(f"{entrance if kind != 'plain' else 'tcp' + entrance[3:]}", tls).inside
+        there = entrance if kind != "plain" else "tcp" + entrance[3:]
+        assert not Stranger(there, tls, REFUSAL_S).inside
     admin = ("--connect", entrance, "--key", str(keys_of(state)))
     assert marked.run("conductor", "status", *admin).returncode == 0
     relay.terminate()
@@ -264,8 +269,9 @@ def test_plain_beyond_loopback_is_typed_on_every_side(marked, tmp_path):
     assert (both.returncode, "leave one of them away" in both.stderr) == (2, True), both.stderr
     typed = (*place, "--insecure")
     assert marked.run("conductor", "submit", "chaos-16", *typed).returncode == 0
-    worker = marked.start("twin", "worker", *typed)
     look = marked.start("viewer", "live", "--no-window", *typed, "--output", "json")
+    wait_for(lambda: has_line_to(look.pid, found.endpoint), "a viewer that sees all")
+    worker = marked.start("twin", "worker", *typed)
     wait_for(lambda: any(state.glob("chaos-16/cases/*/attempt-1/kpi.parquet")), "a verdict")
     script = "from devkit.client import running_cases as f; import sys; f(connect=sys.argv[1]%s)"
     for option, code in ((", insecure=True", 0), ("", 1)):

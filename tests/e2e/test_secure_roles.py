@@ -171,7 +171,7 @@ class Tap:
 
 
 def ask(bus, request):
-    data = bus.request(topics.RPC_WORKER.key, encode(request), 10.0)
+    data = bus.request(topics.RPC_WORKER.key, encode(request), PATIENCE_S)
     assert data is not None
     return decode(data, Reply)
 

@@ -10,7 +10,7 @@ from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
-from browser_pages import chromium
+from browser_pages import PATIENCE_MS, chromium
 from page_blocks import ROOT, RUN
 from playwright import sync_api
 
@@ -100,9 +100,9 @@ def test_search_works_from_disk(site):
         page = browser.new_page()
         page.on("request", lambda request: asked.append(request.url))
         page.goto(f"file://{site}/search.html?q=fingerprint")
-        page.wait_for_selector("#search-results ul.search li a")
-        found = [a.get_attribute("href") for a in page.query_selector_all("#search-results a")]
-    assert any("determinism" in link for link in found), found
+        # Results come one after the other.
+        found = page.locator("#search-results ul.search li a[href*=determinism]").first
+        found.wait_for(timeout=PATIENCE_MS)
     assert asked
     assert not [url for url in asked if not url.startswith("file:")]
 

@@ -7,11 +7,21 @@ import signal
 import cv2
 import numpy as np
 import pytest
-from processes import PATIENCE_S, Marked, committed, complete, nothing_left, outcomes, wait_for
+from processes import (
+    PATIENCE_S,
+    Marked,
+    committed,
+    complete,
+    has_line_to,
+    nothing_left,
+    outcomes,
+    wait_for,
+)
 from recordings import begun, read_recording
 from served_campaign import ServedCampaign
 
 from twin.base.gpu.vulkan import has_vulkan
+from twin.fabric.discovery import find_conductor
 from twin.records.kpi_file import read_kpi
 from twin.worker.rig_process import RECORDERS_MAX
 from viewer.recording import naming
@@ -324,7 +334,13 @@ def test_a_frozen_viewer_holds_nobody_up(marked, quiet, tmp_path):
     options = ("--workers", "1", "--slots", "2", "--view", "record+live")
     child = start(marked, folder, *options, campaign=keeping("none", quiet, tmp_path))
     said()
-    wait_for(lambda: committed(folder) >= 2, "two cases")
+    entry = folder / "conductor.json"
+    wait_for(
+        lambda: entry.exists() and has_line_to(viewer.pid, find_conductor(folder).endpoint),
+        "a viewer that sees all",
+    )
+    seen = committed(folder)
+    wait_for(lambda: committed(folder) >= seen + 2, "two cases that it sees")
     assert marked.processes("viewer", "record") == [], "nothing is recorded"
     viewer.send_signal(signal.SIGSTOP)
     assert finish(child)["fingerprint"] == quiet["fingerprint"]

@@ -14,8 +14,9 @@ from pathlib import Path
 import kube_cluster
 import site_networks
 import yaml
+from free_ports import free_port
 from kube_cluster import IMAGE, KubeCluster, send
-from kube_site import free_port, with_kernels
+from kube_site import with_kernels
 from processes import MARK, Child, Marked
 from site_networks import SiteCluster, SiteNetwork, networks, own_bin
 

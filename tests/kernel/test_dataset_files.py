@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import os
@@ -210,7 +211,8 @@ def children():
     """Processes that this one has started meanwhile."""
     found = []
     for path in Path("/proc/self/task").glob("*/children"):
-        found += [int(pid) for pid in path.read_text().split()]
+        with contextlib.suppress(OSError):  # the thread has ended
+            found += [int(pid) for pid in path.read_text().split()]
     return [pid for pid in found if pid not in STRANGERS]
 
 

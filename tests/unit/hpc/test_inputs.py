@@ -169,9 +169,12 @@ def test_nothing_of_a_setup_outlives_it(bare, cache, tmp_path, monkeypatch, late
     given = NamedRepository(str(bare), "main", f"{setup}; wait" if late else setup)
     if late:
         fetch_repository(NamedRepository(str(bare), "main"), cache)  # git has its time
-        monkeypatch.setattr(inputs, "TIMEOUT_S", 2.0)
-        with pytest.raises(InfrastructureError, match="not done after 2 s"):
-            fetch_repository(given, cache)
+        for patience_s in (2, 8, 32):  # git, which begins, may be late as well
+            monkeypatch.setattr(inputs, "TIMEOUT_S", float(patience_s))
+            with pytest.raises(InfrastructureError, match=f"not done after {patience_s} s"):
+                fetch_repository(given, cache)
+            if (tmp_path / "pid").exists():
+                break
     else:
         assert fetch_repository(given, cache).folder.is_dir()
     pid = int((tmp_path / "pid").read_text())

@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from waiting import PATIENCE_S
 
 GOOD = "campaign: c\nautonomy: {stack: 'devkit.aeb:AebStack'}\nmatrix: {weather: [clear]}\n"
 STACK = "campaign: c\nautonomy: {{stack: '{0}'}}\nmatrix: {{weather: [clear]}}\n"
@@ -27,7 +28,7 @@ def validate(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
         cwd=folder,
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=PATIENCE_S,
     )
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from free_ports import reserved_port
 from msgspec import structs
 from waiting import PATIENCE_S
 
@@ -78,19 +79,25 @@ def observation(tick, *, pictures=True):
     return Observation(seq=tick, active=np.array([True]), sensors=sensors, counts={}, **each)
 
 
+@pytest.fixture
+def port():
+    """One that no other test of this machine is given."""
+    with reserved_port() as found:
+        yield found
+
+
 def drive(mode, ticks, **parameters):
     """Commands of a script, or the reason why there are none; and it is gone afterwards."""
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
-    script = ForeignProcess([sys.executable, str(SCRIPT), mode, str(port)], {})
-    bridge = AutodriveBridge(1, port=port, **{"answer_s": 5.0, **parameters})
-    try:
-        bridge.attach(script)
-        bridge.reset(0, EPISODE)
-        return [bridge.step(observation(t, pictures=t % 2 == 0))[0] for t in range(ticks)]
-    finally:
-        script.end()
-        bridge.close()
+    with reserved_port() as port:
+        script = ForeignProcess([sys.executable, str(SCRIPT), mode, str(port)], {})
+        bridge = AutodriveBridge(1, port=port, **{"answer_s": PATIENCE_S, **parameters})
+        try:
+            bridge.attach(script)
+            bridge.reset(0, EPISODE)
+            return [bridge.step(observation(t, pictures=t % 2 == 0))[0] for t in range(ticks)]
+        finally:
+            script.end()
+            bridge.close()
 
 
 @needs_scripts
@@ -168,9 +175,7 @@ def test_a_script_does_not_ignore_the_signals_that_we_ignore(tmp_path):
 
 
 @needs_scripts
-def test_a_script_that_answers_at_once_is_counted_as_well(monkeypatch):
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
+def test_a_script_that_answers_at_once_is_counted_as_well(monkeypatch, port):
     script = ForeignProcess([sys.executable, str(SCRIPT), "drive", str(port)], {})
     bridge = AutodriveBridge(1, port=port)
     try:
@@ -218,11 +223,11 @@ def test_a_command_that_does_not_exist_is_named():
         ForeignProcess(["/no/such/script"], {}).start()
 
 
-def test_two_rigs_of_a_host_do_not_meet_at_a_port():
+def test_two_rigs_of_a_host_do_not_meet_at_a_port(port):
     pytest.importorskip("websockets")
-    first, second = AutodriveBridge(1, port=4999), AutodriveBridge(1, port=4999)
+    first, second = AutodriveBridge(1, port=port), AutodriveBridge(1, port=port)
     first.attach(None)
-    with pytest.raises(UnfinishedError, match="port 4999 is used by another rig"):
+    with pytest.raises(UnfinishedError, match=f"port {port} is used by another rig"):
         second.attach(None)
     first.close()
     second.attach(None)
@@ -323,29 +328,29 @@ def test_a_missing_package_of_the_bridge_is_named_with_its_remedy(monkeypatch):
         AutodriveBridge(1)
 
 
-def test_who_waits_for_a_port_hears_of_its_end():
-    turn = turn_at(4998)
+def test_who_waits_for_a_port_hears_of_its_end(port):
+    turn = turn_at(port)
     assert turn is not None
-    assert turn_at(4998) is None
+    assert turn_at(port) is None
     over = threading.Event()
-    waiting = threading.Thread(target=lambda: (await_turn(4998), over.set()))
+    waiting = threading.Thread(target=lambda: (await_turn(port), over.set()))
     waiting.start()
     assert not over.wait(0.05)
     turn.close()
     assert over.wait(PATIENCE_S)
     waiting.join()
-    await_turn(4998)  # nobody has it
-    again = turn_at(4998)
+    await_turn(port)  # nobody has it
+    again = turn_at(port)
     assert again is not None
     again.close()
 
 
-def test_a_host_takes_no_turn_that_its_worker_has_taken(monkeypatch):
-    monkeypatch.setenv(TURN_VARIABLE, "4997")
-    with turn_at(4997):
-        assert take_turn(4997) is None
-        with pytest.raises(UnfinishedError, match="port 4997"):
-            take_turn(4997)
+def test_a_host_takes_no_turn_that_its_worker_has_taken(monkeypatch, port):
+    monkeypatch.setenv(TURN_VARIABLE, str(port))
+    with turn_at(port):
+        assert take_turn(port) is None
+        with pytest.raises(UnfinishedError, match=f"port {port}"):
+            take_turn(port)
 
 
 def test_euler_angles_turn_left_about_the_vertical():

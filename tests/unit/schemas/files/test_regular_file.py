@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import socket
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -101,8 +102,21 @@ def test_a_pipe_that_takes_the_place_of_a_file_holds_nobody_up(
 
 
 def test_no_descriptor_is_left(tmp_path: Path) -> None:
-    before = len(os.listdir("/proc/self/fd"))
+    """Of these files; others of this process come and go by themselves."""
+    before = {path: descriptors_of(path) for path in (Path("/dev/zero"), Path("/dev/tty"))}
     for make, _ in NOT_READ.values():
         with pytest.raises(OSError):
             read_regular(make(tmp_path), 100)
-    assert len(os.listdir("/proc/self/fd")) == before
+    assert {path: descriptors_of(path) for path in before} == before
+    assert descriptors_of(tmp_path) == []
+    with (tmp_path / "giant").open():
+        assert descriptors_of(tmp_path) == [str(tmp_path / "giant")], "so this test can fail"
+
+
+def descriptors_of(path: Path) -> list[str]:
+    """What this process has open of ``path`` and what is in it."""
+    found = []
+    for link in Path("/proc/self/fd").iterdir():
+        with suppress(OSError):  # closed meanwhile
+            found.append(str(link.readlink()))
+    return sorted(name for name in found if name == str(path) or name.startswith(f"{path}/"))

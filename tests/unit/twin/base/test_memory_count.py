@@ -3,6 +3,7 @@
 import msgspec
 import psutil
 import pytest
+from waiting import PATIENCE_S
 
 from conductor.run.source import load
 from twin.base.gpu.slot_count import MemoryCount
@@ -10,7 +11,8 @@ from twin.base.gpu.slot_count import MemoryCount
 CAMPAIGN = msgspec.json.encode(load("chaos-16").campaign)
 
 
-def test_it_counts():
+def test_it_counts(monkeypatch):
+    monkeypatch.setattr("twin.base.gpu.slot_count.TIMEOUT_S", PATIENCE_S)
     few, many = (MemoryCount(CAMPAIGN, ("--campaign", "-", "--free-gb", gb)) for gb in ("1", "10"))
     assert 0 < few.slots() < many.slots()
 

@@ -25,7 +25,9 @@ from twin.fabric.keys.roles import Role
 
 def announce(folder, port):
     content = ConductorFile(f"tcp/127.0.0.1:{port}", 1, "h", 1, "twin", "0")
-    (folder / FILE_NAME).write_bytes(msgspec.json.encode(content))
+    whole = folder / "whole"
+    whole.write_bytes(msgspec.json.encode(content))
+    whole.replace(folder / FILE_NAME)  # as a conductor does: it is never seen half
     return content
 
 
@@ -38,11 +40,11 @@ def test_missing_and_damaged(tmp_path):
 
 
 def test_a_stale_file_is_no_conductor(tmp_path):
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        announce(tmp_path, free.getsockname()[1])
-    with pytest.raises(UnreachableError, match="no conductor answers"):
-        await_conductor(tmp_path, 0, Role.worker)
+    with socket.socket() as silent:
+        silent.bind(("127.0.0.1", 0))
+        announce(tmp_path, silent.getsockname()[1])
+        with pytest.raises(UnreachableError, match="no conductor answers"):
+            await_conductor(tmp_path, 0, Role.worker)
 
 
 def test_a_conductor_that_comes_later_is_awaited(tmp_path):

@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from waiting import wait_for
+from waiting import PATIENCE_S, wait_for
 
 from twin.base.errors import InfrastructureError
 from twin.fabric.rig_folder import PATH_BYTES_MAX, RigFolder, frames_socket
@@ -113,7 +113,7 @@ def test_no_more_is_let_through_its_socket_than_a_stack_may(folder):
             told.get()
         simulator.publish("drive/r/secret", b"", block=True)
         simulator.publish("drive/r/tick", b"", block=True)
-        assert told.get(timeout=10) == "drive/r/tick"
+        assert told.get(timeout=PATIENCE_S) == "drive/r/tick"
         assert asked == []
     finally:
         stack.close()

@@ -35,11 +35,12 @@ from twin.base.errors import UnreachableError, UsageError
 from twin.fabric.interventions import Attempt, carry_out, find, find_in_rig
 from twin.fabric.memory_bus import MemoryHub
 from twin.rig.engine import Engine
-from twin.rig.interventions.case import DRIVE_SILENCE_S
 from twin.rig.interventions.journal import read_journal
 from twin.rig.interventions.listener import REQUEST_BYTES_MAX, WAITING_MAX, RigInterventions
 from twin.rig.interventions.slot_changes import SlotChanges
 from twin.rig.slot import RigTick, Slot, Slots
+
+SILENCE_S = 3600.0
 
 
 class Rig:
@@ -102,7 +103,9 @@ class Rig:
 
 
 @pytest.fixture
-def rig(tmp_path):
+def rig(tmp_path, monkeypatch):
+    """On a slow machine two turns may be further apart than a driver may be silent."""
+    monkeypatch.setattr("twin.rig.interventions.case.DRIVE_SILENCE_S", SILENCE_S)
     return Rig(tmp_path)
 
 
@@ -187,7 +190,7 @@ def test_a_full_disk_refuses_what_steers_and_the_rig_goes_on(rig, tmp_path, monk
     assert "cannot be journalled" in rig.do(SetEnvironment("heavy_fog")).error
     assert "cannot be journalled" in rig.do(SetEnvironment("heavy_fog"), slot=1).error
     assert [rig.weather(slot) for slot in range(2)] == ["clear", "clear"]
-    rig.interventions._open[0].attempt.drive_s -= DRIVE_SILENCE_S
+    rig.interventions._open[0].attempt.drive_s -= SILENCE_S
     rig.turn()
     assert rig.do(Query()).state.taken_over, "what is not journalled is not done"
     assert read_journal(journal) == before

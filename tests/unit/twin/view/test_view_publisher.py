@@ -286,7 +286,7 @@ def test_a_recorder_that_went_and_came_back_sees_what_it_missed(hub):
     assert [m.seq for m in second.wait()] == [5, 6, 7, 8]
 
 
-def test_thumbnails_only_for_those_who_look(hub):
+def test_thumbnails_only_for_those_who_look(hub, clock):
     view = ViewPublisher(hub.open(), RIG, ViewMode.live)
     sim = Sim()
     sim.begin(view, lease())

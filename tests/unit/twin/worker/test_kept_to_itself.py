@@ -116,7 +116,7 @@ def test_the_process_of_a_store_keeps_its_own():
         words = [PYTHON, "-c", STORE, f"{folder}/store"]
         with run_by_nobody(folder, words, subprocess.PIPE) as conductor:
             pid = int(conductor.stdout.readline())
-            assert owner_of(pid) == 0
+            wait_for(lambda: owner_of(pid) == 0, "files of root's")
             conductor.kill()
 
 

@@ -21,7 +21,6 @@ from twin.view.samples import jpeg
 from viewer.cli import app
 from viewer.live import command as lively
 from viewer.live.command import Live, LiveOptions, run_live
-from viewer.playback import native
 from viewer.recording import naming
 
 PICTURE = jpeg(np.zeros((90, 160, 3), np.uint8))
@@ -62,9 +61,9 @@ def streams(monkeypatch):
 
 
 @pytest.fixture
-def shown(streams):
+def shown(streams, port):
     """A viewer of the case clear-1; nobody answers where it looks for a conductor."""
-    where = f"tcp/127.0.0.1:{native.free_port()}"
+    where = f"tcp/127.0.0.1:{port}"
     live = Live(LiveOptions(connect=where, cases=("clear-1",)), Hub())
     yield live
     live.close()

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import psutil
 import pytest
-from test_viewer_link import hear, serve
+from test_viewer_link import hear, hear_said, serve
 from waiting import PATIENCE_S, wait_for
 
 from twin.base.errors import InfrastructureError, UnreachableError, UsageError
@@ -18,10 +18,9 @@ from twin.fabric.keys.key_file import load_key
 from twin.fabric.keys.roles import Role
 from viewer.live import link as linking
 from viewer.live import tunnel
-from viewer.live.link import Link, LinkEnded, Said, Status
+from viewer.live.link import Link, LinkEnded, Status
 from viewer.live.slots import LatestSlots
 from viewer.live.tunnel import Far, Tunnel
-from viewer.playback import native
 
 FAKE = Path(__file__).with_name("fake_ssh.py")
 
@@ -40,11 +39,6 @@ def calls(tmp_path, monkeypatch):
     monkeypatch.setenv("FAKE_SSH_LOG", str(log))
     monkeypatch.setattr(tunnel, "PAUSE_S", 0.1)
     return lambda: [json.loads(line) for line in log.read_text().splitlines()]
-
-
-@pytest.fixture
-def port():
-    return native.free_port()
 
 
 def dig(opened, **far):
@@ -169,12 +163,12 @@ def test_a_tunnel_that_falls_is_dug_again(opened, calls, port, monkeypatch):
     link = link_through(opened, dig(opened, connect=f"tcp/127.0.0.1:{port}"))
     hear(link, Status)
     os.kill(calls()[0]["pid"], signal.SIGKILL)
-    while "connected" not in hear(link, Said).line:
-        pass
+    hear_said(link, "connected")
     hear(link, Status)
-    first, second = calls()
+    first, *others = calls()  # more than one, if this machine is so busy that it fell once more
     assert "BatchMode=yes" not in first["-o"]
-    assert "BatchMode=yes" in second["-o"], "the terminal is in use"
+    assert others
+    assert all("BatchMode=yes" in each["-o"] for each in others), "the terminal is in use"
 
 
 def test_hosts_that_are_not_there(opened, calls):

@@ -9,7 +9,6 @@ from twin.base.gpu.vulkan import has_vulkan
 from viewer.bench import running
 from viewer.live.command import LiveOptions
 from viewer.live.wall_shot import WallShot, shoot_wall
-from viewer.playback import native
 from viewer.recording.scenery import BLUE
 
 pytestmark = pytest.mark.skipif(
@@ -36,8 +35,8 @@ def test_ended_cases_are_counted_too():
     assert WallShot(1, 0).told == "1 case: 0 running, 1 ended"
 
 
-def test_nothing_runs(tmp_path):
-    options = LiveOptions(connect=f"tcp/127.0.0.1:{native.free_port()}")
+def test_nothing_runs(tmp_path, port):
+    options = LiveOptions(connect=f"tcp/127.0.0.1:{port}")
     with pytest.raises(UnreachableError, match="no case has shown itself for 0 s"):
         shoot_wall(options, tmp_path / "wall.png", (640, 360), 0.0)
     assert not (tmp_path / "wall.png").exists()

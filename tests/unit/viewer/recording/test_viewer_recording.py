@@ -1,5 +1,6 @@
 """A recording: written, read back with Rerun's own reader, honest about what is missing."""
 
+import contextlib
 import hashlib
 import json
 import threading
@@ -209,9 +210,19 @@ def test_a_recorder_of_many_cases_keeps_no_threads(tmp_path):
     for token in range(1, 16):
         said = start(tmp_path / str(token), token=token)
         recorder.take(message(said, end(1, token=token)))
-        threads.append(len(list(Path("/proc/self/task").iterdir())))
+        threads.append(threads_of_streams())
     assert recorder.complete == 15
+    assert max(threads) > 0
     assert max(threads[8:]) <= max(threads[:8])
     assert len(threads) % CLOSED_MAX, "some wait to be let go of"
     recorder.write(0.0)
-    assert len(list(Path("/proc/self/task").iterdir())) < threads[-1], "and are, within a turn"
+    assert threads_of_streams() < threads[-1], "and are, within a turn"
+
+
+def threads_of_streams():
+    """Threads that Rerun has started for streams; libraries start others at any time."""
+    found = []
+    for path in Path("/proc/self/task").iterdir():
+        with contextlib.suppress(OSError):  # it has ended
+            found.append((path / "comm").read_text().strip())
+    return sum(name.startswith(("RecordingStream", "ChunkBatcher")) for name in found)

@@ -13,6 +13,7 @@ import hostile_parsers
 import psutil
 import pytest
 from hostile_parsers import MESH_DATA, triangle
+from waiting import wait_for
 
 from twin.sandbox.possible import why_not
 from twin.world.apart import reading
@@ -102,7 +103,7 @@ def test_no_process_is_ended_or_left_behind(tmp_path: Path) -> None:
         parsed(tmp_path, "START")  # root may start processes; they end with the sandbox
     except ValueError:
         pass
-    assert set(_children()) <= before
+    wait_for(lambda: set(_children()) <= before, "its end, and that of others' that end just now")
 
 
 def _children() -> list[int]:
