@@ -125,6 +125,7 @@ def test_a_late_result_brings_no_recording_into_the_case() -> None:
     (again,) = bench.lease("w2")
     assert again.case.id == lost.case.id
     bench.next("w2", 0, results=[result(again)])
+    assert "has committed" in bench.ask(recorded(lost)).error, "its token is w1's, and lost"
     bench.next("w1", 0, results=[result(lost)])
     assert "has committed" in bench.ask(recorded(lost)).error
     assert not bench.ask(recorded(again, "w2")).error
