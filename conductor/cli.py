@@ -54,7 +54,7 @@ from conductor.commands.options import (
     Weather,
     Workers,
 )
-from conductor.commands.report_commands import add_report_commands
+from conductor.commands.report_commands import FetchedRecordings, add_report_commands
 from twin.base.cli import Output, OutputOption, make_app, run
 from twin.base.errors import (
     EXIT_INFRASTRUCTURE,
@@ -453,6 +453,7 @@ def report(
             "the worst run of each cell; the page leads to them. A result page has ends of some."
         ),
     ] = None,
+    recordings: FetchedRecordings = None,
     output: OutputOption = Output.human,
 ) -> None:
     """Write report.html, summary.parquet, summary.csv and plots of a campaign folder, also while
@@ -466,7 +467,7 @@ def report(
     from conductor.report.pages.content import first_screen
     from conductor.trust.sign_run import sign_derived
 
-    run = report_folder(folder, import_autodrive, out)
+    run = report_folder(folder, import_autodrive, out, recordings)
     with bars():
         made = make_report(run, anew=anew, serial=serial, films=films is FilmsOf.failures)
         sign_derived(run)

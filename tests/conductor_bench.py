@@ -22,6 +22,7 @@ from schemas.wire.control import (
     Hello,
     Lease,
     Next,
+    Recorded,
     Reply,
     Request,
     Result,
@@ -52,7 +53,7 @@ def secret(worker: str) -> bytes:
 
 def shown(request: Request) -> Request:
     """The request of a worker with its session's secret, unless it shows one already."""
-    if isinstance(request, Next | Beat | Bye) and not request.session:
+    if isinstance(request, Next | Beat | Bye | Recorded) and not request.session:
         return msgspec.structs.replace(request, session=secret(request.worker))
     return request
 

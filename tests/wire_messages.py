@@ -10,6 +10,7 @@ import numpy as np
 import view_messages
 
 from schemas import SCHEMA_VERSION as V
+from schemas.files.recording import RecordingObject
 from schemas.messages import (
     CameraSite,
     Command,
@@ -30,6 +31,7 @@ from schemas.wire.control import (
     Explain,
     Hello,
     Next,
+    Recorded,
     Reply,
     Result,
     StatusRequest,
@@ -79,6 +81,7 @@ def control() -> list[Any]:
         SeenFolder(V, "c", "0" * 64),
         AttemptFiles(V, "c", "clear", 1, kpi, log, files_sha256(kpi, log)),
         Delivered(V, False, "busy", True),
+        Recorded(V, "w1", "c", "clear", 65537, RecordingObject("ab" * 32, 4711, True)),
     ]
 
 

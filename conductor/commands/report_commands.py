@@ -34,6 +34,24 @@ class Format(StrEnum):
     csv = "csv"
 
 
+class RecordingsOf(StrEnum):
+    """Cases whose recordings are fetched from a store."""
+
+    none = "none"
+    failed = "failed"
+    all = "all"
+
+
+FetchedRecordings = Annotated[
+    RecordingsOf | None,
+    typer.Option(
+        help="Of a run in a store: fetch recordings of the cases that did not pass (failed), of "
+        "all, or none, the default. The run must be signed."
+    ),
+]
+"""Option of reports."""
+
+
 def add_report_commands(app: typer.Typer) -> None:
     """Add the commands to ``app``."""
     app.command("fingerprint")(fingerprint)
@@ -46,12 +64,18 @@ def add_report_commands(app: typer.Typer) -> None:
     app.command("regress")(regress_command)
 
 
-def report_folder(folder: str | None, logs: Path | None, out: Path | None) -> Path:
+def report_folder(
+    folder: str | None,
+    logs: Path | None,
+    out: Path | None,
+    recordings: RecordingsOf | None = None,
+) -> Path:
     """The campaign folder to report on; logs are imported into one first, and of a run in a store
-    what a report reads is fetched.
+    what a report reads is fetched, with ``recordings`` (None: as nothing was said).
 
     Raises:
-        UsageError: not exactly one of ``folder`` and ``logs``, ``out`` without logs, or no logs.
+        UsageError: not exactly one of ``folder`` and ``logs``, ``out`` without logs, no logs, or
+            ``recordings`` of no store.
         InfrastructureError: the disk lets us down.
     """
     from conductor.report.autodrive.importing import import_autodrive
@@ -60,12 +84,18 @@ def report_folder(folder: str | None, logs: Path | None, out: Path | None) -> Pa
         raise UsageError(
             "report: give either a campaign folder, e.g. runs/aeb-demo, or --import-autodrive DIR"
         )
+    if recordings is not None and not (folder and is_url(folder)):
+        raise UsageError(
+            "report: --recordings belongs to a run in a store, e.g. s3://bucket/night; a campaign "
+            "folder has its recordings"
+        )
     if logs is None:
         assert folder is not None
         if is_url(folder):
             from conductor.stored.fetching import fetch_run
 
-            return fetch_run(folder, out)
+            hint = "" if recordings else "--recordings failed, or all, fetches them"
+            return fetch_run(folder, out, (recordings or RecordingsOf.none).value, hint=hint)
         if out is not None:
             raise UsageError(
                 "report: --out belongs to --import-autodrive and to stores; the report of a "

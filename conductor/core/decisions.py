@@ -34,7 +34,14 @@ from conductor.core.grant import choose, mismatches
 from conductor.core.lease import lost, own, seen, token_of
 from conductor.core.searching.growth import grow
 from conductor.core.session import UNKNOWN_WORKER, not_its_session, opened, speaker
-from conductor.core.settle import DETAIL_CHARS_MAX, commit, end_attempt, end_suspects, expire
+from conductor.core.settle import (
+    DETAIL_CHARS_MAX,
+    commit,
+    end_attempt,
+    end_suspects,
+    expire,
+    keep_recording,
+)
 from conductor.core.snapshot import take
 from conductor.core.speculate import straggler
 from conductor.core.state import CampaignState, CaseState, LiveLease, State, WorkerState
@@ -53,6 +60,7 @@ from schemas.wire.control import (
     Hello,
     Lease,
     Next,
+    Recorded,
     Reply,
     Request,
     Sealed,
@@ -432,6 +440,13 @@ def _bye(turn: RequestTurn, request: Bye) -> Reply:
     return turn.reply()
 
 
+def _recorded(turn: RequestTurn, request: Recorded) -> Reply:
+    worker, error = speaker(turn.state, request)
+    if worker is not None:
+        error = keep_recording(turn, request, worker)
+    return turn.reply(error=error)
+
+
 def _submit(turn: RequestTurn, request: Submit) -> Reply:
     fact, errors = admit(turn.state, request)
     if errors:
@@ -489,6 +504,7 @@ _VERBS: dict[type[Any], Callable[[RequestTurn, Any], Reply]] = {
     Next: _next,
     Beat: _beat,
     Bye: _bye,
+    Recorded: _recorded,
     Submit: _submit,
     Control: _control,
     Explain: _explain,

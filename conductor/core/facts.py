@@ -12,6 +12,7 @@ from msgspec import Struct
 
 from conductor.core.case_table import CaseTable
 from conductor.core.searching.record import SearchRecord
+from schemas.files.recording import RecordingObject
 from schemas.files.search_result import ChainEstimate, SearchAnswer
 from schemas.sections.fork import Branch
 from schemas.wire.control import Release, Reply, Result, Share
@@ -255,6 +256,15 @@ class LateAttempt(_Fact, frozen=True):
     worker: str
 
 
+class RecordingStored(_Fact, frozen=True):
+    """The recording of the committed attempt of a case lies in the result store."""
+
+    campaign: str
+    case: str
+    token: int
+    recording: RecordingObject
+
+
 class Granted(Struct, frozen=True, array_like=True):
     """A lease as it stands in a stored reply: the case itself is in the state."""
 
@@ -333,6 +343,7 @@ Durable = (
     | Paused
     | Retried
     | LateAttempt
+    | RecordingStored
     | Replied
     | Snapshot
 )

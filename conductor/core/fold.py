@@ -28,6 +28,7 @@ from conductor.core.facts import (
     Leased,
     Paused,
     Pinned,
+    RecordingStored,
     Relocated,
     Replied,
     Retried,
@@ -461,6 +462,14 @@ def _late(state: State, fact: LateAttempt) -> None:
         campaign.disagreements += agrees(case.end.result, fact.result) is False
 
 
+def _recording_stored(state: State, fact: RecordingStored) -> None:
+    _, case = _find(state, fact.campaign, fact.case)
+    end = case.end
+    _expect(isinstance(end, Committed) and end.result.token == fact.token, fact)
+    _expect(case.recording is None, fact)
+    case.recording = fact.recording
+
+
 def _replied(state: State, fact: Replied) -> None:
     state.workers[fact.worker].replied = fact
 
@@ -533,6 +542,7 @@ _FOLDS: dict[type[Any], Callable[[State, Any], None]] = {
     Paused: _paused,
     Retried: _retried,
     LateAttempt: _late,
+    RecordingStored: _recording_stored,
     Replied: _replied,
     Snapshot: _snapshot,
     Seen: _seen,

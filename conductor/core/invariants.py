@@ -76,7 +76,9 @@ def _check_campaign(name: str, campaign: CampaignState) -> None:
             end, token = _end_of(sealed)
             ended[end] += 1
             committed += token is not None
+            _that(case.recording is None or token is not None, f"{name}: {case.case.id}: recording")
         else:
+            _that(case.recording is None, f"{name}: {case.case.id}: recording before its end")
             open_batches[case.case.variation.batch] += 1
             if case.waits:
                 waiting.setdefault(case.rig, {}).setdefault(case.group, []).append(-order)

@@ -7,14 +7,16 @@ from __future__ import annotations
 
 from conductor.core.state import CaseState, Issued, State, WorkerState
 from schemas.wire.codec import WireError, decode
-from schemas.wire.control import Beat, Bye, Next, Result, Sealed
+from schemas.wire.control import Beat, Bye, Next, Recorded, Result, Sealed
 from schemas.wire.delivery import AttemptFiles, Delivery
 from twin.fabric.session import is_sealed, proves
 
 UNKNOWN_WORKER = "unknown worker, say hello"
 
 
-def speaker(state: State, request: Next | Beat | Bye | Delivery) -> tuple[WorkerState | None, str]:
+def speaker(
+    state: State, request: Next | Beat | Bye | Recorded | Delivery
+) -> tuple[WorkerState | None, str]:
     """The worker whose request this is; or None and why it is nobody's, in a line."""
     worker = state.workers.get(request.worker)
     if worker is None:

@@ -4,12 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from conductor.core.facts import ALONE, AttemptEnded, CaseEnded, Charge, Committed, LateAttempt
+from conductor.core.facts import (
+    ALONE,
+    AttemptEnded,
+    CaseEnded,
+    Charge,
+    Committed,
+    LateAttempt,
+    RecordingStored,
+)
 from conductor.core.lease import POLICIES, expired, first_expiry_ns
 from conductor.core.session import issued_to, mistake_of
 from conductor.core.state import CaseState, LiveLease, State, WorkerState
 from conductor.core.turn import RequestTurn
-from schemas.wire.control import Release, Result
+from schemas.wire.control import Recorded, Release, Result
 from schemas.words import counted
 
 DETAIL_CHARS_MAX = 2000
@@ -67,6 +75,40 @@ def commit(turn: RequestTurn, result: Result, worker: WorkerState) -> bool:
         return True
     turn.emit(LateAttempt(result=result, worker=worker.joined.worker))
     return False
+
+
+def keep_recording(turn: RequestTurn, request: Recorded, worker: WorkerState) -> str:
+    """Note that the recording of an attempt lies in the store; or why not, in a line.
+
+    It must be the attempt that ``worker``, who has proved its session, has committed; the first
+    recording that it names of it counts.
+    """
+    if not turn.state.config.store:
+        return "this conductor has no result store"
+    case = turn.state.case((request.campaign, request.case))
+    end = case.end if case is not None else None
+    if (
+        case is None
+        or issued_to(case, worker, request.token) is None
+        or not isinstance(end, Committed)
+        or end.result.token != request.token
+    ):
+        return (
+            f"case {request.case[:80]!r} of campaign {request.campaign[:80]!r}: token "
+            f"{request.token} is not one that worker {request.worker} has committed"
+        )
+    if case.recording is None:
+        turn.emit(
+            RecordingStored(
+                campaign=request.campaign,
+                case=request.case,
+                token=request.token,
+                recording=request.recording,
+            )
+        )
+    elif case.recording != request.recording:
+        return f"case {request.case[:80]!r} has another recording already"
+    return ""
 
 
 def end_attempt(turn: RequestTurn, lease: LiveLease, reason: Release, detail: str) -> None:

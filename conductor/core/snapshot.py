@@ -39,6 +39,7 @@ from conductor.core.state import (
     State,
     WorkerState,
 )
+from schemas.files.recording import RecordingObject
 
 
 class _Head(Struct, frozen=True):
@@ -99,6 +100,7 @@ class _CaseRow(Struct, frozen=True, array_like=True):
     steered: tuple[SteeredAttempt, ...] = ()
     attempts: int = 0
     lost_times: int = 0
+    recording: RecordingObject | None = None
 
 
 class _Cases(Struct, frozen=True):
@@ -217,6 +219,7 @@ def _row(case: CaseState) -> _CaseRow:
         case.steered,
         case.attempts,
         case.lost_times,
+        case.recording,
     )
 
 
@@ -228,6 +231,7 @@ def _restore_cases(state: State, image: _Cases) -> None:
         case.issued, case.live = _issued(row.issued), row.live
         case.charges, case.losses, case.lost = row.charges, row.losses, row.lost
         case.sealed, case.late, case.steered = row.sealed, row.late, row.steered
+        case.recording = row.recording
         # Rows from before these numbers were kept name every one.
         case.attempts = row.attempts or len(row.issued)
         case.lost_times = row.lost_times or len(row.lost)

@@ -30,6 +30,7 @@ from conductor.core.facts import (
 from conductor.core.searching.record import SearchRecord
 from schemas.campaign import Campaign
 from schemas.case import Case
+from schemas.files.recording import RecordingObject
 from schemas.sections.view_mode import ViewMode
 
 IMAGE_CASES = 1000
@@ -183,6 +184,8 @@ class CaseState:
     """The fact that ended it, packed: unpacked they are most of the conductor's memory."""
     late: tuple[LateAttempt, ...] = ()
     steered: tuple[SteeredAttempt, ...] = ()
+    recording: RecordingObject | None = None
+    """Recording of its committed attempt in the result store; None: there is none, or not yet."""
 
     @property
     def alone(self) -> bool:

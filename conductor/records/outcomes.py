@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import msgspec
+from msgspec import UNSET, UnsetType
 
 from conductor.core.facts import Committed
 from conductor.core.fold import agrees
@@ -18,6 +19,7 @@ from schemas import SCHEMA_VERSION
 from schemas.case import Clock
 from schemas.device_class import is_portable, result_class
 from schemas.files.json_text import JsonError, decode_json
+from schemas.files.recording import RecordingObject
 from schemas.files.regular_file import RUN_FILE_BYTES_MAX, read_regular
 from schemas.messages import PerceptionCost
 from schemas.sections.autonomy import Told
@@ -83,6 +85,8 @@ class CaseOutcome(Judged, msgspec.Struct, frozen=True, kw_only=True):
     """How it went by the wall clock; None: in lockstep."""
     steered: list[str] = []
     """Attempts without a verdict, because of interventions."""
+    recording: RecordingObject | UnsetType = UNSET
+    """Recording of the committed attempt in the run's result store; unset: there is none."""
 
 
 class Outcomes(msgspec.Struct, frozen=True, kw_only=True):
@@ -297,4 +301,5 @@ def _case(case: CaseState, portable: bool) -> CaseOutcome:
         rig_wall_s=end.result.rig_wall_s,
         realtime=end.result.realtime,
         late=late,
+        recording=UNSET if case.recording is None else case.recording,
     )

@@ -20,6 +20,7 @@ from conductor.records.outcomes import exit_code, read_outcomes
 from conductor.run.case_lengths import earlier_lengths
 from conductor.serve.shell import Conductor
 from conductor.stored.link import StoreOptions
+from conductor.trust.manifest import RUN_FILE
 from conductor.trust.sign_run import require_agreement, sign_run
 from schemas.sections.view_mode import ViewMode
 from schemas.wire.status import counts_of
@@ -122,15 +123,18 @@ def _sign_ended(conductor: Conductor, over: threading.Event) -> None:
     last = False
     while not last:
         last = over.wait(SIGN_PERIOD_S)
-        for path in conductor.to_sign():
+        for path in conductor.to_sign(last=last):
             if path in failed and not last:
                 continue
             try:
                 if path == conductor.folder and not last:
                     continue  # the journal in it is signed when it is closed
                 require_agreement(path)
+                before = conductor.additions(path)
                 values = _fingerprint(path)
                 sign_run(path, read_outcomes(path), values, None if last else conductor.chain())
+                if conductor.additions(path) != before:  # the next pass signs it with them
+                    (path / RUN_FILE).unlink(missing_ok=True)
             except TwinError as error:
                 failed.add(path)
                 _log.error("%s is not signed: %s", path, error)

@@ -151,8 +151,13 @@ class Folders:
         self._changed.discard(campaign.campaign.campaign)
 
     def changed(self, campaign: str) -> None:
-        """A case of ``campaign`` was leased or has ended: its outcomes are due soon."""
+        """A case of ``campaign`` was leased, has ended or has a recording: its outcomes are due
+        soon."""
         self._changed.add(campaign)
+
+    def is_due(self, campaign: str) -> bool:
+        """Whether the outcomes of ``campaign`` on disk lack something that has happened."""
+        return campaign in self._changed
 
     def refresh(self, state: State) -> None:
         """Bring the outcomes of running campaigns up to date, if it is time: for reports."""

@@ -24,6 +24,7 @@ from conductor.core.facts import (
     Generation,
     LateAttempt,
     Pinned,
+    RecordingStored,
     Relocated,
     Replied,
     Retried,
@@ -51,6 +52,7 @@ from conductor.stored.successor import lacking
 from conductor.trust.judge_feed import JudgeFeed
 from conductor.trust.manifest import RUN_FILE
 from conductor.trust.sign_run import reopen
+from schemas.sections.view_mode import ViewMode
 from schemas.wire import topics
 from schemas.wire.codec import decode, encode
 from schemas.wire.control import Reply, Request
@@ -79,6 +81,9 @@ FROZEN_MIN_S = 1.0
 """The loop was frozen when a turn of it took longer than this, and than ttl/4 [s]."""
 LINGER_S = 5.0
 """After draining, how long workers are given to hear of it and say bye [s]."""
+RECORDINGS_S = 10.0
+"""A campaign whose recordings go into a store is signed so long after the latest result or
+recording; one that comes later has it signed anew [s]."""
 
 BusFactory = Callable[[Sequence[str], str, MemberKey | None], Bus]
 """(listen endpoints, namespace, key) -> open session."""
@@ -153,6 +158,8 @@ class Conductor:
         self._replaced = False
         """Whether another conductor serves the folder: its files are none of ours."""
         self._drained_ns: int | None = None
+        self._news: dict[str, tuple[int, float]] = {}
+        """Campaign -> additions to its outcomes, and when the latest came [s]."""
         self._software = ""
         """Digest, once it was needed."""
         self._journal: Journal | None = None
@@ -356,8 +363,9 @@ class Conductor:
                 return {}
             return status(self._engine.state, time.monotonic_ns()) | self._engine.health()
 
-    def to_sign(self) -> list[Path]:
-        """Folders of campaigns that came to their end and were judged, and are not signed yet."""
+    def to_sign(self, *, last: bool = False) -> list[Path]:
+        """Folders of campaigns that came to their end and were judged, and are not signed yet;
+        ``last``: of all, whatever may still be added to them."""
         if self._engine is None or self._replaced or not self.started.is_set():
             return []
         if self.link is not None and self.link.is_bringing:
@@ -372,7 +380,26 @@ class Conductor:
         ours = ("", self._software)
         with self._lock:
             judged = [c for c in unsigned if c.software in ours and self._judge.is_done(c)]
-        return [Path(c.out) for c in judged if not c.left]
+            settled = [c for c in judged if last or self._is_settled(c)]
+        return [Path(c.out) for c in settled if not c.left]
+
+    def _is_settled(self, campaign: CampaignState) -> bool:
+        """Whether all that has happened is on disk, and its recordings have had their time."""
+        name = campaign.campaign.campaign
+        if self._folders.is_due(name):
+            return False
+        if not self._config.store or not ViewMode(campaign.campaign.view).records:
+            return True
+        return time.monotonic() - self._news.get(name, (0, -RECORDINGS_S))[1] >= RECORDINGS_S
+
+    def additions(self, folder: Path) -> int:
+        """Number of additions to the outcomes in ``folder`` since it serves; from any thread."""
+        assert self._engine is not None
+        with self._lock:
+            for name, campaign in self._engine.state.campaigns.items():
+                if Path(campaign.out) == folder:
+                    return self._news.get(name, (0, 0.0))[0]
+        return 0
 
     def chain(self) -> Chain:
         """Where its journal stands."""
@@ -412,8 +439,13 @@ class Conductor:
                     self._unsign(Path(campaigns[fact.campaign].out))
                 case LateAttempt():
                     self._unsign(Path(campaigns[fact.result.campaign].out))
+                    self._added(fact.result.campaign)
                 case Committed():
                     self._judge.put(campaigns[fact.result.campaign], fact)
+                    self._added(fact.result.campaign)
+                case RecordingStored():
+                    self._unsign(Path(campaigns[fact.campaign].out))
+                    self._added(fact.campaign)
         ended = {f.result.campaign for f in facts if isinstance(f, Committed)}
         ended |= {f.campaign for f in facts if isinstance(f, CaseEnded)}
         for name in ended:
@@ -423,6 +455,12 @@ class Conductor:
         self._folders.flush()
         self._folders.refresh(self._engine.state)
         append_events(facts, campaigns, time.time())
+
+    def _added(self, campaign: str) -> None:
+        """Something came to the outcomes of a campaign."""
+        count, _ = self._news.get(campaign, (0, 0.0))
+        self._news[campaign] = count + 1, time.monotonic()
+        self._folders.changed(campaign)
 
     def _say_known(self, campaign: CampaignState) -> None:
         """Say how many cases of a new campaign the earlier run knows, if one was given."""

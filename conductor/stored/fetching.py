@@ -1,11 +1,12 @@
 """What a report reads of a run in a store, brought into a folder.
 
 These are the small files of the campaign and the KPI files of committed attempts, and not their
-logs and recordings. What is there already is not fetched again.
+logs. Recordings are fetched where it is asked for. What is there already is not fetched again.
 
 Whoever may write the bucket may put any bytes there. So a KPI file is read by a process in the
 sandbox of stacks, as are other files of others, and what lies in the folder is written anew from
-its values; reports hold those against the digests of the outcomes.
+its values; reports hold those against the digests of the outcomes. Recordings are read by viewers,
+without a sandbox: they are fetched for a signed run alone, whose manifest covers their digests.
 """
 
 from __future__ import annotations
@@ -23,23 +24,38 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import msgspec
+from msgspec import UNSET
 
 from conductor.records.attempts import attempt_folder
 from conductor.records.outcomes import FILE_NAME as OUTCOMES_FILE
-from conductor.records.outcomes import CaseOutcome, read_outcomes
+from conductor.records.outcomes import CaseOutcome, Outcomes, read_outcomes
 from conductor.serve.folders import CAMPAIGN_FILE
 from conductor.stored.run_files import NAMES
 from conductor.stored.successor import READERS
+from conductor.trust.sign_run import require_fit
 from schemas.escape import escape
+from schemas.files.recording import (
+    RECORDING_FILE,
+    RECORDING_NOTE,
+    RecordingNote,
+    RecordingObject,
+)
 from schemas.files.regular_file import RUN_FILE_BYTES_MAX, read_regular
+from schemas.words import counted
 from twin.base.errors import EXIT_USAGE, InfrastructureError, UsageError, storage_error
 from twin.base.files import write_atomic
 from twin.base.process import PARENT_VARIABLE
 from twin.stores.objects import get_attempt, get_object, sha256_of
 from twin.stores.opening import PROBE, is_url, open_store
-from twin.stores.protocol import MissingObjectError, ResultStore
+from twin.stores.protocol import (
+    DamagedObjectError,
+    MissingObjectError,
+    ResultStore,
+    StoreError,
+)
 
 SOURCE_FILE = "store.url"
 """Says from which store a folder was fetched."""
@@ -52,6 +68,12 @@ LOCK_FILE = ".fetching"
 """Held by the commands that fetch into a folder."""
 TOLD_MAX = 20
 """Most campaigns of a store that are named in a message."""
+
+RECORDING_READERS = 2
+"""Recordings that are fetched at a time; each is held in memory as a whole."""
+
+WhichRecordings = Literal["none", "failed", "all"]
+"""Cases whose recordings are fetched; ``failed``: those that did not pass."""
 
 _log = logging.getLogger(__name__)
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,199}")
@@ -67,12 +89,20 @@ class _Fetched:
     digest: str
 
 
-def fetch_run(url: str, out: Path | None = None) -> Path:
+def fetch_run(
+    url: str,
+    out: Path | None = None,
+    recordings: WhichRecordings = "none",
+    *,
+    hint: str = "",
+) -> Path:
     """Fetch what a report reads; the folder.
 
     Args:
         url: store, or ``URL/runs/CAMPAIGN`` where it holds several.
         out: folder; None: ``runs/CAMPAIGN``.
+        recordings: those that are fetched as well. One that does not come is told, and no error.
+        hint: told with their number if there are some and none is fetched; empty: nothing is.
 
     Raises:
         UsageError: there is no such run, or the folder is another one's.
@@ -101,7 +131,54 @@ def fetch_run(url: str, out: Path | None = None) -> Path:
                 pool.map(lambda item: _fetch(store, campaign, folder, raw, *item), committed)
             )
         _write_anew([item for item in fetched if item is not None])
+    _fetch_recordings(store, folder, outcomes, recordings, hint)
     return folder
+
+
+def _fetch_recordings(
+    store: ResultStore, folder: Path, outcomes: Outcomes, which: WhichRecordings, hint: str
+) -> None:
+    """Fetch recordings into the folders of their attempts; those that are there stay.
+
+    Raises:
+        UnfitRunError: the run is not as it was signed.
+        TwinError: the disk lets us down.
+    """
+    stored = {name: row for name, row in outcomes.cases.items() if row.recording is not UNSET}
+    chosen = {name: row for name, row in stored.items() if which == "all" or not row.passed}
+    if which == "none":
+        if stored and hint:
+            _log.warning("%s: has %s; %s", store.url, counted(len(stored), "recording"), hint)
+        return
+    if chosen and require_fit(folder).manifest is None:
+        _log.warning(
+            "%s: no recording is fetched, because the run is not signed: nothing says who made "
+            "them; ask again when it has ended",
+            store.url,
+        )
+        return
+
+    def one(item: tuple[str, CaseOutcome]) -> None:
+        case, row = item
+        assert row.recording is not UNSET
+        try:
+            _fetch_recording(store, attempt_folder(folder, row.attempt_dir), row.recording)
+        except StoreError as error:  # no verdict depends on it
+            _log.warning("case %s: its recording is not fetched: %s", case, error)
+
+    with ThreadPoolExecutor(RECORDING_READERS) as pool:
+        list(pool.map(one, chosen.items()))
+
+
+def _fetch_recording(store: ResultStore, attempt: Path, stored: RecordingObject) -> None:
+    path = attempt / RECORDING_FILE
+    if not _is(path, stored.sha256, stored.size):
+        data = get_object(store, stored.sha256, stored.size)
+        if len(data) != stored.size:
+            raise DamagedObjectError(f"it has {len(data)} bytes, its run names {stored.size}")
+        _write(path, data)
+    note = RecordingNote(complete=stored.complete, sha256=stored.sha256)
+    _write(attempt / RECORDING_NOTE, msgspec.json.encode(note) + b"\n")
 
 
 @contextlib.contextmanager
@@ -201,9 +278,9 @@ def _fetch(
     return _Fetched(path, attempt, kpi.sha256)
 
 
-def _is(path: Path, digest: str) -> bool:
+def _is(path: Path, digest: str, size_max: int = RUN_FILE_BYTES_MAX) -> bool:
     try:
-        return path.is_file() and sha256_of(read_regular(path, RUN_FILE_BYTES_MAX)) == digest
+        return path.is_file() and sha256_of(read_regular(path, size_max)) == digest
     except OSError:
         return False  # written anew
 

@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 from msgspec import Meta, Struct
 
 from schemas.case import CASE_VERSION, Case
+from schemas.files.recording import RecordingObject
 from schemas.messages import PerceptionCost
 from schemas.verdict import Judged
 from schemas.wire.bounds import (
@@ -229,6 +230,18 @@ class Bye(Struct, frozen=True, tag_field="verb", tag="bye"):
     session: Session = b""
 
 
+class Recorded(Struct, frozen=True, tag_field="verb", tag="recorded"):
+    """The recording of an attempt that this worker has committed lies in the result store."""
+
+    v: int
+    worker: str
+    campaign: str
+    case: str
+    token: Token
+    recording: RecordingObject
+    session: Session = b""
+
+
 class Submit(Struct, frozen=True, tag_field="verb", tag="submit"):
     """Submit a campaign; the same campaign again is a resume."""
 
@@ -278,7 +291,7 @@ class Stop(Struct, frozen=True, tag_field="verb", tag="stop"):
     v: int
 
 
-Request = Hello | Next | Beat | Bye | Submit | Control | Explain | StatusRequest | Stop
+Request = Hello | Next | Beat | Bye | Recorded | Submit | Control | Explain | StatusRequest | Stop
 
 
 class Reply(Struct, frozen=True):

@@ -23,6 +23,7 @@ from schemas.wire.control import (
     Explain,
     Hello,
     Next,
+    Recorded,
     Request,
     StatusRequest,
     Stop,
@@ -50,7 +51,7 @@ class RpcRoute:
 
 
 _ALL = (
-    RpcRoute(topics.RPC_WORKER, (Hello, Next, Beat, Bye), WORKER_BYTES_MAX),
+    RpcRoute(topics.RPC_WORKER, (Hello, Next, Beat, Bye, Recorded), WORKER_BYTES_MAX),
     RpcRoute(topics.RPC_STATUS, (Explain, StatusRequest), COMMAND_BYTES_MAX),
     # Whoever submits says what workers run: apart from steering, so that nobody gets it with that.
     RpcRoute(topics.RPC_SUBMIT, (Submit,), MESSAGE_BYTES_MAX),

@@ -197,6 +197,8 @@ def test_reports_and_comparisons_of_nothing(marked, tmp_path):
     one_line(marked.run("conductor", "compare", nothing, nothing), 2, nothing, "outcomes.json")
     one_line(marked.run("conductor", "export", nothing, "--out", nothing), 2, "outcomes.json")
     one_line(marked.run("conductor", "report"), 2, "campaign folder", "--import-autodrive")
+    done = marked.run("conductor", "report", nothing, "--recordings", "all")
+    one_line(done, 2, "--recordings belongs to a run in a store")
     done = marked.run("conductor", "report", "--import-autodrive", nothing, "--out", nothing)
     one_line(done, 2, "config.json", "No such file")
     assert not (tmp_path / "nothing").exists()

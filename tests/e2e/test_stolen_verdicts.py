@@ -57,7 +57,7 @@ def test_a_stack_that_commits_its_own_verdict_collides_all_the_same(marked, tmp_
         (line,) = [line for line in log.splitlines() if line.startswith("ATTACK ")]
         found = json.loads(line.removeprefix("ATTACK "))
         assert {what.rpartition(" ")[2] for what in found} == {case}
-        assert len(found) == 13
+        assert len(found) == 15
         taken = {what: how for what, how in found.items() if how == "TAKEN"}
         assert not taken, "verdicts, leases and files are those of the worker that has the lease"
         assert (found[f"commit {case}"], found[f"beat {case}"]) == ("fenced", "fenced")

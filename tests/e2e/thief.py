@@ -8,6 +8,7 @@ from pathlib import Path
 from msgspec.structs import replace
 
 from schemas import SCHEMA_VERSION as V
+from schemas.files.recording import RecordingObject
 from schemas.wire import topics
 from schemas.wire.codec import decode, encode
 from schemas.wire.control import (
@@ -16,6 +17,7 @@ from schemas.wire.control import (
     Ended,
     Hello,
     Next,
+    Recorded,
     Reply,
     Request,
     Result,
@@ -62,6 +64,7 @@ def _attack(bus: Bus) -> dict[str, str]:
         given_up = [Ended(*case, token, "crash", "stolen") for token in tokens]
         sealed = [Sealed(r.token, victim, encode(r), seal(session, encode(r))) for r in forged]
         held = dict.fromkeys(map(str, tokens), 10**6)
+        film = RecordingObject("0" * 64, 1, True)
         seq = 10 * number
         requests: dict[str, Request] = {
             "commit": Next(V, me, seq, 0, results=forged, session=session),
@@ -73,6 +76,8 @@ def _attack(bus: Bus) -> dict[str, str]:
             "commit without a secret": Next(V, victim, 2**40, 0, results=forged),
             "beat as the worker": Beat(V, victim, held, session=session),
             "leave as the worker": Bye(V, victim, session=session),
+            "record": Recorded(V, me, *case, tokens[0], film, session),
+            "record as the worker": Recorded(V, victim, *case, tokens[0], film, session),
             "join as the worker": Hello(
                 *(V, victim, "h", 1, "cpu:test", software_digest(), 1), session=session
             ),

@@ -31,7 +31,10 @@ MADE = ["0.1"]
 HERE = Path(__file__).parent / "wire"
 UNIONS: dict[str, Any] = {
     **dict.fromkeys(
-        ("Hello", "Next", "Beat", "Bye", "Submit", "Control", "Explain", "StatusRequest"),
+        (
+            *("Hello", "Next", "Beat", "Bye", "Recorded"),
+            *("Submit", "Control", "Explain", "StatusRequest"),
+        ),
         control.Request,
     ),
     **dict.fromkeys(("SeenFolder", "AttemptFiles"), delivery.Delivery),

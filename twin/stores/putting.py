@@ -54,9 +54,9 @@ class Storing:
                 raise UsageError(f"the conductor's store: {error}") from None
 
     @property
-    def joined(self) -> bool:
-        """Whether there is a store."""
-        return self._store is not None
+    def store(self) -> ResultStore | None:
+        """The conductor's store; None: it has none."""
+        return self._store
 
     def look(self, lease: Lease) -> None:
         """A lease came; its results will lie where it says."""

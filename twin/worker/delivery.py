@@ -63,8 +63,11 @@ class Delivery:
         self.fenced: set[int] = set()
         """Tokens that the conductor says are not ours; their files stay here."""
 
-    def look(self, leases: Sequence[Lease]) -> list[str]:
-        """Find out about the folders of new leases; what there is to say about it."""
+    def look(self, leases: Sequence[Lease], *, stored: bool = False) -> list[str]:
+        """Find out about the folders of new leases; what there is to say about it.
+
+        ``stored``: recordings go into a result store.
+        """
         lines = []
         for lease in leases:
             if lease.case.rig.simulator == "noop":
@@ -72,9 +75,12 @@ class Delivery:
             if lease.out not in self._shared:
                 self._shared[lease.out] = self._is_shared(lease)
                 if not self._shared[lease.out]:
+                    left = "the log of resources is not"
+                    if not stored:
+                        left = "recordings and the log of resources are not"
                     lines.append(
                         f"{lease.out} is not the conductor's folder here: results are delivered "
-                        "through the fabric, recordings and the log of resources are not"
+                        f"through the fabric, {left}"
                     )
             if not self._shared[lease.out]:
                 attempt = f"cases/{lease.case.id}/attempt-{lease.attempt}"

@@ -27,7 +27,7 @@ from schemas.kinds.registry import installed_plugins
 from schemas.sections.view_mode import RECORDER
 from schemas.wire import topics
 from schemas.wire.codec import WireError, decode, encode
-from schemas.wire.control import Beat, Hello, Lease, Next, Reply, Request, Result
+from schemas.wire.control import Beat, Bye, Hello, Lease, Next, Reply, Request, Result
 from schemas.wire.rpc_routes import route_key
 from schemas.wire.site_name import host_at
 from twin.base.errors import (
@@ -58,6 +58,7 @@ from twin.rig.pipe import (
 )
 from twin.stores.protocol import StoreError
 from twin.stores.putting import Storing, meanwhile
+from twin.stores.recordings import RecordingUploads
 from twin.worker.announcement import sweep
 from twin.worker.core import SECOND_NS, Core
 from twin.worker.delivery import Delivery
@@ -176,6 +177,7 @@ class Worker:
         self.id = f"{host}-{options.device.replace(':', '')}-{secrets.token_hex(6)}"
         # In the memory of this process alone: no child inherits it, and nothing of it is written.
         session = new_secret()
+        self._recordings = RecordingUploads(self.id, session, options.view, self._request, _log)
         self._resources = ResourceLog(self.id, host, options.device, _log)
         self._core = Core(
             Hello(
@@ -261,9 +263,12 @@ class Worker:
         """Requests one after the other; the main loop never waits for the conductor."""
         while (request := self._requests.get()) is not None:
             try:
+                if isinstance(request, Bye):  # afterwards nobody believes us
+                    self._recordings.finish()
                 reply = self._next(request) if isinstance(request, Next) else self._ask(request)
                 if reply is not None and isinstance(request, Hello):
                     self._storing.join(reply.store)
+                    self._recordings.join(self._storing.store)
             except (TwinError, OSError) as error:
                 self._inbox.put(_Undeliverable(str(error)))
                 return
@@ -298,18 +303,19 @@ class Worker:
         reply = self._ask(kept)
         if reply is not None and not reply.error:
             self._storing.forget(over)
-            self._delivery.forget(over)
-            for line in self._delivery.look(reply.leases):
+            self._delivery.forget(self._recordings.settle(over, request.results, reply.fenced))
+            for line in self._delivery.look(reply.leases, stored=self._storing.store is not None):
                 _log(line)
-            for lease in reply.leases:
-                self._storing.look(self._delivery.localized(lease))
+            for lease in map(self._delivery.localized, reply.leases):
+                self._storing.look(lease)
+                self._recordings.look(lease)
         return reply
 
     def _put(self, request: Next, beat: Beat) -> Next | None:
         """The request, when all that it commits is in the store; None: it has to wait."""
         line, kept = "", request
         try:
-            if self._storing.joined:  # a thread for each request that may have to wait
+            if self._storing.store is not None:  # a thread for each request that may have to wait
                 kept = meanwhile(
                     lambda: self._stored(request), lambda: self._beat_if_due(beat), BEAT_S / 4
                 )
@@ -330,9 +336,14 @@ class Worker:
             self._ask(beat)
 
     def _ask(self, request: Request) -> Reply | None:
+        reply = self._request(request)
+        self._asked_s = time.monotonic()
+        return reply
+
+    def _request(self, request: Request) -> Reply | None:
+        """Ask the conductor, from any thread."""
         assert self._bus is not None
         data = self._bus.request(route_key(request), encode(request), REQUEST_TIMEOUT_S)
-        self._asked_s = time.monotonic()
         if data is None:
             return None
         try:

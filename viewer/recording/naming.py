@@ -5,13 +5,15 @@ from __future__ import annotations
 import hashlib
 import re
 
+from schemas.files import recording
+
 CASE_APP = "twin_case"
 """Application id of a single case's recording; blueprints belong to it."""
 OVERVIEW_APP = "twin_overview"
 """Application id of the live overview."""
 
-RECORDING_FILE = "recording.rrd"
-RECORDING_NOTE = "recording.json"
+RECORDING_FILE = recording.RECORDING_FILE
+RECORDING_NOTE = recording.RECORDING_NOTE
 """Says whether the recording beside it is complete; absent: it is not."""
 KPI_FILE = "kpi.parquet"
 

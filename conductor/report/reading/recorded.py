@@ -20,6 +20,7 @@ from conductor.report.analysis.losses import examples, moment_of
 from conductor.report.reading.axes import axis_values
 from conductor.report.reading.cache import FOLDER
 from conductor.report.reading.dossier import CaseRow, Dossier
+from schemas.files.recording import RECORDING_FILE
 from twin.base.errors import InfrastructureError
 from twin.base.files import write_atomic
 
@@ -37,7 +38,6 @@ VIEWER_MAX_S = 120.0
 
 _NOT_RECORDED = "the case was not recorded; run it again as below to see it"
 _NO_PICTURES = "logs hold none"
-_RECORDING = "recording.rrd"
 _LOG = "log.txt"
 _AROUND = ("--around-s", "1.0", "--frames", "5")
 
@@ -58,7 +58,7 @@ class Failure:
 
 def recording_of(dossier: Dossier, row: CaseRow) -> Path | None:
     """The recording of the committed attempt."""
-    path = _inside(dossier, row, _RECORDING)
+    path = _inside(dossier, row, RECORDING_FILE)
     return path if path and path.is_file() else None
 
 

@@ -1,0 +1,159 @@
+"""A run is signed when all of it is on disk, and anew when something comes to it later."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from conductor_bench import V, hello, next_of, result, secret, submit
+from waiting import PATIENCE_S, wait_for
+
+import conductor.serve.shell
+from conductor.records.outcomes import read_outcomes
+from conductor.serve import command
+from conductor.serve.command import _sign_ended
+from conductor.serve.shell import Conductor
+from conductor.stored.link import StoreOptions
+from conductor.trust.manifest import RUN_FILE
+from conductor.trust.sign_run import require_fit, sign_run
+from schemas.files.recording import RecordingObject
+from schemas.wire.control import Lease, Recorded
+from twin.base.software import software_digest
+from twin.fabric.memory_bus import MemoryHub
+
+STORED = RecordingObject("ab" * 32, 4711, True)
+
+
+@pytest.fixture
+def served(tmp_path: Path, hub: MemoryHub, monkeypatch: pytest.MonkeyPatch) -> Iterator[Conductor]:
+    """A conductor with a store and no wait for recordings."""
+    monkeypatch.setattr(conductor.serve.shell, "RECORDINGS_S", 0.0)
+    monkeypatch.setattr(conductor.serve.folders, "REFRESH_S", 0.0)
+    monkeypatch.setattr(command, "SIGN_PERIOD_S", 0.01)
+    monkeypatch.setattr(command, "_fingerprint", lambda folder: "0" * 64)
+    made = Conductor(
+        tmp_path / "state",
+        bus_factory=lambda *_: hub.open(),
+        store=StoreOptions(str(tmp_path / "store")),
+    )
+    thread = threading.Thread(target=made.serve)
+    thread.start()
+    assert made.started.wait(PATIENCE_S)
+    yield made
+    made.stop()
+    thread.join(PATIENCE_S)
+    assert not thread.is_alive()
+
+
+def ended(served: Conductor, folder: Path) -> list[Lease]:
+    """The leases of a recorded campaign whose cases have all ended."""
+    reply = served.request(submit(cases=2, out=str(folder), view="record", simulator="noop"))
+    assert not reply.error
+    served.request(hello("w1", software=software_digest()))
+    leases = served.request(next_of(worker="w1", seq=1, k=9)).leases
+    done = [result(lease, kpi="0") for lease in leases]
+    assert not served.request(next_of(worker="w1", seq=2, k=0, results=done)).error
+    return leases
+
+
+def recorded(lease: Lease) -> Recorded:
+    return Recorded(V, "w1", "alpha", lease.case.id, lease.token, STORED, secret("w1"))
+
+
+@pytest.fixture
+def signing(served: Conductor) -> Iterator[None]:
+    """What signs beside a conductor."""
+    over = threading.Event()
+    thread = threading.Thread(target=_sign_ended, args=(served, over))
+    thread.start()
+    yield
+    served.stop()
+    over.set()
+    thread.join(PATIENCE_S)
+    assert not thread.is_alive()
+
+
+@pytest.mark.usefixtures("signing")
+def test_a_recording_that_comes_late_is_signed_along(served: Conductor, tmp_path: Path) -> None:
+    folder = tmp_path / "results"
+    one, _ = ended(served, folder)
+    wait_for((folder / RUN_FILE).exists, "the signature")
+    assert not served.request(recorded(one)).error
+    name = one.case.id
+
+    def both() -> bool:
+        known = read_outcomes(folder).cases[name].recording == STORED
+        return known and (folder / RUN_FILE).exists()
+
+    wait_for(both, "the signature with the recording")
+    assert require_fit(folder).manifest is not None
+    # Again, as the answer was lost: nothing is added, and the signature stays.
+    before = (folder / RUN_FILE).stat().st_mtime_ns
+    assert not served.request(recorded(one)).error
+    assert served.additions(folder) == 3
+    assert (folder / RUN_FILE).stat().st_mtime_ns == before
+
+
+@pytest.mark.usefixtures("signing")
+def test_what_comes_while_it_is_signed_is_not_left_out(
+    served: Conductor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The outcomes change between the moment in which they are read and that of the signature."""
+    folder = tmp_path / "results"
+    begun, go_on, signed = threading.Event(), threading.Event(), []
+
+    def sign(*arguments: object) -> object:
+        if not signed:
+            begun.set()
+            assert go_on.wait(PATIENCE_S)
+        made = sign_run(*arguments)  # type: ignore[arg-type]
+        signed.append(made)
+        return made
+
+    monkeypatch.setattr(command, "sign_run", sign)
+    one, _ = ended(served, folder)
+    assert begun.wait(PATIENCE_S)
+    assert not served.request(recorded(one)).error
+    go_on.set()
+    wait_for(lambda: len(signed) > 1, "another signature")
+    wait_for((folder / RUN_FILE).exists, "the signature")
+    assert read_outcomes(folder).cases[one.case.id].recording == STORED
+    assert require_fit(folder).manifest is not None
+
+
+@pytest.mark.usefixtures("signing")
+def test_a_late_result_is_signed_along(served: Conductor, tmp_path: Path) -> None:
+    folder = tmp_path / "results"
+    software = software_digest()
+    served.request(submit(cases=1, out=str(folder), simulator="noop"))
+    for worker in ("w1", "w2"):
+        served.request(hello(worker, software=software))
+    (lost,) = served.request(next_of(worker="w1", seq=1, k=1)).leases
+    served.request(next_of(worker="w1", seq=2, k=0))  # it holds nothing: the reply was lost
+    (again,) = served.request(next_of(worker="w2", seq=1, k=1)).leases
+    done = [result(again, kpi="0")]
+    assert not served.request(next_of(worker="w2", seq=2, k=0, results=done)).fenced
+    wait_for((folder / RUN_FILE).exists, "the signature")
+    late = [result(lost, kpi="0")]
+    assert served.request(next_of(worker="w1", seq=3, k=0, results=late)).fenced == [lost.token]
+
+    def both() -> bool:
+        known = len(read_outcomes(folder).cases[lost.case.id].late) == 1
+        return known and (folder / RUN_FILE).exists()
+
+    wait_for(both, "the signature with the late result")
+    assert require_fit(folder).manifest is not None
+
+
+def test_it_is_not_signed_before_recordings_have_had_their_time(
+    served: Conductor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(conductor.serve.shell, "RECORDINGS_S", 2 * PATIENCE_S)
+    folder = tmp_path / "results"
+    ended(served, folder)
+    wait_for(lambda: served.to_sign(last=True) == [folder], "the judge")
+    assert served.to_sign() == []
+    monkeypatch.setattr(conductor.serve.shell, "RECORDINGS_S", 0.0)
+    wait_for(lambda: served.to_sign() == [folder], "the outcomes on disk")
