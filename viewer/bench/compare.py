@@ -44,6 +44,8 @@ class CourseSample:
     """A clock that does not jump [s]."""
     cpu_s: float
     """Processor time that its processes have used [s]."""
+    parts_s: dict[str, float] = field(default_factory=dict)
+    """The same by part of the campaign: simulators, stacks, conductor ... [s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +55,8 @@ class CampaignWindow:
     cases: int
     wall_s: float
     cpu_s: float
+    parts_s: dict[str, float] = field(default_factory=dict)
+    """Processor time by part of the campaign [s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +108,10 @@ def window(samples: list[CourseSample], at_once: int) -> CampaignWindow:
     if last.cases == first.cases:
         first, last = samples[0], samples[-1]
     return CampaignWindow(
-        last.cases - first.cases, last.at_s - first.at_s, last.cpu_s - first.cpu_s
+        last.cases - first.cases,
+        last.at_s - first.at_s,
+        last.cpu_s - first.cpu_s,
+        {part: used - first.parts_s.get(part, 0.0) for part, used in last.parts_s.items()},
     )
 
 
