@@ -96,15 +96,16 @@ def lag_of(lags_s: Sequence[float]) -> dict[str, float | None]:
 def window(samples: list[CourseSample], at_once: int) -> CampaignWindow:
     """The middle of a campaign that runs so many cases at once.
 
-    Left out are the first cases, while rigs and recorders start, and the last, while workers have
-    nothing to do: both are the same for a short campaign as for a long one.
+    Left out are the first two of each slot, while rigs and recorders start, and then the judge and
+    what the report is made of, and the last, while workers have nothing to do: all of it is the
+    same for a short campaign as for a long one.
     """
     total = samples[-1].cases if samples else 0
     if total < 2:
         raise UsageError(f"a campaign of {total} cases says nothing; choose one of at least 4")
-    edge = max(1, min(at_once, total // 4))
-    first = next(s for s in samples if s.cases >= edge)
-    last = next(s for s in samples if s.cases >= total - edge)
+    begin, end = (max(1, min(edge, total // 4)) for edge in (2 * at_once, at_once))
+    first = next(s for s in samples if s.cases >= begin)
+    last = next(s for s in samples if s.cases >= total - end)
     if last.cases == first.cases:
         first, last = samples[0], samples[-1]
     return CampaignWindow(

@@ -122,7 +122,8 @@ def test_the_first_and_last_cases_are_left_out():
     samples = [CourseSample(0, 10.0, 0.0)]
     samples += [CourseSample(n, 30.0 + 2 * n, 50.0 + 4 * n) for n in range(1, 20)]
     samples.append(CourseSample(20, 100.0, 400.0))
-    assert window(samples, 2) == CampaignWindow(16, 32.0, 64.0)
+    assert window(samples, 2) == CampaignWindow(14, 28.0, 56.0), "two of each slot, and one"
+    assert window(samples, 1) == CampaignWindow(17, 34.0, 68.0)
     assert window(samples, 64) == CampaignWindow(10, 20.0, 40.0), "a quarter at each end, at most"
     parts = [
         CourseSample(
@@ -130,7 +131,7 @@ def test_the_first_and_last_cases_are_left_out():
         )
         for n in range(21)
     ]
-    assert window(parts, 2).parts_s == {"stacks": 48.0, "judge": 13.0}
+    assert window(parts, 2).parts_s == {"stacks": 42.0, "judge": 13.0}
     at_once = [CourseSample(0, 1.0, 1.0), CourseSample(8, 5.0, 9.0)]
     assert window(at_once, 4) == CampaignWindow(8, 4.0, 8.0)
     with pytest.raises(UsageError, match="at least 4"):
