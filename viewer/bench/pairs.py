@@ -46,7 +46,7 @@ def compare(found: Sequence[Pair]) -> dict[str, Any]:
         "cases": found[0].alone.cases,
         "share": {
             "cases_per_min": _share([_rate(p.console) / _rate(p.alone) for p in found]),
-            "rig_wall": _share([ratio for pair in found for ratio in _case_ratios(pair)]),
+            "rig_wall": _share([one for pair in found for one in _case_ratio(pair)]),
             "cpu": _share([_load(p.alone) / _load(p.console) for p in found]),
         },
         "cases_per_min": _both(found, _rate),
@@ -127,11 +127,12 @@ def _load(run: CampaignRun) -> float:
     return (measured.cpu_s + share * measured.wall_s) / measured.cases
 
 
-def _case_ratios(pair: Pair) -> list[float]:
-    """Speed of each case with a page, relative to the same case without."""
+def _case_ratio(pair: Pair) -> list[float]:
+    """Speed of a case with a page, relative to the same case without: the median of the cases,
+    since what the machine did beside hit all of a run. Empty: no case was timed in both runs."""
     alone, console = pair.alone.rig_wall_s, pair.console.rig_wall_s
     timed = [case for case in sorted(alone) if alone[case] and console.get(case)]
-    return [alone[case] / console[case] for case in timed]
+    return [statistics.median(alone[case] / console[case] for case in timed)] if timed else []
 
 
 def _both(found: Sequence[Pair], measure: Any) -> dict[str, float]:

@@ -37,7 +37,7 @@ def test_what_the_machine_does_beside_hits_both_of_a_pair():
     made = pairs((100, 100), (200, 201), (400, 399), (100, 100.5), (200, 199))
     share = compare(made)["share"]
     assert share["cases_per_min"]["median"] == 1.0
-    assert share["rig_wall"] == {"median": 1.0, "noise": 0.0, "of": 5 * CASES}
+    assert share["rig_wall"] == {"median": 1.0, "noise": 0.0, "of": 5}
     assert misses(found(made)) == []
     told = lines(compare(made))
     assert "cases per minute: 100.0% of those without a page (within 0.5%)" in told[0]
@@ -62,6 +62,16 @@ def test_what_a_page_costs_is_told_by_part():
     }
     told = "conductor +10 ms, judge +30 ms, simulators +40 ms, console +200 ms"
     assert any(line.endswith(told) for line in lines(compare(made)))
+
+
+def test_cases_of_one_run_are_no_proof_of_each_other():
+    """What the machine did beside made all cases of a run slower: one value, and too few."""
+    once = compare(pairs((100, 100), slower=1.5))
+    assert once["share"]["rig_wall"] == {"median": 0.6667, "noise": 1.0, "of": 1}
+    assert misses({"pairs": once}) == []
+    made = pairs(*[(100, 100)] * 3)
+    untimed = CampaignRun(CASES, made[0].console.measured, "same", looked=looked())
+    assert compare([*made, Pair(made[0].alone, untimed)])["share"]["rig_wall"]["of"] == 3
 
 
 def test_one_run_that_was_disturbed_moves_no_median():
@@ -98,7 +108,7 @@ def test_what_noise_hides_is_told_and_no_miss():
     made = pairs((100, 104), (100, 80), (100, 130), slower=1.0)
     made = [Pair(p.alone, run(p.console.measured.wall_s, looked=looked())) for p in made]
     assert misses(found(made)) == []
-    once = pairs((100, 300))
+    once = pairs((100, 300), slower=3.0)
     assert misses(found(once)) == [], "one pair says nothing"
     assert "too few to be sure" in lines(compare(once))[0]
 
