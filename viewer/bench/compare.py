@@ -44,6 +44,8 @@ class CourseSample:
     """A clock that does not jump [s]."""
     cpu_s: float
     """Processor time that its processes have used [s]."""
+    parts_s: dict[str, float] = field(default_factory=dict)
+    """The same by part of the campaign: simulators, stacks, conductor ... [s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +55,8 @@ class CampaignWindow:
     cases: int
     wall_s: float
     cpu_s: float
+    parts_s: dict[str, float] = field(default_factory=dict)
+    """Processor time by part of the campaign [s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,19 +96,23 @@ def lag_of(lags_s: Sequence[float]) -> dict[str, float | None]:
 def window(samples: list[CourseSample], at_once: int) -> CampaignWindow:
     """The middle of a campaign that runs so many cases at once.
 
-    Left out are the first cases, while rigs and recorders start, and the last, while workers have
-    nothing to do: both are the same for a short campaign as for a long one.
+    Left out are the first two of each slot, while rigs and recorders start, and then the judge and
+    what the report is made of, and the last, while workers have nothing to do: all of it is the
+    same for a short campaign as for a long one.
     """
     total = samples[-1].cases if samples else 0
     if total < 2:
         raise UsageError(f"a campaign of {total} cases says nothing; choose one of at least 4")
-    edge = max(1, min(at_once, total // 4))
-    first = next(s for s in samples if s.cases >= edge)
-    last = next(s for s in samples if s.cases >= total - edge)
+    begin, end = (max(1, min(edge, total // 4)) for edge in (2 * at_once, at_once))
+    first = next(s for s in samples if s.cases >= begin)
+    last = next(s for s in samples if s.cases >= total - end)
     if last.cases == first.cases:
         first, last = samples[0], samples[-1]
     return CampaignWindow(
-        last.cases - first.cases, last.at_s - first.at_s, last.cpu_s - first.cpu_s
+        last.cases - first.cases,
+        last.at_s - first.at_s,
+        last.cpu_s - first.cpu_s,
+        {part: used - first.parts_s.get(part, 0.0) for part, used in last.parts_s.items()},
     )
 
 

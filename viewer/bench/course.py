@@ -4,11 +4,33 @@ from __future__ import annotations
 
 import json
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 import psutil
 
 from viewer.bench.compare import CourseSample
+
+PARTS = {
+    ("twin", "sim"): "simulators",
+    ("twin", "worker"): "workers",
+    ("twin", "judge"): "judge",
+    ("devkit", "host"): "stacks",
+    ("conductor", "run"): "conductor",
+    ("twin.fabric.front.process",): "front",
+}
+"""Module and command of a process -> part of a campaign that it is."""
+OTHERS = "others"
+
+
+def part_of(words: Sequence[str]) -> str:
+    """Part of a campaign that a process is, by its command line."""
+    if "-m" not in words:
+        return OTHERS
+    # Of a sandbox, whose own options come first, the last one.
+    first = len(words) - 1 - list(reversed(words)).index("-m")
+    module, command = (*words[first + 1 : first + 3], "", "")[:2]
+    return PARTS.get((module, command)) or PARTS.get((module,), OTHERS)
 
 
 class CampaignCourse:
@@ -37,7 +59,9 @@ class CampaignCourse:
         self.workers = len(self._names)
         if (self._cases, bool(self._names)) == before:
             return False
-        self.samples.append(CourseSample(self._cases, time.monotonic(), self._used_s()))
+        used_s = self._used_s()
+        sample = CourseSample(self._cases, time.monotonic(), sum(used_s.values()), used_s)
+        self.samples.append(sample)
         return True
 
     def _lines(self) -> list[bytes]:
@@ -51,17 +75,18 @@ class CampaignCourse:
         self._read += len(data)
         return data.splitlines()
 
-    def _used_s(self) -> float:
-        """Processor time of the conductor and of all below it that run [s]."""
-        used = 0.0
+    def _used_s(self) -> dict[str, float]:
+        """Processor time of the conductor and of all below it that run, by part [s]."""
+        used: dict[str, float] = {}
         try:
             family = [self._process, *self._process.children(recursive=True)]
         except psutil.NoSuchProcess:
             return used
         for process in family:
             try:
-                times = process.cpu_times()
+                times, words = process.cpu_times(), process.cmdline()
             except psutil.NoSuchProcess:
                 continue
-            used += times.user + times.system
+            part = part_of(words)
+            used[part] = used.get(part, 0.0) + times.user + times.system
         return used

@@ -23,6 +23,8 @@ PATIENCE_S = 30.0
 """Longest time for an answer [s]."""
 POLL_S = 0.2
 """Time between two looks for the first campaign [s]."""
+RUNS_S = 3.0
+"""Time between two looks for further campaigns, as of the page in a browser [s]."""
 
 
 def main(url: str) -> None:
@@ -55,6 +57,7 @@ class _Page:
         self._cases: list[str] = []
         self._waiting: dict[int, tuple[int, float]] = {}
         """Place of a case -> number of its picture, and when it was made."""
+        self._runs_s = time.monotonic()
         self._change = threading.Condition()
         self._line = http.client.HTTPConnection(address, timeout=PATIENCE_S)
         self.seen = 0
@@ -81,23 +84,25 @@ class _Page:
         threading.Thread(target=tell, daemon=True).start()
 
     def event(self, kind: str, data: dict) -> None:  # type: ignore[type-arg]
-        """Take in what was said."""
+        """Take in what was said, and ask for what the wall in a browser asks for."""
+        now_s = time.monotonic()
+        if now_s - self._runs_s >= RUNS_S:  # the stream says something every second
+            self._runs_s = now_s
+            _get(self._line, "data/runs.json")
         if kind == "hello" or (kind == "table" and data.get("reset")):
             self._cases = _get(self._line, f"{self._base}/table.json".lstrip("/"))["cases"]
         elif kind == "table":
             self._cases += data["cases"]
-        elif kind == "workers":
-            _get(self._line, f"{self._base}/workers.json".lstrip("/"))
         elif kind == "picture":
-            now_s = time.monotonic()
             with self._change:
                 self._known &= data["from"] == "simulator"
-                self._waiting |= {
+                fresh = {
                     index: (number, now_s - age_s)
                     for index, number, _, age_s in data["pictures"]
                     if index < SEEN
                 }
-                self._change.notify_all()
+                self._waiting |= fresh
+                self._change.notify(len(fresh))
 
     def _load(self) -> None:
         line = http.client.HTTPConnection(self._address, timeout=PATIENCE_S)

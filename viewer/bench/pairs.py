@@ -20,6 +20,8 @@ MODES = ("alone", "console")
 """With a console and a page of it, and with neither; both show themselves to whoever asks."""
 SHARE_MIN = 0.98
 """Target: cases per minute with a page, of those without [-]."""
+CONSOLE = "console"
+"""Its own part in what a page costs."""
 NAMES = {
     "cases_per_min": "cases per minute",
     "rig_wall": "speed of the rigs, case by case",
@@ -44,11 +46,12 @@ def compare(found: Sequence[Pair]) -> dict[str, Any]:
         "cases": found[0].alone.cases,
         "share": {
             "cases_per_min": _share([_rate(p.console) / _rate(p.alone) for p in found]),
-            "rig_wall": _share([ratio for pair in found for ratio in _case_ratios(pair)]),
+            "rig_wall": _share([one for pair in found for one in _case_ratio(pair)]),
             "cpu": _share([_load(p.alone) / _load(p.console) for p in found]),
         },
         "cases_per_min": _both(found, _rate),
         "cpu_s_per_case": _both(found, _load),
+        "cpu_more_s_per_case": _more(found),
         "console_cpu_share": round(statistics.median(seen.cpu_share for seen in looked), 4),
         "pictures": sum(seen.pictures for seen in looked),
         **lag_of([lag_s for seen in looked for lag_s in seen.lags_s]),
@@ -78,6 +81,7 @@ def lines(found: dict[str, Any]) -> list[str]:
         f"medians of {found['cases']} cases: {rates['console']} cases/min with a page, "
         f"{rates['alone']} without; {loads['console']} and {loads['alone']} processor seconds per "
         f"case, the console's included: {found['console_cpu_share']:.1%} of a core",
+        f"processor time per case, more with a page than without: {_parts(found)}",
         lag_line(found),
         f"results {'the same' if found['same_results'] else 'DIFFER'}",
     ]
@@ -123,11 +127,12 @@ def _load(run: CampaignRun) -> float:
     return (measured.cpu_s + share * measured.wall_s) / measured.cases
 
 
-def _case_ratios(pair: Pair) -> list[float]:
-    """Speed of each case with a page, relative to the same case without."""
+def _case_ratio(pair: Pair) -> list[float]:
+    """Speed of a case with a page, relative to the same case without: the median of the cases,
+    since what the machine did beside hit all of a run. Empty: no case was timed in both runs."""
     alone, console = pair.alone.rig_wall_s, pair.console.rig_wall_s
     timed = [case for case in sorted(alone) if alone[case] and console.get(case)]
-    return [alone[case] / console[case] for case in timed]
+    return [statistics.median(alone[case] / console[case] for case in timed)] if timed else []
 
 
 def _both(found: Sequence[Pair], measure: Any) -> dict[str, float]:
@@ -135,6 +140,40 @@ def _both(found: Sequence[Pair], measure: Any) -> dict[str, float]:
         "console": round(statistics.median(measure(pair.console) for pair in found), 3),
         "alone": round(statistics.median(measure(pair.alone) for pair in found), 3),
     }
+
+
+def _more(found: Sequence[Pair]) -> dict[str, float]:
+    """Processor time per case that each part takes more with a page than without: medians of the
+    pairs [s]. The console's own is among them; the page is a browser's, on another machine."""
+
+    def used_s(run: CampaignRun, part: str) -> float:
+        if part == CONSOLE:
+            return 0.0 if run.looked is None else run.looked.cpu_share * run.measured.wall_s
+        return run.measured.parts_s.get(part, 0.0)
+
+    def per_case_s(run: CampaignRun, part: str) -> float:
+        return used_s(run, part) / run.measured.cases
+
+    parts = {
+        part
+        for pair in found
+        for run in (pair.alone, pair.console)
+        for part in run.measured.parts_s
+    }
+    return {
+        part: round(
+            statistics.median(
+                per_case_s(p.console, part) - per_case_s(p.alone, part) for p in found
+            ),
+            4,
+        )
+        for part in [*sorted(parts), CONSOLE]
+    }
+
+
+def _parts(found: dict[str, Any]) -> str:
+    more = found["cpu_more_s_per_case"]
+    return ", ".join(f"{part} {1000 * more_s:+.0f} ms" for part, more_s in more.items())
 
 
 def _words(name: str, share: dict[str, float]) -> str:

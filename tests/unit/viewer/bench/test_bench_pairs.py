@@ -11,9 +11,9 @@ from viewer.bench.running import Onlooker
 CASES = 10
 
 
-def run(wall_s, cpu_s=None, looked=None, fingerprint="same", slower=1.0):
-    """Ten cases in so many seconds, and of one core unless said."""
-    measured = CampaignWindow(CASES, wall_s, wall_s if cpu_s is None else cpu_s)
+def run(wall_s, cpu_s=None, looked=None, fingerprint="same", slower=1.0, **parts_s):
+    """Ten cases in so many seconds, and of one core unless said; ``parts_s``: by part."""
+    measured = CampaignWindow(CASES, wall_s, wall_s if cpu_s is None else cpu_s, parts_s)
     walls = {f"c{n}": slower * (5.0 + n) for n in range(CASES)}
     return CampaignRun(CASES, measured, fingerprint, rig_wall_s=walls, looked=looked)
 
@@ -37,12 +37,41 @@ def test_what_the_machine_does_beside_hits_both_of_a_pair():
     made = pairs((100, 100), (200, 201), (400, 399), (100, 100.5), (200, 199))
     share = compare(made)["share"]
     assert share["cases_per_min"]["median"] == 1.0
-    assert share["rig_wall"] == {"median": 1.0, "noise": 0.0, "of": 5 * CASES}
+    assert share["rig_wall"] == {"median": 1.0, "noise": 0.0, "of": 5}
     assert misses(found(made)) == []
     told = lines(compare(made))
     assert "cases per minute: 100.0% of those without a page (within 0.5%)" in told[0]
     assert "pictures at most 0.6 s behind the simulators, mostly 0.5 s" in told
     assert not any("not shown" in line for line in told)
+
+
+def test_what_a_page_costs_is_told_by_part():
+    """Medians of the pairs; a part that ran with a page alone counts from nothing."""
+    made = [
+        Pair(
+            run(100, simulators=50.0, conductor=2.0),
+            run(100, looked=looked(share=0.02), simulators=used_s, conductor=2.1, judge=0.3),
+        )
+        for used_s in (50.4, 50.2, 90.0)
+    ]
+    assert compare(made)["cpu_more_s_per_case"] == {
+        "conductor": 0.01,
+        "judge": 0.03,
+        "simulators": 0.04,
+        "console": 0.2,
+    }
+    told = "conductor +10 ms, judge +30 ms, simulators +40 ms, console +200 ms"
+    assert any(line.endswith(told) for line in lines(compare(made)))
+
+
+def test_cases_of_one_run_are_no_proof_of_each_other():
+    """What the machine did beside made all cases of a run slower: one value, and too few."""
+    once = compare(pairs((100, 100), slower=1.5))
+    assert once["share"]["rig_wall"] == {"median": 0.6667, "noise": 1.0, "of": 1}
+    assert misses({"pairs": once}) == []
+    made = pairs(*[(100, 100)] * 3)
+    untimed = CampaignRun(CASES, made[0].console.measured, "same", looked=looked())
+    assert compare([*made, Pair(made[0].alone, untimed)])["share"]["rig_wall"]["of"] == 3
 
 
 def test_one_run_that_was_disturbed_moves_no_median():
@@ -79,7 +108,7 @@ def test_what_noise_hides_is_told_and_no_miss():
     made = pairs((100, 104), (100, 80), (100, 130), slower=1.0)
     made = [Pair(p.alone, run(p.console.measured.wall_s, looked=looked())) for p in made]
     assert misses(found(made)) == []
-    once = pairs((100, 300))
+    once = pairs((100, 300), slower=3.0)
     assert misses(found(once)) == [], "one pair says nothing"
     assert "too few to be sure" in lines(compare(once))[0]
 

@@ -24,7 +24,7 @@ from viewer.bench.compare import (
     lines,
     window,
 )
-from viewer.bench.course import CampaignCourse
+from viewer.bench.course import CampaignCourse, part_of
 from viewer.bench.running import BenchOptions
 
 
@@ -122,8 +122,16 @@ def test_the_first_and_last_cases_are_left_out():
     samples = [CourseSample(0, 10.0, 0.0)]
     samples += [CourseSample(n, 30.0 + 2 * n, 50.0 + 4 * n) for n in range(1, 20)]
     samples.append(CourseSample(20, 100.0, 400.0))
-    assert window(samples, 2) == CampaignWindow(16, 32.0, 64.0)
+    assert window(samples, 2) == CampaignWindow(14, 28.0, 56.0), "two of each slot, and one"
+    assert window(samples, 1) == CampaignWindow(17, 34.0, 68.0)
     assert window(samples, 64) == CampaignWindow(10, 20.0, 40.0), "a quarter at each end, at most"
+    parts = [
+        CourseSample(
+            n, 2.0 * n, 4.0 * n, {"stacks": 3.0 * n, **({"judge": n - 5.0} if n > 5 else {})}
+        )
+        for n in range(21)
+    ]
+    assert window(parts, 2).parts_s == {"stacks": 42.0, "judge": 13.0}
     at_once = [CourseSample(0, 1.0, 1.0), CourseSample(8, 5.0, 9.0)]
     assert window(at_once, 4) == CampaignWindow(8, 4.0, 8.0)
     with pytest.raises(UsageError, match="at least 4"):
@@ -144,6 +152,26 @@ def test_a_campaign_is_looked_at_as_it_goes(tmp_path):
     assert [sample.cases for sample in course.samples] == [0, 1]
     assert course.workers == 2
     assert 0 < course.samples[0].cpu_s <= course.samples[1].cpu_s
+    assert all(sum(s.parts_s.values()) == s.cpu_s for s in course.samples)
+
+
+@pytest.mark.parametrize(
+    ("line", "part"),
+    [
+        ("/v/bin/python -m conductor run a.yaml --out o", "conductor"),
+        ("python3 -m twin.fabric.front.process", "front"),
+        ("python3 -m twin worker --connect -", "workers"),
+        ("python3 -m twin sim cpu", "simulators"),
+        ("python3 -m twin judge --claims", "judge"),
+        ("bwrap --ro-bind -m x -- python3 -m devkit host --connect -", "stacks"),
+        ("python3 -m twin bench", "others"),
+        ("python3 -m", "others"),
+        ("sh -c true", "others"),
+        ("", "others"),
+    ],
+)
+def test_processes_are_told_apart_by_their_command_lines(line, part):
+    assert part_of(line.split()) == part
 
 
 def test_what_people_read():
