@@ -115,6 +115,9 @@ def test_a_running_case_is_seen_paused_and_heals(marked, pages, tmp_path):
         online = page.locator(".online")
         expect(online).to_have_text("live")
         page.get_by_role("link", name="Summary").last.click()
+        now = page.locator("section").filter(has=page.get_by_role("heading", name="Running now"))
+        expect(now.get_by_role("link", name=name)).to_be_visible()
+        expect(now.get_by_alt_text(f"What the camera of {name} saw")).to_be_visible()
         page.get_by_role("link", name="Open the wall").click()
         expect(page.locator(".frame canvas")).to_have_attribute("data-tiles", "2")
         run = re.search(r"#/run/([^/]+)/wall", page.url)[1]

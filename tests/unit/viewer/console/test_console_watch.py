@@ -92,6 +92,13 @@ def test_a_campaign_without_a_folder_is_known_from_what_is_heard():
     assert table["version"] == event["version"]
     (row,) = heard.read("runs.json")["runs"]
     assert (row["state"], row["cases"], row["done"]) == ("running", 4, 1)
+    assert row["running"] == 2
+    heard.status(running=["c1", "c2"])  # the lease of a case that has just ended
+    (row,) = heard.read("runs.json")["runs"]
+    assert row["running"] == 1
+    heard.watch.turn(heard.now_s + 2 * SILENCE_S)
+    (row,) = heard.read("runs.json")["runs"]
+    assert row["running"] is None, "nobody knows"
 
 
 def test_a_folder_that_is_at_hand_is_the_campaigns(tmp_path):

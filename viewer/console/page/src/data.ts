@@ -18,6 +18,8 @@ export interface RunSummary {
   error?: string | null;
   cases: number;
   done: number;
+  /** Cases that workers have now; null: no conductor says it. */
+  running?: number | null;
   verdicts: Record<string, number>;
   started_s: number | null;
   elapsed_s: number | null;
