@@ -5,10 +5,10 @@ import os
 import signal
 import subprocess
 import sys
-from pathlib import Path
 
 import psutil
 import pytest
+from ssh_stand_in import put_first
 from test_viewer_link import hear, serve
 from waiting import PATIENCE_S, wait_for
 
@@ -23,23 +23,12 @@ from viewer.live.slots import LatestSlots
 from viewer.live.tunnel import Far, Tunnel
 from viewer.playback import native
 
-FAKE = Path(__file__).with_name("fake_ssh.py")
-
 
 @pytest.fixture
 def calls(tmp_path, monkeypatch):
     """What ssh was called with so far."""
-    folder = tmp_path / "bin"
-    folder.mkdir()
-    script = folder / "ssh"
-    script.write_text(f'#!/bin/sh\nexec {sys.executable} {FAKE} "$@"\n')
-    script.chmod(0o755)
-    log = tmp_path / "ssh.log"
-    log.touch()
-    monkeypatch.setenv("PATH", f"{folder}:{os.environ['PATH']}")
-    monkeypatch.setenv("FAKE_SSH_LOG", str(log))
     monkeypatch.setattr(tunnel, "PAUSE_S", 0.1)
-    return lambda: [json.loads(line) for line in log.read_text().splitlines()]
+    return put_first(tmp_path, monkeypatch)
 
 
 @pytest.fixture
@@ -166,15 +155,36 @@ def test_a_tunnel_that_falls_is_dug_again(opened, calls, port, monkeypatch):
     for name, value in (("SILENCE_S", 0.6), ("ASK_S", 0.5), ("PERIOD_S", 0.1)):
         monkeypatch.setattr(linking, name, value)
     serve(opened, port)
-    link = link_through(opened, dig(opened, connect=f"tcp/127.0.0.1:{port}"))
+    way = dig(opened, connect=f"tcp/127.0.0.1:{port}")
+    link = link_through(opened, way)
     hear(link, Status)
+    assert way.standing() == way.standing(), "it digs nothing"
+    assert len(calls()) == 1
     os.kill(calls()[0]["pid"], signal.SIGKILL)
     while "connected" not in hear(link, Said).line:
         pass
     hear(link, Status)
+    assert way.standing().endpoint.startswith("tcp/127.0.0.1:")
     first, second = calls()
     assert "BatchMode=yes" not in first["-o"]
     assert "BatchMode=yes" in second["-o"], "the terminal is in use"
+
+
+def test_who_only_asks_for_the_tunnel_never_waits_for_it(opened, calls, port):
+    way = dig(opened, connect=f"tcp/127.0.0.1:{port}")
+    with pytest.raises(UnreachableError, match="tunnel to me@login does not stand"):
+        way.standing()
+    target = way.target()
+    assert way.standing() == target
+    os.kill(calls()[0]["pid"], signal.SIGKILL)
+    wait_for(lambda: gone(calls()[0]["pid"]), "the end of ssh")
+    with pytest.raises(UnreachableError, match="does not stand"):
+        way.standing()
+    assert way.target() == way.standing()
+    way.close()
+    with pytest.raises(UnreachableError, match="does not stand"):
+        way.standing()
+    assert len(calls()) == 2
 
 
 def test_hosts_that_are_not_there(opened, calls):
