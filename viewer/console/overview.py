@@ -127,6 +127,7 @@ def run_json(shown: ShownRun) -> dict[str, Any]:
             if (folder / RULEBOOK_FILE).is_file()
             else None,
         },
+        "away": shown.away_json(),
         "digest": ending.digest or None,
         "software": ending.software or None,
         "device_classes": ending.device_classes,

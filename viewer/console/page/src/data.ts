@@ -46,7 +46,14 @@ export interface Column {
   title: string;
 }
 
+/** Where the files of a campaign are, if none is at hand. */
+export interface Away {
+  folder: string | null;
+  command: string | null;
+}
+
 export interface RunInfo extends RunSummary {
+  away?: Away | null;
   axes: { name: string; title?: string; values: (string | number)[] }[];
   columns: Column[];
   verdict_words: VerdictKind[];
@@ -88,6 +95,7 @@ export interface Beside {
 
 export interface CaseInfo {
   case: string;
+  away?: Away | null;
   index: number;
   state: string;
   outcome: string | null;

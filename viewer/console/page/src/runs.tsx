@@ -2,6 +2,7 @@
 import type { JSX } from "preact";
 import { useMemo, useState } from "preact/hooks";
 import { actsOnRun, Acts, mayAct } from "./acts";
+import { AwayFiles } from "./away";
 import type { Atlas, RunInfo, RunSummary, Runs } from "./data";
 import { Picture } from "./details";
 import { useData } from "./hooks";
@@ -189,6 +190,7 @@ export function RunView({ run, runs }: { run: string; runs: Runs }): JSX.Element
       <Running run={run} table={table} has={has} />
       <Worst run={run} table={table} worst={worst} has={has} over={summary.state === "finished"} />
       <More run={run} info={info} />
+      {info.away && <AwayFiles away={info.away} what="Report, search, rulebook, fingerprint, films and logs" />}
     </>
   );
 }
