@@ -249,10 +249,11 @@ class Tunnel:
             return "ask for one (`conductor invite --role viewer`) and give --key FILE"
         name = f"{self._role}.key"
         state = shlex.quote(far.folder)
+        looks = "; one of the role viewer looks only" if self._role is Role.admin else ""
         return (
             f"{far.login} has none that you may read; have one made by whoever started it "
             f"(`conductor invite --role {self._role} --state {state} -o {name}`), copy it and give "
-            f"--key {name}"
+            f"--key {name}{looks}"
         )
 
     def _pause(self) -> None:

@@ -94,6 +94,10 @@ def test_a_folder_over_there_says_where(opened, calls, port, tmp_path):
     (tmp_path / "conductor.json").write_text(json.dumps({"endpoint": "tls/cn007:7447", **entry}))
     with pytest.raises(UsageError, match=r"me@login has none that you may read; .* --role viewer"):
         way.target()
+    page = Tunnel(Far("me@login", folder=str(tmp_path)), "twin", None, Role.admin)
+    opened.append(page)
+    with pytest.raises(UsageError, match=r"--role admin .* one of the role viewer looks only"):
+        page.target()
 
 
 def test_the_key_is_read_over_there_where_its_user_logs_in(opened, calls, port, tmp_path):
