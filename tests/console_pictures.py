@@ -2,6 +2,12 @@
 
 Writes the console of RUN as files, opens them in Chromium, and takes the wall and the page of the
 worst case as they stand on the screen. RUN was recorded, else there are no pictures to show.
+
+Those in docs/images are of the campaign beside this file, ten of whose twenty cases collide (three
+minutes on two cores)::
+
+    conductor run tests/console_pictures.yaml --view record --out runs/latency-limits
+    make console-pictures RUN=runs/latency-limits
 """
 
 from __future__ import annotations

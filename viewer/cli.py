@@ -9,8 +9,9 @@ import os
 import signal
 import sys
 import threading
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -21,8 +22,11 @@ from twin.base.process import PARENT_VARIABLE
 from twin.base.progress import bars
 from twin.fabric.connection_options import KeyOption
 from viewer.intervening.commands import register as register_steering
-from viewer.live.place import FarPlace, LivePlace
+from viewer.live.place import LivePlace
 from viewer.playing.commands import register as register_playing
+
+if TYPE_CHECKING:
+    from viewer.browser.serve import WebOptions
 
 app = make_app(
     "viewer",
@@ -284,7 +288,7 @@ def replay(
 @app.command()
 @with_options
 def live(
-    place: FarPlace = FarPlace(),
+    place: LivePlace = LivePlace(),
     case: Annotated[
         list[str] | None,
         typer.Option(help="Show this case in full as well; up to 8 times."),
@@ -347,7 +351,6 @@ def web(
     """Show campaigns and their cases in a browser, finished and running ones, from one loopback
     port, until Ctrl-C."""
     from twin.fabric.discovery import RunEndedError
-    from twin.fabric.keys.roles import Role
     from viewer.browser.serve import WebOptions, run_web, write_files
     from viewer.playback.folder import find_moment, find_recording
 
@@ -357,6 +360,11 @@ def web(
             "give a campaign folder, or for running cases one of --connect tls/HOST:PORT and "
             "--run FOLDER"
         )
+    if folder is not None and (place.ssh or place.node):
+        raise UsageError(
+            "--ssh is for running cases; give --run FOLDER as that host sees it, or start viewer "
+            "web over there for the files of a campaign"
+        )
     if folder is not None and focus:
         raise UsageError("--case is for running cases; give a recorded one as viewer web DIR CASE")
     if recordings and static is None:
@@ -365,17 +373,11 @@ def web(
         raise UsageError("--static writes finished campaigns; give viewer web DIR --static OUT")
     as_json = output is Output.json
     if folder is None:
-        live_options = [*place.words(), *(f"--case={name}" for name in focus or ())]
-        # The page operates; with a viewer's key it says so, and all else is shown.
-        where = place.live(role=Role.admin)
         try:
-            where.check()
+            options = _what_runs(place, focus or (), port, as_json)
         except RunEndedError:
             folder = place.run  # nothing runs there any more: what came of it is shown
         else:
-            options = WebOptions(
-                port, place.run, live=tuple(live_options), where=where, json=as_json
-            )
             raise typer.Exit(run_web(options))
     assert folder is not None
     if static is not None:
@@ -388,6 +390,24 @@ def web(
         moment = find_moment(recording, at)
     options = WebOptions(port, folder, at, case, moment, json=as_json)
     raise typer.Exit(run_web(options))
+
+
+def _what_runs(place: LivePlace, focus: Sequence[str], port: int, as_json: bool) -> WebOptions:
+    """Options of a console of what a conductor runs.
+
+    Raises:
+        RunEndedError: nothing runs there any more.
+        UsageError: the options lead nowhere.
+    """
+    from twin.fabric.keys.roles import Role
+    from viewer.browser.serve import WebOptions
+
+    # The page operates; with a viewer's key it says so, and all else is shown.
+    where = place.live(role=Role.admin)
+    where.check()
+    words = [*place.words(), *(f"--case={name}" for name in focus)]
+    folder = None if place.ssh else place.run  # with ssh it lies over there
+    return WebOptions(port, folder, live=tuple(words), where=where, json=as_json)
 
 
 def _end_with_parent() -> None:

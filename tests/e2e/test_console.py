@@ -111,6 +111,7 @@ def test_mistakes_are_one_line(marked, quiet, tmp_path):
             ([run, "--static", str(full)], "not empty"),
             ([run, "--static", f"{run}/static"], "lies in the run"),
             ([run, "--case", "x"], "--case is for running cases"),
+            ([run, "--ssh", "me@login"], "--ssh is for running cases; give --run FOLDER"),
         ]
     ]
     for child, words in done:

@@ -135,6 +135,50 @@ def test_cases_that_end_appear_without_a_reload(pages, made):
     expect(page.locator("#filter-says")).to_have_text(f"{COUNT + 1} of {COUNT + 1} cases")
 
 
+def test_the_summary_shows_what_runs_now(pages, made, tmp_path):
+    site, cases = made
+    page = pages.open(f"{site.url}#/run/{RUN}")
+    online(page, "live")
+    now = page.locator("section").filter(has=page.get_by_role("heading", name="Running now"))
+    tiles = now.get_by_role("listitem")
+    expect(tiles).to_have_count(RUNNING)
+    ended_count = f"{COUNT - RUNNING} of {COUNT} cases ended, {RUNNING} running"
+    expect(page.get_by_text(ended_count)).to_be_visible()
+    expect(tiles.last).to_contain_text("No picture yet")
+    name = cases[-1].name
+    picture = now.get_by_alt_text(f"What the camera of {name} saw")
+    for _ in range(200):  # the page hears those since it drew the case
+        site.put("picture", run=RUN, pictures=[[COUNT - 1, 5, 1.5, 3.14]])
+        page.wait_for_timeout(500)
+        if picture.is_visible():
+            break
+    expect(picture).to_have_attribute("src", re.compile(r"v=5$"))
+    late = "The picture lags at least 3.1 s behind the simulator."
+    expect(now.get_by_role("status")).to_have_text(late)
+    assert findings(page, axe_source(tmp_path)) == []
+    ended(site, COUNT - 2, "second")
+    expect(tiles).to_have_count(RUNNING - 1)
+    now.get_by_role("link", name=name).click()
+    expect(page.locator("h1")).to_have_text(name)
+
+
+def test_more_cases_than_fit_are_on_the_wall(browser, tmp_path):
+    folder = tmp_path / "many"
+    write_site(folder, COUNT, static=False, dossiers=2, running=30)
+    site, pages = LiveSite(folder), OpenedPages(browser)
+    site.start()
+    try:
+        page = pages.open(f"{site.url}#/run/{RUN}", width=420, height=860)
+        tiles = page.locator(".tiles li")
+        expect(tiles).to_have_count(8)
+        assert page.evaluate("document.documentElement.scrollWidth") <= 420
+        page.get_by_role("link", name="All 30 running cases on the wall").click()
+        expect(page.locator("#filter-says")).to_have_text(f"30 of {COUNT} cases")
+        pages.check(site.url)
+    finally:
+        site.stop()
+
+
 def test_a_cut_line_heals_where_it_was(pages, made):
     site, _ = made
     pages.allowed += CUT

@@ -8,10 +8,12 @@ import signal
 
 import pytest
 from browser_pages import CHROMIUM, CUT, PATIENCE_MS, OpenedPages, axe_source, chromium, findings
-from processes import PATIENCE_S, wait_for
+from processes import PATIENCE_S, keys_of, outcomes, wait_for
 from test_conductor_restart import serve
 from test_intervene_in_a_case import caught
 from unit.viewer.recorded_case import write
+
+from twin.fabric.discovery import find_conductor
 
 sync_api = pytest.importorskip("playwright.sync_api", reason="install the package 'playwright'")
 expect = sync_api.expect
@@ -94,6 +96,39 @@ def test_a_recorded_case_served_and_from_the_disk(marked, pages, tmp_path):
     disk.check(out.as_uri())
 
 
+def test_a_console_without_the_files_says_so_and_where_they_are(marked, pages, tmp_path):
+    """KPIs and reasons come from the conductor; nothing is said to be unrecorded that is."""
+    state = tmp_path / "state"
+    conductor = serve(marked, state)
+    there = ("--state", str(state))
+    submitted = marked.run("conductor", "submit", "chaos-16", *there)
+    assert submitted.returncode == 0, submitted.stderr
+    worker = marked.start("twin", "worker", *there, "--slots", "4", "--view", "record")
+    folder = state / "chaos-16"
+    wait_for(lambda: all(row["outcome"] for row in outcomes(folder).values()), "the end")
+    case, row = next((c, r) for c, r in outcomes(folder).items() if r["verdict"] == "collision")
+    endpoint = find_conductor(state).endpoint
+    child, url = web(marked, "--connect", endpoint, "--key", str(keys_of(state)))
+    page = pages.open(url)
+    shows = f"viewer web --run {folder.resolve()}"
+    command = page.get_by_label("Command that shows the files")
+    expect(command).to_have_text(shows)
+    page.evaluate(f"location.hash = '#/run/chaos-16/case/{case}'")
+    expect(page.locator("h1")).to_have_text(case)
+    expect(page.get_by_text(row["reasons"][0])).to_be_visible()
+    speed = page.get_by_role("region", name="KPIs").get_by_role("row", name="impact_speed_mps")
+    expect(speed).to_contain_text("m/s")
+    expect(command).to_have_text(shows)
+    expect(page.get_by_text("No film: the files of the campaign are not here.")).to_be_visible()
+    assert page.get_by_text("not recorded").count() == 0
+    repeat = page.get_by_label("Command that repeats this case")
+    expect(repeat).to_contain_text(f"conductor run {folder.resolve()}/campaign.yaml --case {case}")
+    assert findings(page, axe_source(tmp_path)) == []
+    for process in (child, worker, conductor):
+        process.send_signal(signal.SIGINT)
+        process.wait(PATIENCE_S)
+
+
 def test_a_running_case_is_seen_paused_and_heals(marked, pages, tmp_path):
     """The server is killed, then the conductor; the page goes on without being loaded again."""
     pages.allowed += CUT
@@ -115,6 +150,9 @@ def test_a_running_case_is_seen_paused_and_heals(marked, pages, tmp_path):
         online = page.locator(".online")
         expect(online).to_have_text("live")
         page.get_by_role("link", name="Summary").last.click()
+        now = page.locator("section").filter(has=page.get_by_role("heading", name="Running now"))
+        expect(now.get_by_role("link", name=name)).to_be_visible()
+        expect(now.get_by_alt_text(f"What the camera of {name} saw")).to_be_visible()
         page.get_by_role("link", name="Open the wall").click()
         expect(page.locator(".frame canvas")).to_have_attribute("data-tiles", "2")
         run = re.search(r"#/run/([^/]+)/wall", page.url)[1]

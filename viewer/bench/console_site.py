@@ -154,6 +154,7 @@ def summary_of(run: str, cases: list[MadeCase], *, running: bool) -> dict[str, A
         "cases": len(cases),
         "done": ended,
         "verdicts": {name: n for name, n in counts.items() if name},
+        "running": counts.get("", 0) if running else None,
         "started_s": 1000.0,
         "elapsed_s": 723.0,
         "eta_s": 60.0 if running else None,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hmac
 import secrets
 import threading
+from collections.abc import Callable
 from typing import Annotated
 
 import msgspec
@@ -20,10 +21,10 @@ from schemas.wire.interventions import Action
 from schemas.wire.rpc_routes import route_key
 from twin.base.errors import TwinError, UnreachableError, UsageError
 from twin.fabric.bus import Bus
+from twin.fabric.discovery import Target
 from twin.fabric.interventions import Attempt, carry_out, running
 from twin.fabric.keys.rights import Act, may
 from twin.fabric.zenoh_bus import join
-from viewer.live.command import LiveOptions
 
 ASK_S = 5.0
 """Longest time the conductor may take to answer [s]."""
@@ -46,11 +47,14 @@ class PanelRequest(Struct, frozen=True, forbid_unknown_fields=True):
 class Desk:
     """One session for all pages, opened when first needed and again after it broke."""
 
-    def __init__(self, where: LiveOptions) -> None:
+    def __init__(self, resolve: Callable[[], Target]) -> None:
+        """Make a desk without a session; ``resolve``: where the conductor is now."""
         self.token = secrets.token_urlsafe(16)
         """What a page must know: it stands in the address that we print, and nowhere else."""
-        self._where = where
+        self._resolve = resolve
         self._bus: Bus | None = None
+        self._endpoint = ""
+        """Where that session leads."""
         self._lock = threading.Lock()
 
     def knows(self, token: str) -> bool:
@@ -94,7 +98,7 @@ class Desk:
         Raises:
             TwinError: there is no conductor, or no key that fits.
         """
-        key = self._where.target().key
+        key = self._resolve().key
         return key is None or may(key.role, Act.ask, topics.RPC_ADMIN.key)
 
     def control(self, request: Control) -> int:
@@ -134,10 +138,12 @@ class Desk:
         return reply
 
     def _session(self) -> Bus:
+        target = self._resolve()
+        if target.endpoint != self._endpoint:
+            self._drop()  # it has moved, or the tunnel to it was dug again
         with self._lock:
             if self._bus is None:
-                target = self._where.target()
-                self._bus = join(target, CONNECT_S)
+                self._bus, self._endpoint = join(target, CONNECT_S), target.endpoint
             return self._bus
 
     def _drop(self) -> None:

@@ -66,14 +66,19 @@ def run_web(options: WebOptions) -> int:
     if options.where is None:
         _serve(ShownSite(WebViewer(), console, options.at), options, stop)
         return 0
-    desk, hub = Desk(options.where), LiveHub(options.live, stop)
-    here = options.where.run is not None
-    live = LiveConsole(console, options.where.target, desk, here=here, say=say)
+    tunnel = options.where.tunnel()
+    resolve = options.where.target if tunnel is None else tunnel.target
+    # Pages ask while the tunnel is dug; they must not wait for it, nor dig a second one.
+    desk = Desk(resolve if tunnel is None else tunnel.standing)
+    hub = LiveHub(options.live, stop)
+    live = LiveConsole(console, resolve, desk, here=options.folder is not None, say=say)
     try:
         live.start()
         site = ShownSite(WebViewer(), console, options.at, hub=hub.address, live=live, desk=desk)
         _serve(site, options, stop)
     finally:
+        if tunnel is not None:
+            tunnel.close()  # first: the console may be waiting for it
         live.close()
         hub.close()
         desk.close()
@@ -191,7 +196,9 @@ def _tell(front: BrowserFront, options: WebOptions) -> None:
     if options.json:
         print(json.dumps({"url": front.url + path, "laptop": [tunnel, far]}), flush=True)
         return
-    print(f"{front.url}{path}  (Ctrl-C ends)")
+    print(f"{front.url}{path}  (Ctrl-C ends)", flush=True)
+    if options.where is not None and options.where.ssh:
+        return  # this is the laptop
     print("on a laptop behind ssh:")
     print(f"  {tunnel}")
     print(f"then open {far}", flush=True)

@@ -15,7 +15,7 @@ from schemas.files.search_result import FILE_NAME as SEARCH_FILE
 from twin.base.errors import TwinError
 from viewer.console.pictures import PER_SHEET, SIZES
 from viewer.console.resources import gpus_of
-from viewer.console.run_folder import RunFolder
+from viewer.console.run_folder import CaseEnding, RunFolder
 from viewer.console.shown_run import ShownRun, component
 from viewer.console.table import verdict_words
 
@@ -47,6 +47,7 @@ def _damaged_row(shown: ShownRun, error: Exception) -> dict[str, Any]:
         "cases": 0,
         "done": 0,
         "verdicts": {},
+        "running": None,
         **dict.fromkeys(("started_s", "elapsed_s", "eta_s", "per_minute")),
         **dict.fromkeys(("workers", "gpus", "device_hours")),
     }
@@ -83,6 +84,7 @@ def _row(shown: ShownRun) -> dict[str, Any]:
         "cases": cases,
         "done": done,
         "verdicts": verdicts,
+        "running": None if live is None else _running(shown, endings),
         "started_s": times.first_s,
         "elapsed_s": elapsed_s,
         "eta_s": eta_s,
@@ -91,6 +93,11 @@ def _row(shown: ShownRun) -> dict[str, Any]:
         "gpus": gpus_of(shown.run),
         "device_hours": rig_s / 3600 if rig_s else None,
     }
+
+
+def _running(shown: ShownRun, endings: dict[str, CaseEnding]) -> int:
+    """Cases that a worker has now; one that has just ended may still be among the leases."""
+    return sum(not endings[case].outcome for case in shown.running if case in endings)
 
 
 def _state(shown: ShownRun) -> str:
@@ -120,6 +127,7 @@ def run_json(shown: ShownRun) -> dict[str, Any]:
             if (folder / RULEBOOK_FILE).is_file()
             else None,
         },
+        "away": shown.away_json(),
         "digest": ending.digest or None,
         "software": ending.software or None,
         "device_classes": ending.device_classes,

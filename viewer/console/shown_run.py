@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import hashlib
 import json
+import shlex
 import threading
 from collections import OrderedDict
 from collections.abc import Callable
@@ -104,6 +105,9 @@ class ShownRun:
     """How it goes; None: no conductor says it."""
     running: frozenset[str] = frozenset()
     """Cases that a worker has now."""
+    away: str | None = None
+    """Its folder as its conductor sees it, where no file of it is at hand; empty: nobody says where
+    that is. None: its files are at hand."""
     portable: bool = False
     """Its pages are read elsewhere: commands in them name no path of this machine."""
     live_pictures: dict[str, LivePicture] = field(default_factory=dict)
@@ -124,11 +128,20 @@ class ShownRun:
     @property
     def campaign_file(self) -> str:
         """Path of the campaign file for a command: absolute where it is at hand, else from the
-        folder that holds the campaign's."""
+        folder that holds the campaign's; or as the conductor sees it."""
+        if self.away:
+            return f"{self.away}/{CAMPAIGN_FILE}"
         path = self.run.folder / CAMPAIGN_FILE
         if not self.portable and path.is_file():
             return str(path.absolute())
         return f"{self.run.folder.name}/{CAMPAIGN_FILE}"
+
+    def away_json(self) -> dict[str, Any] | None:
+        """Where its files are, and the command that shows them there; None: they are at hand."""
+        if self.away is None:
+            return None
+        command = f"viewer web --run {shlex.quote(self.away)}" if self.away else None
+        return {"folder": self.away or None, "command": command}
 
     def endings(self) -> dict[str, CaseEnding]:
         """Endings of all cases, in the order of the table: as the outcomes have it, which are

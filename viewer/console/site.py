@@ -230,6 +230,7 @@ def _with_links(shown: ShownRun, case: str, page: dict[str, Any]) -> dict[str, A
     run, name = component(shown.run.id), component(case)
     seconds = page["moment"]["t"] if page["moment"] else 0
     there = page["links"]["recording"]
+    page["away"] = shown.away_json()
     page["links"] |= {
         "recording": f"recording/{run}/{name}.rrd" if there else None,
         "in_full": f"view?run={run}&case={name}#when=sim_time@+{seconds:g}s" if there else None,

@@ -68,6 +68,8 @@ PICTURES_MAX = 20_000
 """Most pictures of a campaign that are kept, those of ended cases among them."""
 LINES_MAX = 500
 """Lines of the conductor's log that a page is given when it comes."""
+PATH_CHARS_MAX = 4096
+"""Longest path of a folder of the conductor that is shown [characters]."""
 CAMPAIGNS_MAX = 256
 """Campaigns of one conductor that are shown."""
 
@@ -242,6 +244,7 @@ class LiveWatch:
             cases, left = row.get("cases", 0), row.get("left", 0)
             if isinstance(shown.run, RemoteRun):
                 shown.run.complete = left == 0
+                shown.away = escape(row.get("out", ""), PATH_CHARS_MAX)
             pace = self._paces.setdefault(name, Throughput())
             shown.live = LiveFigures(
                 cases=cases,
@@ -307,6 +310,7 @@ class LiveWatch:
                 shown = self._site.add(RunFolder(out))
         else:
             shown = self._site.add(RemoteRun(name))
+            shown.away = ""
         self._runs[name] = shown
         shown.campaign = name
         return shown

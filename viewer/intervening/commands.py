@@ -12,7 +12,7 @@ from schemas.wire.bounds import STEPS_MAX
 from twin.base.cli import Output, OutputOption
 from twin.base.errors import UsageError
 from twin.base.option_record import with_options
-from viewer.live.place import FarPlace
+from viewer.live.place import LivePlace
 
 if TYPE_CHECKING:
     from schemas.wire.interventions import Action
@@ -42,7 +42,7 @@ def register(app: typer.Typer) -> None:
 def set_(
     case: Case,
     settings: Words,
-    place: FarPlace = FarPlace(),
+    place: LivePlace = LivePlace(),
     campaign: Campaign = "",
     output: OutputOption = Output.human,
 ) -> None:
@@ -65,7 +65,7 @@ def set_(
 def step(
     case: Case,
     ticks: Annotated[int, typer.Argument(min=1, max=STEPS_MAX, help="Control ticks.")] = 1,
-    place: FarPlace = FarPlace(),
+    place: LivePlace = LivePlace(),
     campaign: Campaign = "",
     output: OutputOption = Output.human,
 ) -> None:
@@ -77,7 +77,7 @@ def step(
 
 def takeover(
     case: Case,
-    place: FarPlace = FarPlace(),
+    place: LivePlace = LivePlace(),
     campaign: Campaign = "",
 ) -> None:
     """Drive a running case by the keyboard of this terminal, in real time, until Q.
@@ -101,7 +101,7 @@ _PLAIN = {
 def _plain(name: str):  # type: ignore[no-untyped-def]
     def command(
         case: Case,
-        place: FarPlace = FarPlace(),
+        place: LivePlace = LivePlace(),
         campaign: Campaign = "",
         output: OutputOption = Output.human,
     ) -> None:
@@ -123,7 +123,7 @@ def _intervene(
     raise typer.Exit(intervene(options, actions, objects))
 
 
-def _options(case: str, place: FarPlace, campaign: str, output: Output) -> InterventionOptions:
+def _options(case: str, place: LivePlace, campaign: str, output: Output) -> InterventionOptions:
     from twin.fabric.keys.roles import Role
     from viewer.intervening.command import InterventionOptions
 

@@ -24,7 +24,8 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LivePlace:
-    """Options that say whose cases are meant; see :func:`twin.base.option_record.with_options`."""
+    """Options that say whose cases are meant, also behind a login node; see
+    :func:`twin.base.option_record.with_options`."""
 
     connect: ConnectOption = ""
     run: Annotated[
@@ -36,26 +37,6 @@ class LivePlace:
     namespace: NamespaceOption = NAMESPACE
     key: KeyOption = None
     insecure: InsecureOption = False
-
-    def words(self) -> list[str]:
-        """Options that mean the same cases for another command of ours."""
-        words = ["--connect", self.connect] if self.connect else []
-        words += ["--run", str(self.run)] if self.run is not None else []
-        words += ["--namespace", self.namespace, *(["--key", str(self.key)] if self.key else [])]
-        return [*words, *(["--insecure"] if self.insecure else [])]
-
-    def live(self, **more: Any) -> LiveOptions:
-        """The options of `viewer live`; ``more``: further fields of :class:`LiveOptions`."""
-        from viewer.live.command import LiveOptions
-
-        place = {"connect": self.connect, "run": self.run}
-        return LiveOptions(**place, namespace=self.namespace, key=self.key, **more)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FarPlace(LivePlace):
-    """Options that say whose cases are meant, also behind a login node."""
-
     ssh: Annotated[
         str,
         typer.Option(help="Open a tunnel: --run or --connect as this host sees it, e.g. me@login."),
@@ -64,6 +45,23 @@ class FarPlace(LivePlace):
         str, typer.Option(help="With --ssh: host behind it that the tunnel ends at, e.g. cn042.")
     ] = ""
 
+    def words(self) -> list[str]:
+        """Options that mean the same cases for another command of ours."""
+        words = ["--connect", self.connect] if self.connect else []
+        words += ["--run", str(self.run)] if self.run is not None else []
+        words += ["--namespace", self.namespace, *(["--key", str(self.key)] if self.key else [])]
+        words += ["--ssh", self.ssh] if self.ssh else []
+        words += ["--node", self.node] if self.node else []
+        return [*words, *(["--insecure"] if self.insecure else [])]
+
     def live(self, **more: Any) -> LiveOptions:
-        """The options of `viewer live`, with the tunnel."""
-        return LivePlace.live(self, ssh=self.ssh, node=self.node, **more)
+        """The options of `viewer live`; ``more``: further fields of :class:`LiveOptions`."""
+        from viewer.live.command import LiveOptions
+
+        place: dict[str, Any] = {
+            "connect": self.connect,
+            "run": self.run,
+            "ssh": self.ssh,
+            "node": self.node,
+        }
+        return LiveOptions(**place, namespace=self.namespace, key=self.key, **more)

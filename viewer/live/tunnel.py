@@ -87,6 +87,8 @@ class Tunnel:
         self._namespace = agreed_namespace(namespace, self._key)
         self._role = role
         self._child: subprocess.Popen[bytes] | None = None
+        self._end_here: Target | None = None
+        """What :meth:`target` gave last; None: no tunnel stands."""
         self._to = ""
         """Endpoint over there that the child forwards to."""
         self._port = 0
@@ -110,8 +112,20 @@ class Tunnel:
         if self._child is None or self._child.poll() is not None or self._to != conductor.endpoint:
             self._end()
             self._open(conductor)
-        protocol = conductor.endpoint.partition("/")[0]
-        return Target(f"{protocol}/127.0.0.1:{self._port}", conductor.namespace, self._key)
+        endpoint = f"{conductor.endpoint.partition('/')[0]}/127.0.0.1:{self._port}"
+        self._end_here = Target(endpoint, conductor.namespace, self._key)
+        return self._end_here
+
+    def standing(self) -> Target:
+        """End of the tunnel on this host, at once; any thread may ask while another one digs.
+
+        Raises:
+            UnreachableError: it does not stand.
+        """
+        target, child = self._end_here, self._child
+        if target is None or child is None or child.poll() is not None:
+            raise UnreachableError(f"the tunnel to {self._far.login} does not stand")
+        return target
 
     def close(self) -> None:
         """End the tunnel for good."""
@@ -119,7 +133,7 @@ class Tunnel:
         self._end()
 
     def _end(self) -> None:
-        child, self._child = self._child, None
+        child, self._child, self._end_here = self._child, None, None
         if child is None:
             return
         if child.stdin is not None:
@@ -235,10 +249,11 @@ class Tunnel:
             return "ask for one (`conductor invite --role viewer`) and give --key FILE"
         name = f"{self._role}.key"
         state = shlex.quote(far.folder)
+        looks = "; one of the role viewer looks only" if self._role is Role.admin else ""
         return (
             f"{far.login} has none that you may read; have one made by whoever started it "
             f"(`conductor invite --role {self._role} --state {state} -o {name}`), copy it and give "
-            f"--key {name}"
+            f"--key {name}{looks}"
         )
 
     def _pause(self) -> None:

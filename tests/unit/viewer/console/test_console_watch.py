@@ -92,6 +92,13 @@ def test_a_campaign_without_a_folder_is_known_from_what_is_heard():
     assert table["version"] == event["version"]
     (row,) = heard.read("runs.json")["runs"]
     assert (row["state"], row["cases"], row["done"]) == ("running", 4, 1)
+    assert row["running"] == 2
+    heard.status(running=["c1", "c2"])  # the lease of a case that has just ended
+    (row,) = heard.read("runs.json")["runs"]
+    assert row["running"] == 1
+    heard.watch.turn(heard.now_s + 2 * SILENCE_S)
+    (row,) = heard.read("runs.json")["runs"]
+    assert row["running"] is None, "nobody knows"
 
 
 def test_a_folder_that_is_at_hand_is_the_campaigns(tmp_path):
@@ -110,6 +117,29 @@ def test_a_folder_that_is_at_hand_is_the_campaigns(tmp_path):
     columns = heard.read("runs/demo/table.json")["columns"]
     assert columns["verdict"][:2] == ["pass", "collision"]
     assert list(heard.site.runs) == ["demo"]
+
+
+def test_what_is_not_at_hand_is_said_with_where_it_is(tmp_path):
+    silent = Heard()
+    silent.status(running=["c1"])
+    assert silent.read("runs/demo/run.json")["away"] == {"folder": None, "command": None}
+    heard = Heard()
+    heard.status(out="/far/my runs/demo\x1b[2J", running=["c1"])
+    heard.committed("c1", verdict="collision", scalars={"impact_speed_mps": 3.0})
+    away = {
+        "folder": r"/far/my runs/demo\x1b[2J",
+        "command": r"viewer web --run '/far/my runs/demo\x1b[2J'",
+    }
+    assert heard.read("runs/demo/run.json")["away"] == away
+    page = heard.read("runs/demo/cases/c1/case.json")
+    assert page["away"] == away
+    assert page["repeat"].startswith(r"conductor run '/far/my runs/demo\x1b[2J/campaign.yaml' ")
+    assert [(kpi["name"], kpi["value"]) for kpi in page["kpis"]] == [("impact_speed_mps", 3.0)]
+    assert (page["film"], page["log"], page["events"]) == (None, None, [])
+    run = a_run(tmp_path / "demo", recorded=())
+    beside = Heard(run)
+    beside.status(out=run)
+    assert beside.read("runs/demo/run.json")["away"] is None
 
 
 def test_a_folder_is_not_believed_over_the_network(tmp_path):

@@ -5,10 +5,10 @@ import os
 import signal
 import subprocess
 import sys
-from pathlib import Path
 
 import psutil
 import pytest
+from ssh_stand_in import put_first
 from test_viewer_link import hear, hear_said, serve
 from waiting import PATIENCE_S, wait_for
 
@@ -22,23 +22,12 @@ from viewer.live.link import Link, LinkEnded, Status
 from viewer.live.slots import LatestSlots
 from viewer.live.tunnel import Far, Tunnel
 
-FAKE = Path(__file__).with_name("fake_ssh.py")
-
 
 @pytest.fixture
 def calls(tmp_path, monkeypatch):
     """What ssh was called with so far."""
-    folder = tmp_path / "bin"
-    folder.mkdir()
-    script = folder / "ssh"
-    script.write_text(f'#!/bin/sh\nexec {sys.executable} {FAKE} "$@"\n')
-    script.chmod(0o755)
-    log = tmp_path / "ssh.log"
-    log.touch()
-    monkeypatch.setenv("PATH", f"{folder}:{os.environ['PATH']}")
-    monkeypatch.setenv("FAKE_SSH_LOG", str(log))
     monkeypatch.setattr(tunnel, "PAUSE_S", 0.1)
-    return lambda: [json.loads(line) for line in log.read_text().splitlines()]
+    return put_first(tmp_path, monkeypatch)
 
 
 def dig(opened, **far):
@@ -99,6 +88,10 @@ def test_a_folder_over_there_says_where(opened, calls, port, tmp_path):
     (tmp_path / "conductor.json").write_text(json.dumps({"endpoint": "tls/cn007:7447", **entry}))
     with pytest.raises(UsageError, match=r"me@login has none that you may read; .* --role viewer"):
         way.target()
+    page = Tunnel(Far("me@login", folder=str(tmp_path)), "twin", None, Role.admin)
+    opened.append(page)
+    with pytest.raises(UsageError, match=r"--role admin .* one of the role viewer looks only"):
+        page.target()
 
 
 def test_the_key_is_read_over_there_where_its_user_logs_in(opened, calls, port, tmp_path):
@@ -160,15 +153,36 @@ def test_a_tunnel_that_falls_is_dug_again(opened, calls, port, monkeypatch):
     for name, value in (("SILENCE_S", 0.6), ("ASK_S", 0.5), ("PERIOD_S", 0.1)):
         monkeypatch.setattr(linking, name, value)
     serve(opened, port)
-    link = link_through(opened, dig(opened, connect=f"tcp/127.0.0.1:{port}"))
+    way = dig(opened, connect=f"tcp/127.0.0.1:{port}")
+    link = link_through(opened, way)
     hear(link, Status)
+    assert way.standing() == way.standing(), "it digs nothing"
+    assert len(calls()) == 1
     os.kill(calls()[0]["pid"], signal.SIGKILL)
     hear_said(link, "connected")
     hear(link, Status)
+    assert way.standing().endpoint.startswith("tcp/127.0.0.1:")
     first, *others = calls()  # more than one, if this machine is so busy that it fell once more
     assert "BatchMode=yes" not in first["-o"]
     assert others
     assert all("BatchMode=yes" in each["-o"] for each in others), "the terminal is in use"
+
+
+def test_who_only_asks_for_the_tunnel_never_waits_for_it(opened, calls, port):
+    way = dig(opened, connect=f"tcp/127.0.0.1:{port}")
+    with pytest.raises(UnreachableError, match="tunnel to me@login does not stand"):
+        way.standing()
+    target = way.target()
+    assert way.standing() == target
+    os.kill(calls()[0]["pid"], signal.SIGKILL)
+    wait_for(lambda: gone(calls()[0]["pid"]), "the end of ssh")
+    with pytest.raises(UnreachableError, match="does not stand"):
+        way.standing()
+    assert way.target() == way.standing()
+    way.close()
+    with pytest.raises(UnreachableError, match="does not stand"):
+        way.standing()
+    assert len(calls()) == 2
 
 
 def test_hosts_that_are_not_there(opened, calls):

@@ -2,6 +2,7 @@
 import type { JSX } from "preact";
 import { useMemo, useState } from "preact/hooks";
 import { Acts, actsOnCase, mayAct } from "./acts";
+import { AwayFiles } from "./away";
 import { type Clock, useClock, useTime } from "./clock";
 import { type Beside, type CaseInfo, file, type Runs, type Series, STATIC, statusOf } from "./data";
 import { useData, useEvents } from "./hooks";
@@ -67,7 +68,8 @@ function Why({ run, info, runs }: { run: string; info: CaseInfo; runs: Runs }): 
       <Axes info={info} />
       <h2 class="small">Repeat it</h2>
       <Command text={info.repeat} label="Command that repeats this case" />
-      {relative(info.repeat) && (
+      {info.away && <p class="dim note">On the machine of the conductor, or on one that shares its folder.</p>}
+      {!info.away && relative(info.repeat) && (
         <p class="dim note">
           In a terminal, in the folder that holds <code>{run}</code>.
         </p>
@@ -171,7 +173,14 @@ function Recorded({ run, info, series, start }: {
   const marks = useMemo(() => marksOf(info), [info]);
   const overlays = useMemo(() => (series === null ? [] : [{ label: info.case, series, dash: "solid" as const }]), [series, info.case]);
   if ((series === null || series.t.length === 0) && info.film === null) {
-    return info.outcome === null ? null : <FilmView run={run} info={info} series={null} clock={clock} label={info.case} />;
+    if (info.outcome === null) return null;
+    return (
+      <>
+        <FilmView run={run} info={info} series={null} clock={clock} label={info.case} />
+        {info.kpis.length > 0 && <Kpis info={info} />}
+        {info.away && <AwayFiles away={info.away} what="Film, KPIs over time, events, log and recording of a case" />}
+      </>
+    );
   }
   return (
     <>

@@ -18,6 +18,8 @@ export interface RunSummary {
   error?: string | null;
   cases: number;
   done: number;
+  /** Cases that workers have now; null: no conductor says it. */
+  running?: number | null;
   verdicts: Record<string, number>;
   started_s: number | null;
   elapsed_s: number | null;
@@ -44,7 +46,14 @@ export interface Column {
   title: string;
 }
 
+/** Where the files of a campaign are, if none is at hand. */
+export interface Away {
+  folder: string | null;
+  command: string | null;
+}
+
 export interface RunInfo extends RunSummary {
+  away?: Away | null;
   axes: { name: string; title?: string; values: (string | number)[] }[];
   columns: Column[];
   verdict_words: VerdictKind[];
@@ -86,6 +95,7 @@ export interface Beside {
 
 export interface CaseInfo {
   case: string;
+  away?: Away | null;
   index: number;
   state: string;
   outcome: string | null;

@@ -65,7 +65,9 @@ export function FilmView(inputs: Inputs): JSX.Element {
     return (
       <figure class="film">
         <KnownPicture run={run} info={info} />
-        <figcaption class="dim">No film: the case was not recorded (run it with --view record).</figcaption>
+        <figcaption class="dim">
+          {info.away ? "No film: the files of the campaign are not here." : "No film: the case was not recorded (run it with --view record)."}
+        </figcaption>
       </figure>
     );
   }

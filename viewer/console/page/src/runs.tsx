@@ -2,11 +2,13 @@
 import type { JSX } from "preact";
 import { useMemo, useState } from "preact/hooks";
 import { actsOnRun, Acts, mayAct } from "./acts";
+import { AwayFiles } from "./away";
 import type { Atlas, RunInfo, RunSummary, Runs } from "./data";
 import { Picture } from "./details";
 import { useData } from "./hooks";
 import { byRank, Chip, Command, Figure, kinds, Shares, VerdictSign, Waiting, wordsOf } from "./parts";
 import { address, toCase, toRun, toWall } from "./route";
+import { Running } from "./running";
 import { ordered, type Table, WORST } from "./table";
 import { useTable } from "./tables";
 import { count, hour, number, span, text } from "./words";
@@ -47,6 +49,7 @@ function Progress({ run }: { run: RunSummary }): JSX.Element {
     <>
       <p>
         <strong>{run.done}</strong> of {count(run.cases, "case")} ended
+        {run.state !== "finished" && typeof run.running === "number" && `, ${run.running || "none"} running`}
         {run.paused ? "; paused" : ""}
       </p>
       <Shares verdicts={run.verdicts} total={run.cases} />
@@ -184,8 +187,10 @@ export function RunView({ run, runs }: { run: string; runs: Runs }): JSX.Element
           </a>
         </p>
       </div>
+      <Running run={run} table={table} has={has} />
       <Worst run={run} table={table} worst={worst} has={has} over={summary.state === "finished"} />
       <More run={run} info={info} />
+      {info.away && <AwayFiles away={info.away} what="Report, search, rulebook, fingerprint, films and logs" />}
     </>
   );
 }
