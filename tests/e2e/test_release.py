@@ -169,7 +169,7 @@ def test_what_the_workers_distribution_lacks_is_one_line_at_use(dist, tmp_path):
     needs = {
         ("validate", "vehicle", "opencav", "--out", "page"): "this needs the package ",
         ("judge", "."): "this needs the package pyarrow, ",
-        ("snapshot", "page.png"): "this needs the package cv2, ",
+        ("snapshot",): "this needs the package cv2, ",
         ("worker", "--view", "record"): "--view record: recordings need the package viewer, ",
     }
     for words, wanted in needs.items():
