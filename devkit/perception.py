@@ -15,7 +15,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Protocol
 
-import cv2
 import numpy as np
 
 from devkit.images import Images
@@ -232,15 +231,14 @@ def visible_contrast(image: np.ndarray, box: Region) -> float:
     return min(signal / brightness * against_noise, 1.0)
 
 
-_LUMA_ROW = np.array([LUMA_WEIGHTS], np.float32)
+_RED, _GREEN, _BLUE = (np.uint16(weight) for weight in LUMA_WEIGHTS)
 
 
 def _luma(image: np.ndarray) -> np.ndarray:
-    """uint8 [h, w, 3] -> uint16 [h, w], 256 units per image level.
-
-    Float32 holds the products and their sum exactly, so it does not matter how they are added.
-    """
-    luma: np.ndarray = cv2.transform(image.astype(np.float32), _LUMA_ROW).astype(np.uint16)
+    """uint8 [h, w, 3] -> uint16 [h, w], 256 units per image level: at most 255 x 256."""
+    luma: np.ndarray = image[..., 0] * _RED
+    luma += image[..., 1] * _GREEN
+    luma += image[..., 2] * _BLUE
     return luma
 
 
@@ -257,7 +255,8 @@ def _noise(luma: np.ndarray) -> float:
     """
     if luma.shape[1] < 2:
         return 0.0
-    steps = cv2.absdiff(luma[:, 1:], luma[:, :-1]).ravel()
+    right, left = luma[:, 1:], luma[:, :-1]
+    steps = (np.maximum(right, left) - np.minimum(right, left)).ravel()
     middle = steps.size // 2
     steps.partition(middle)
     return float(steps[middle]) / MEDIAN_OF_DIFFERENCE

@@ -7,6 +7,7 @@ import re
 from msgspec import UNSET
 
 from schemas.campaign import Campaign
+from schemas.files.software import hardware_of
 from schemas.kinds.perception import perception_kind
 
 PORTABLE = "portable"
@@ -22,12 +23,12 @@ def result_class(portable: bool, machine: str) -> str:
 
     Args:
         portable: what :func:`is_portable` says of the campaign.
-        machine: the machine's own class, ``cpu:<instruction set>`` or ``cuda:<device name>``.
+        machine: the machine's own class (:func:`schemas.files.software.machine_class`).
 
     Returns:
         :data:`PORTABLE`, or ``machine``.
     """
-    return PORTABLE if portable and _PROVEN.fullmatch(machine) else machine
+    return PORTABLE if portable and _PROVEN.fullmatch(hardware_of(machine)) else machine
 
 
 def is_portable(campaign: Campaign) -> bool:

@@ -14,6 +14,7 @@ from conductor.bench.own import check_disk
 from conductor.bench.scale import TARGETS as SCALE_TARGETS
 from conductor.bench.scale import Scale, measure_scale
 from twin.base.errors import EXIT_FAILED, EXIT_PASS
+from twin.base.progress import bars
 
 
 def bench(tasks: int, rounds: int, cases: int, folder: Path, *, as_json: bool, check: bool) -> int:
@@ -32,7 +33,8 @@ def bench(tasks: int, rounds: int, cases: int, folder: Path, *, as_json: bool, c
     def say(line: str) -> None:
         print(line, file=sys.stderr, flush=True)
 
-    comparison = compare(tasks, rounds, folder, say) if tasks else None
+    with bars():
+        comparison = compare(tasks, rounds, folder, say) if tasks else None
     scale = measure_scale(cases, folder) if cases else None
     misses = (comparison.misses() if comparison else []) + (scale.misses() if scale else [])
     if as_json:

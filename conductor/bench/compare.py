@@ -14,6 +14,7 @@ from typing import Any
 
 from conductor.bench.own import K_MANY, SchedulerRun, measure
 from conductor.bench.peers import PACKAGES, measure_peer, missing
+from twin.base.progress import counter
 
 TARGETS = {"ratio_dask_k8": 10.0, "ratio_hyperqueue_k8": 5.0, "ratio_dask_k1": 3.0}
 """Least ratio of our rate to a peer's."""
@@ -108,6 +109,7 @@ def compare(
             comparison.missing.append(reason)
         else:
             peers.append(peer)
+    ran = counter("runs", rounds * (len(OWN) + len(peers)))
     for number in range(1, rounds + 1):
         steps: list[tuple[str, Callable[[], SchedulerRun]]] = [
             ("k8", lambda: measure(cases, K_MANY, folder)),
@@ -118,6 +120,7 @@ def compare(
         for name, step in steps:
             run = step()
             comparison.runs[name].append(run)
+            ran(1)
             say(f"round {number} of {rounds}: {name} {run.rate:.0f}/s")
     return comparison
 

@@ -37,7 +37,7 @@ from conductor.trust.signing import TRUSTED_FOLDER, fits
 from schemas.campaign import CASES_MAX
 from schemas.escape import escape
 from schemas.files.json_text import JsonError, decode_json
-from schemas.files.software import digest_of
+from schemas.files.software import is_digest_of
 from twin.base.errors import InfrastructureError, UsageError
 from twin.base.own_folder import own_folder
 
@@ -255,7 +255,7 @@ def _check_parts(shown: str, certificate: Certificate) -> None:
         if hashlib.sha256(getattr(certificate, name)).hexdigest() != getattr(head, name):
             raise InfrastructureError(f"{shown}: its {name} is not the one that was signed")
     files = certificate.files
-    if files is not None and digest_of(files, head.libraries) != head.software:
+    if files is not None and not is_digest_of(head.software, files, head.libraries):
         raise InfrastructureError(
             f"{shown}: its files and libraries are not those of the software that was signed"
         )

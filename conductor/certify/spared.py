@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from schemas.campaign import Campaign
 from schemas.device_class import is_portable
-from schemas.files.software import DECODERS, GPU_LIBRARIES, RUNTIMES, TRANSLATORS
+from schemas.files.software import DECODERS, GPU_LIBRARIES, OPENCV, RUNTIMES, TRANSLATORS
 from schemas.kinds.bridge import NONE
 
 
@@ -13,8 +13,9 @@ def spared(campaign: Campaign, *, has_assets: bool) -> frozenset[str]:
 
     Only where all that runs is ours: no stack, command or plug-in of somebody else and nothing
     behind a bridge, all of which may use what they find. Then runtimes of float networks count for
-    nothing if the campaign is portable, for it has no such network; decoders if no file that
-    somebody else made is read for its world; and translators, for no bridge runs.
+    nothing if the campaign is portable, for it has no such network (OpenCV resizes the pictures of
+    others in whole numbers); decoders if no file that somebody else made is read for its world; and
+    translators, for no bridge runs.
 
     Args:
         campaign: as it was submitted, the identity of its stack filled in.
@@ -24,5 +25,5 @@ def spared(campaign: Campaign, *, has_assets: bool) -> frozenset[str]:
     foreign = campaign.stack_identity.digest or autonomy.command or autonomy.files
     if foreign or autonomy.bridge != NONE or campaign.plugins or autonomy.placement == "node":
         return frozenset()
-    runtimes = (*RUNTIMES, *GPU_LIBRARIES) if is_portable(campaign) else ()
+    runtimes = (OPENCV, *RUNTIMES, *GPU_LIBRARIES) if is_portable(campaign) else ()
     return frozenset((*TRANSLATORS, *runtimes, *(() if has_assets else DECODERS)))

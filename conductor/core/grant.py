@@ -26,6 +26,7 @@ from conductor.core.state import (
 )
 from schemas.campaign import Campaign, Requirements
 from schemas.device_class import is_portable, result_class
+from schemas.kinds.perception import perception_kind, perception_lack
 from schemas.kinds.plugins import plugin_lack
 from schemas.sections.autonomy import SANDBOX
 from schemas.sections.view_mode import RECORDER, ViewMode
@@ -57,7 +58,7 @@ def mismatch(campaign: CampaignState, state: WorkerState) -> str:
         )
     lacks = _lacks(campaign.campaign.requires, worker) or _bridgeless(campaign, worker)
     lacks = lacks or _unprotected(campaign, worker) or _pluginless(campaign.campaign, worker)
-    lacks = lacks or _recorderless(campaign.campaign, worker)
+    lacks = lacks or _recorderless(campaign.campaign, worker) or _blind(campaign, worker)
     if lacks:
         return f"{worker.worker}: {lacks}; it gets no case of campaign '{name}'"
     return ""
@@ -84,6 +85,17 @@ def _bridgeless(campaign: CampaignState, worker: WorkerJoined) -> str:
         return ""
     lack = worker.lacks.get(autonomy.bridge, "")
     return f"cannot run the bridge '{autonomy.bridge}', {lack}" if lack else ""
+
+
+def _blind(campaign: CampaignState, worker: WorkerJoined) -> str:
+    """The first perception variant that the worker cannot run, or nothing."""
+    autonomy = campaign.campaign.autonomy
+    if autonomy.placement != "worker":
+        return ""
+    for name, variant in autonomy.perception.items():
+        if lack := worker.lacks.get(perception_lack(perception_kind(variant).name), ""):
+            return f"cannot run the perception '{name}', {lack}"
+    return ""
 
 
 def _unprotected(campaign: CampaignState, worker: WorkerJoined) -> str:

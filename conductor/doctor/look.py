@@ -29,7 +29,7 @@ from twin.base.errors import UsageError
 from twin.base.files import filesystem, nearest_existing
 from twin.base.gpu.nvml import library, visible_gpus
 from twin.base.gpu.vulkan import has_vulkan
-from twin.base.software import device_class
+from twin.base.software import hardware_class
 from twin.sandbox.possible import why_not
 
 WARP_S = 120.0
@@ -52,7 +52,7 @@ def look_at_machine(out: Path, port: int) -> MachineFacts:
         python=sys.version_info[:3],
         distributions=installed_distributions(),
         packages=declared_packages(),
-        processor=device_class("cpu"),
+        processor=hardware_class("cpu"),
         gpus=gpus,
         driver=driver,
         driver_trouble=trouble,
@@ -138,7 +138,7 @@ def _gpus() -> tuple[tuple[str, ...], str, str]:
             return (), "", ""
         return (), "", f"the NVIDIA driver does not answer: {error}"
     seen = visible_gpus()
-    names = [device_class(gpu.device).removeprefix("cuda:").partition("@")[0] for gpu in seen]
+    names = [hardware_class(gpu.device).removeprefix("cuda:").partition("@")[0] for gpu in seen]
     return tuple(names), driver, ""
 
 

@@ -12,7 +12,7 @@ from msgspec import Struct
 
 from schemas.files.json_text import JsonError, decode_json
 from schemas.files.regular_file import read_regular
-from schemas.files.software import digest_of
+from schemas.files.software import digest_of, is_digest_of
 from twin.base.errors import storage_error
 from twin.base.files import write_atomic
 from twin.base.software import library_versions, software_files
@@ -56,4 +56,4 @@ def read_software(folder: Path, software: str) -> SoftwareParts | None:
         )
     except (OSError, JsonError):
         return None
-    return parts if digest_of(parts.files, parts.libraries) == software else None
+    return parts if is_digest_of(software, parts.files, parts.libraries) else None

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
+from importlib.util import find_spec
 from typing import Any
 
 from msgspec import Struct
@@ -54,6 +55,10 @@ class PerceptionKind:
     """What a variant names that comes with this package -> its path, from the packages' folder."""
     portable: Callable[[Any], bool] = _never
     """Whether what a variant sees has the same bits on every CPU and GPU."""
+    packages: tuple[str, ...] = ()
+    """Packages that it imports and workers may be without."""
+    installed_by: str = ""
+    """What ``pip install`` takes to have them."""
     text: str = ""
     """What it sees with, in reports; empty: its name says so."""
     shown: tuple[str, ...] = ()
@@ -76,6 +81,23 @@ def perception_kinds() -> Kinds[PerceptionKind]:
             f"tag_field='{TAG}' and tag='{kind.name}'"
         )
     return Kinds(tuple(good), broken, kinds.brought)
+
+
+def lacking_perceptions() -> dict[str, str]:
+    """Perception variants that cannot run in this installation, with what to do, in a line, as
+    workers announce it."""
+    lacks = {}
+    for kind in perception_kinds().declared:
+        lacking = [name for name in kind.packages if not find_spec(name)]
+        if lacking:
+            remedy = f"no package {', '.join(lacking)}: pip install '{kind.installed_by}'"
+            lacks[perception_lack(kind.name)] = remedy
+    return lacks
+
+
+def perception_lack(name: str) -> str:
+    """What a worker lacks that cannot run perception variants of the kind ``name``."""
+    return f"perception {name}"
 
 
 def perception_kind(variant: Struct) -> PerceptionKind:

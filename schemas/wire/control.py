@@ -178,8 +178,8 @@ class Hello(Struct, frozen=True, tag_field="verb", tag="hello"):
     """Share of the cases that it prefers; None: it prefers none."""
     lacks: dict[str, str] = {}
     """Bridges that cannot run there, the word ``sandbox`` if stacks have none there, ``recorder``
-    if nothing is recorded there, and ``plug-in NAME`` for one that cannot be used there, each with
-    why or what to do, in a line."""
+    if nothing is recorded there, ``perception NAME`` for a kind that cannot run there, and
+    ``plug-in NAME`` for one that cannot be used there, each with why or what to do, in a line."""
     session: Session = b""
     """Secret of 32 bytes that this process alone knows; every later request shows it again."""
     case_version: Count = CASE_VERSION

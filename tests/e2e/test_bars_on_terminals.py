@@ -103,6 +103,7 @@ COMMANDS = {
     "conductor export {at}/run --out {tmp}/study": ("cases",),
     "conductor export {at}/run --out {tmp}/csv --format csv": ("cases",),
     "conductor verify {at}/run": ("files",),
+    "conductor bench --tasks 80 --rounds 1 --folder {tmp}/journals": ("runs",),
     "conductor fingerprint {at}/run": ("KPI files",),
     "conductor fingerprint {at}/run {at}/run": ("KPI files",),
     "twin validate vehicle opencav": ("manoeuvres",),
@@ -118,6 +119,7 @@ COMMANDS = {
     "viewer export {at}/run {case} --mp4 {tmp}/a.mp4": ("frames",),
     "viewer export {at}/run {case} --mcap {tmp}/a.mcap": ("frames", "messages"),
     "viewer export {at}/run {case} --mcap {tmp}/a.mcap --ros2": ("bytes",),
+    "viewer bench --cases 4 --seconds 1 --console 0 --ended 0 --rounds 0": ("parts",),
     "hpc bundle --no-kernels --source {at}/project --out {tmp}/bundle": ("pip runs",),
     "hpc image context {tmp}/image --wheels {at}/wheels --source {at}/project": ("bytes",),
 }

@@ -11,6 +11,8 @@ import yaml
 from release import licences, worker
 from release.environment import closure
 
+from schemas.files.software import OPENCV, OPENCV_USUAL
+
 ROOT = Path(__file__).parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 
@@ -32,11 +34,16 @@ def test_the_workers_distribution_is_derived_from_ours():
     assert theirs["version"] == PROJECT["version"]
     assert set(PROJECT["dependencies"]) - set(theirs["dependencies"]) == {
         line for line in PROJECT["dependencies"] if line.partition("~=")[0] in worker.WITHOUT
-    }
+    } | {line for extra in worker.OPTIONAL for line in theirs["optional-dependencies"][extra]}
+    assert theirs["optional-dependencies"]["networks"][0].startswith("opencv-python-headless~=")
     assert theirs["scripts"].items() <= PROJECT["scripts"].items()
     packages = derived["tool"]["hatch"]["build"]["targets"]["wheel"]["packages"]
     ours = tomllib.loads((ROOT / "pyproject.toml").read_text())
     assert set(packages) < set(ours["tool"]["hatch"]["build"]["targets"]["wheel"]["packages"])
+
+
+def test_the_usual_opencv_is_the_one_that_is_locked():
+    assert f"{OPENCV}=={OPENCV_USUAL}" in (ROOT / "constraints.txt").read_text().split()
 
 
 def test_a_library_that_gets_another_name_is_noticed(tmp_path):

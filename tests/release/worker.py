@@ -18,6 +18,8 @@ PACKAGES = ("schemas", "twin", "devkit", "hpc")
 COMMANDS = ("twin", "devkit", "hpc")
 WITHOUT = ("rerun-sdk", "pyarrow", "plotly", "jinja2", "prometheus-client", "matplotlib")
 """Libraries of the conductor, of viewers and of those who read results: workers write them."""
+OPTIONAL = {"networks": ("opencv-python-headless",)}
+"""Extra -> libraries that ``drivetwin`` has always and workers need for some cases only."""
 EXTRAS = ("gltf", "scenarios", "ros2", "autodrive", "kubernetes", "gpu")
 """Extras that make sense on such a node."""
 
@@ -32,10 +34,13 @@ def pyproject(root: Path) -> str:
     """``pyproject.toml`` of the distribution, derived from that of ``drivetwin``."""
     ours = project(root)
     system = tomllib.loads((root / "pyproject.toml").read_text())["build-system"]
-    needs = [line for line in ours["dependencies"] if _name(line) not in WITHOUT]
-    assert len(needs) == len(ours["dependencies"]) - len(WITHOUT), "a library has another name now"
+    known = {_name(line): line for line in ours["dependencies"]}
+    less = {*WITHOUT, *(name for names in OPTIONAL.values() for name in names)}
+    assert less <= known.keys(), "a library has another name now"
+    needs = [line for name, line in known.items() if name not in less]
     scripts = {name: ours["scripts"][name] for name in COMMANDS}
-    extras = {name: ours["optional-dependencies"][name] for name in EXTRAS}
+    extras = {extra: [known[name] for name in names] for extra, names in OPTIONAL.items()}
+    extras |= {name: ours["optional-dependencies"][name] for name in EXTRAS}
     return "\n".join(
         [
             "[build-system]",

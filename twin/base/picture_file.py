@@ -1,4 +1,4 @@
-"""Picture files that a user has: read within bounds, whatever their bytes claim.
+"""Picture files: those that a user has are read within bounds, whatever their bytes claim.
 
 OpenCV takes a damaged PNG chunk at its word: 59 bytes made it fill 4 GB. So PNG is read by Pillow,
 which gives the same values; other formats by OpenCV, once Pillow has told their size.
@@ -11,7 +11,6 @@ import warnings
 import zlib
 from pathlib import Path
 
-import cv2
 import numpy as np
 from PIL import Image
 
@@ -40,6 +39,8 @@ def read_picture(path: Path) -> np.ndarray:
     Raises:
         UsageError: no such file, no picture of a format that is read, or too large; one line.
     """
+    import cv2  # workers may be without it, and read no such files
+
     try:
         data = read_regular(path, FILE_BYTES_MAX)
     except OSError as error:
@@ -58,6 +59,20 @@ def read_picture(path: Path) -> np.ndarray:
     if picture is None:
         raise UsageError(f"{path}: no picture that can be read; allowed: {', '.join(FORMATS)}")
     return cv2.cvtColor(picture, cv2.COLOR_BGR2RGB)
+
+
+def jpeg_of(pixels: np.ndarray, quality: int) -> bytes:
+    """A picture as a baseline JPEG, its colours at half the resolution.
+
+    Pillow's and OpenCV's are the same bytes; workers may be without OpenCV.
+
+    Args:
+        pixels: uint8 [H, W, 3], RGB.
+        quality: 1 to 100.
+    """
+    file = io.BytesIO()
+    Image.fromarray(pixels).save(file, "JPEG", quality=quality)
+    return file.getvalue()
 
 
 def _rgb(picture: Image.Image) -> np.ndarray:

@@ -13,7 +13,15 @@ import sys
 import time
 from pathlib import Path
 
-from schemas.files.software import DECODERS, GPU_LIBRARIES, RUNTIMES, TRANSLATORS, digest_of
+from schemas.files.software import (
+    DECODERS,
+    GPU_LIBRARIES,
+    OPENCV,
+    RUNTIMES,
+    TRANSLATORS,
+    digest_of,
+    machine_class,
+)
 from schemas.kinds.registry import OUR_DISTRIBUTIONS
 from twin.base.errors import UsageError
 from twin.base.gpu.nvml import gpu_handle, library
@@ -23,7 +31,7 @@ _BESIDE = ("conductor", "viewer", "hpc", "drivetwin")
 ALL_PACKAGES = (*_PACKAGES, *_BESIDE)
 """Ours; those beside the first three may not be installed."""
 _LIBRARIES = (
-    *("numpy", "warp-lang", "opencv-python-headless", "pillow", "trimesh"),
+    *("numpy", "warp-lang", OPENCV, "pillow", "trimesh"),
     *(*DECODERS, *RUNTIMES),
     *("onnx", "lark", *TRANSLATORS),
 )
@@ -32,7 +40,7 @@ _SUFFIXES = (".py", ".yaml", ".xodr", ".cfg", ".names", ".onnx", ".integer", ".m
 
 def software_digest() -> str:
     """SHA-256 over the sorted (path, SHA-256) of the installed ``schemas``, ``twin`` and ``devkit``
-    files and the exact versions of the libraries that reach a KPI."""
+    files and the exact versions of the libraries that reach the KPI values of every case."""
     return digest_of(software_files(), library_versions())
 
 
@@ -145,6 +153,11 @@ def missing_package(error: ModuleNotFoundError) -> str:
     """What to install, where a package is missing that the distribution of workers is without;
     empty: it is another one, which is a mistake of ours."""
     package = (error.name or "").partition(".")[0]
+    if package == "cv2":
+        return (
+            "this needs the package cv2, which the distribution drivetwin-worker has as an "
+            "option: pip install 'drivetwin-worker[networks]'"
+        )
     if package not in _REPORTS:
         return ""
     return (
@@ -174,6 +187,17 @@ def package_folder(package: str) -> Path:
 
 def device_class(device: str) -> str:
     """``cpu:x86_64+avx2+fma`` or ``cuda:<device name>``: results are bit-equal within a class.
+
+    Behind it stands the version of OpenCV, if one is installed that is not the usual one.
+
+    Raises:
+        UsageError: no such device here.
+    """
+    return machine_class(hardware_class(device), _version(OPENCV))
+
+
+def hardware_class(device: str) -> str:
+    """The part of the device class that the device decides.
 
     A GPU whose host has another processor than that is ``cuda:<device name>@<instruction set>``.
 

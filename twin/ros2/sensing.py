@@ -9,13 +9,13 @@ import sys
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from schemas.kinds.sensor import Ros2Form
 from schemas.messages import BOX_COLUMNS, OBJECT_CLASSES, CameraSite, LidarSite
 from schemas.sections.lens_curve import intrinsics
+from twin.base.picture_file import jpeg_of
 from twin.ros2.parts import MessageParts
 
 JPEG_QUALITY = 90
@@ -66,14 +66,11 @@ class SensorMessages(MessageParts):
 
     def compressed_image(self, time_ns: int, frame: str, pixels: NDArray[np.uint8]) -> Any:
         """sensor_msgs/CompressedImage (JPEG) of uint8 [H, W, 3], RGB."""
-        quality = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
-        fine, jpeg = cv2.imencode(".jpg", np.ascontiguousarray(pixels[:, :, ::-1]), quality)
-        assert fine
         return self.store.make(
             "sensor_msgs/msg/CompressedImage",
             header=self.header(time_ns, frame),
             format="rgb8; jpeg compressed bgr8",
-            data=jpeg.reshape(-1),
+            data=np.frombuffer(jpeg_of(pixels, JPEG_QUALITY), np.uint8),
         )
 
     def camera_info(self, time_ns: int, frame: str, site: CameraSite) -> Any:

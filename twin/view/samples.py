@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
+from PIL import Image
 
 from schemas import SCHEMA_VERSION
 from schemas.case import Case
@@ -22,6 +22,7 @@ from schemas.wire.view import (
     StateSample,
 )
 from twin.actors.car_body import HEIGHT_M, LENGTH_M, WIDTH_M
+from twin.base.picture_file import jpeg_of
 from twin.kpi.recorder import CLOSING_MIN_MPS
 from twin.kpi.table import KpiTable
 from twin.scenario import families
@@ -216,10 +217,9 @@ def jpeg(image: np.ndarray, width_max_px: int | None = None, quality: int = JPEG
     height, width = image.shape[:2]
     if width_max_px is not None and width > width_max_px:
         size = (width_max_px, max(1, height * width_max_px // width))
-        image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
-    picture = cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
-    _, data = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, quality])
-    return bytes(data)
+        small = Image.fromarray(image).resize(size, Image.Resampling.BOX, reducing_gap=1.0)
+        image = np.asarray(small)
+    return jpeg_of(image, quality)
 
 
 def _controls(command: Command | None) -> Controls | None:

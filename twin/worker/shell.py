@@ -22,6 +22,7 @@ from msgspec import structs
 
 from schemas import SCHEMA_VERSION
 from schemas.kinds.bridge import lacking_bridges
+from schemas.kinds.perception import lacking_perceptions
 from schemas.kinds.plugins import lacking_plugins
 from schemas.kinds.registry import installed_plugins
 from schemas.sections.view_mode import RECORDER
@@ -135,7 +136,7 @@ class Abilities:
     @classmethod
     def here(cls) -> Abilities:
         """Look; files are read for a tenth of a second."""
-        lacks = lacking_bridges() | lacking_sandbox() | lacking_plugins()
+        lacks = lacking_bridges() | lacking_sandbox() | lacking_plugins() | lacking_perceptions()
         return cls(software_digest(), lacks, installed_plugins())
 
 
@@ -240,6 +241,8 @@ class Worker:
         _log(f"worker {self.id}: {self._options.slots} slot(s) on {self._options.device}")
         if lack := self._core.hello.lacks.get(RECORDER):
             _log(f"writes no recordings, {lack}")
+        for name, lack in lacking_perceptions().items():
+            _log(f"cannot run the {name}, {lack}")
 
     def _shutdown(self) -> None:
         self._resources.close()

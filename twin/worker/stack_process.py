@@ -17,6 +17,7 @@ from typing import IO
 from msgspec import json
 
 from schemas.case import Case
+from schemas.kinds.perception import lacking_perceptions
 from twin.base.gpu.compiled_kernels import compiled_folder
 from twin.base.process import spawn
 from twin.fabric.endpoint import LATER
@@ -71,7 +72,7 @@ def compile_kernels(device: str) -> subprocess.Popen[bytes] | None:
     """Have what networks need compiled outside the sandboxes of stacks, which keep nothing; None:
     there is nothing to do. Only from the main thread."""
     folder = compiled_folder(device) if device.startswith("cuda") else None
-    if folder is None or folder.is_dir():
+    if folder is None or folder.is_dir() or lacking_perceptions():
         return None
     words = [sys.executable, "-m", "devkit", "kernels", "--device", device, "--into", str(folder)]
     return spawn(words)

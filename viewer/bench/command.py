@@ -9,12 +9,14 @@ import json
 import shutil
 import tempfile
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import psutil
 
 from twin.base.errors import EXIT_FAILED, EXIT_PASS, UsageError
+from twin.base.progress import bars, counter, steps
 from viewer.bench import compare as bench_compare
 from viewer.bench import in_browser, pairs, running
 from viewer.bench import table as bench_table
@@ -42,19 +44,17 @@ def bench(options: BenchOptions, *, as_json: bool, check: bool) -> int:
     """Measure and print; the exit code."""
     if options.focus > min(8, options.cases):
         raise UsageError(f"--focus {options.focus}: at most 8, and at most --cases")
-    figures: dict[str, Any] = {}
-    if options.seconds:
-        figures["viewer"] = measure_viewer(options)
-    if options.seconds and options.console:
-        figures["console"] = measure_console(options)
-    if options.page:
-        figures["page"] = in_browser.measure_page(options.page)
-    if options.seconds and options.ended:
-        figures["table"] = measure_table(options)
-    if options.rounds:
-        figures["simulation"] = measure_simulation(options)
-    if options.pairs:
-        figures["pairs"] = measure_pairs(options)
+    asked: dict[str, tuple[float, Callable[[BenchOptions], dict[str, Any]]]] = {
+        "viewer": (options.seconds, measure_viewer),
+        "console": (options.seconds and options.console, measure_console),
+        "page": (options.page, lambda options: in_browser.measure_page(options.page)),
+        "table": (options.seconds and options.ended, measure_table),
+        "simulation": (options.rounds, measure_simulation),
+        "pairs": (options.pairs, measure_pairs),
+    }
+    with bars():
+        parts = [(name, measure) for name, (amount, measure) in asked.items() if amount]
+        figures = {name: measure(options) for name, measure in steps("parts", parts)}
     missed = misses(figures)
     figures["missed"] = missed
     if as_json:
@@ -130,6 +130,7 @@ def measure_simulation(options: BenchOptions) -> dict[str, Any]:
     """One campaign with nobody, each kind of viewer, and recorders; interleaved."""
     runs: dict[str, list[CampaignRun]] = {mode: [] for mode in MODES}
     with tempfile.TemporaryDirectory(prefix="viewer-bench-") as folder:
+        ran = counter("runs", options.rounds * len(MODES))
         for index in range(options.rounds):
             # Another order every round: machines warm up, and neighbours come and go.
             first = index % len(MODES)
@@ -137,6 +138,7 @@ def measure_simulation(options: BenchOptions) -> dict[str, Any]:
                 out = Path(folder) / f"{mode}-{index}"
                 runs[mode].append(running.simulate(options, mode, out))
                 shutil.rmtree(out, ignore_errors=True)
+                ran(1)
     return {"campaign": options.campaign, "rounds": options.rounds, **compare(runs)}
 
 
@@ -144,6 +146,7 @@ def measure_pairs(options: BenchOptions) -> dict[str, Any]:
     """One campaign with a page of the console and without, in turns."""
     found: list[pairs.Pair] = []
     with tempfile.TemporaryDirectory(prefix="viewer-bench-") as folder:
+        ran = counter("runs of pairs", options.pairs * len(pairs.MODES))
         for index in range(options.pairs):
             runs = {}
             # The other one first every time: machines warm up, and neighbours come and go.
@@ -151,6 +154,7 @@ def measure_pairs(options: BenchOptions) -> dict[str, Any]:
                 out = Path(folder) / f"{mode}-{index}"
                 runs[mode] = running.simulate(options, mode, out)
                 shutil.rmtree(out, ignore_errors=True)
+                ran(1)
             found.append(pairs.Pair(runs["alone"], runs["console"]))
     return {"campaign": options.campaign, **pairs.compare(found)}
 

@@ -12,7 +12,6 @@ import sys
 import time
 from typing import Annotated, Any
 
-import cv2
 import numpy as np
 from msgspec import Meta, Struct
 
@@ -26,6 +25,7 @@ from schemas.messages import Command, Episode
 from schemas.sections.lidar import POINT_COLUMNS
 from schemas.validation import convert_all
 from twin.base.errors import InfrastructureError, StackFaultError
+from twin.base.picture_file import jpeg_of
 from twin.fabric.port_turn import take_turn
 
 EVENT = "Bridge"
@@ -211,17 +211,12 @@ class AutodriveBridge(ScriptBridge):
         assert self._episode is not None
         for site in self._episode.cameras:
             if site.message in observation.sensors:
-                self._images[site.name] = self._jpeg(observation.sensors[site.message][slot])
+                pixels = observation.sensors[site.message][slot]
+                self._images[site.name] = jpeg_of(pixels, self._given.jpeg_quality)
         for lidar in self._episode.lidars[:1]:
             if lidar.message in observation.sensors:
                 rows = observation.sensors[lidar.message][slot]
                 self._points = _points(rows, lidar.columns)
-
-    def _jpeg(self, rgb: np.ndarray) -> bytes:
-        quality = [cv2.IMWRITE_JPEG_QUALITY, self._given.jpeg_quality]
-        done, data = cv2.imencode(".jpg", rgb[..., ::-1], quality)
-        assert done, "OpenCV could not write a JPEG"
-        return bytes(data)
 
 
 def _points(rows: np.ndarray, columns: int) -> bytes:

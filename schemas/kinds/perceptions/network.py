@@ -100,4 +100,6 @@ KIND = PerceptionKind(
     chosen=("confidence_min", "overlap_max", "across_classes", "order"),
     shipped=_shipped,
     portable=lambda variant: is_integer(variant.model),
+    packages=("cv2",),
+    installed_by="drivetwin-worker[networks]",
 )

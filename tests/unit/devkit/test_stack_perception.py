@@ -5,16 +5,19 @@ from __future__ import annotations
 import itertools
 import math
 
+import cv2
 import numpy as np
 import pytest
 
 from devkit.images import Images
 from devkit.perception import (
     CONFIDENCE_MIN,
+    LUMA_WEIGHTS,
     PIXELS_MAX,
     ContrastPerception,
     Perception,
     Region,
+    _luma,
     build_perception,
     confidence,
     pixels_of,
@@ -232,3 +235,15 @@ def test_a_box_that_is_not_finite_is_not_seen_and_does_not_raise(column, value):
     boxes = np.concatenate([row(), row()])
     boxes[0, column] = value
     assert len(see(perception(), street(), boxes)) == 1
+
+
+def test_luma_is_exact():
+    """For every share of the three colours, and their most."""
+    levels = np.array([0, 1, 2, 127, 128, 254, 255], np.uint8)
+    image = np.stack(np.meshgrid(levels, levels, levels), axis=-1).reshape(-1, 49, 3)
+    wanted = cv2.transform(image.astype(np.float64), np.array([LUMA_WEIGHTS], np.float64))
+    luma = _luma(image)
+    assert luma.dtype == np.uint16
+    assert np.array_equal(luma, wanted)
+    assert luma.max() == 255 * 256
+    assert np.array_equal(_luma(image[::2, ::3]), wanted[::2, ::3])

@@ -34,6 +34,12 @@ def test_what_the_workers_distribution_is_without_is_said_in_a_line(name):
     assert "pip install drivetwin" in line
 
 
+def test_what_the_workers_distribution_has_as_an_option_is_said_in_a_line():
+    line = missing_package(ModuleNotFoundError("No module named 'cv2'", name="cv2"))
+    assert line.startswith("this needs the package cv2, ")
+    assert line.endswith("pip install 'drivetwin-worker[networks]'")
+
+
 @pytest.mark.parametrize("name", ["numpy", "schemas.nothing", None])
 def test_another_missing_module_is_a_mistake_of_ours(name):
     assert missing_package(ModuleNotFoundError("No module", name=name)) == ""

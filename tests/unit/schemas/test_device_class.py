@@ -54,6 +54,10 @@ def test_one_part_that_may_differ_makes_all_cases_of_a_campaign_the_machines(
     [
         ("cpu:x86_64+avx2+fma", True),
         ("cuda:NVIDIA H200", True),
+        ("cpu:x86_64+avx2+fma~opencv-5.0.1.2", True),
+        ("cuda:NVIDIA H200~opencv-5.0.1.2", True),
+        ("cpu:x86_64~opencv-5.0.1.2", False),
+        ("cuda:NVIDIA GH200 480GB@aarch64~opencv-5.0.1.2", False),
         ("cpu:x86_64", False),
         ("cpu:aarch64", False),
         ("cuda:NVIDIA GH200 480GB@aarch64", False),

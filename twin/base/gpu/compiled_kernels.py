@@ -14,7 +14,7 @@ from pathlib import Path
 
 from twin.base.cache import cache_folder, is_trusted
 from twin.base.errors import UsageError
-from twin.base.software import device_class, package_folder
+from twin.base.software import hardware_class, package_folder
 
 VARIABLE = "TWIN_COMPILED_KERNELS"
 """Environment variable of a stack's process: the folder, in which Warp made one per version."""
@@ -33,7 +33,7 @@ def compiled_folder(device: str) -> Path | None:
     """
     cache = cache_folder()
     try:
-        parts = [device_class(device), importlib.metadata.version("warp-lang")]
+        parts = [hardware_class(device), importlib.metadata.version("warp-lang")]
     except UsageError:
         return None
     if not is_trusted(cache):

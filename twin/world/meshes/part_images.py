@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
+from PIL import Image
 
 from twin.world.meshes.srgb import linear, srgb
 
@@ -85,11 +85,12 @@ class PartImages:
         return sum(key[0] == kind for key in self._ready)
 
     def _small(self, image: Any, mode: str) -> np.ndarray:
-        """Values of an image, scaled down to the limit."""
+        """Values of an image, scaled down to the limit by means over areas."""
         try:
             if image.width * image.height > _IMAGE_PIXELS_MAX:
                 raise ValueError(f"{image.width} x {image.height} px")
-            values = np.asarray(image.convert(mode))
+            converted = image.convert(mode)
+            values = np.asarray(converted)
         except Exception as error:  # a broken picture fails here, when it is decoded
             reason = " ".join(str(error).split())[:120]
             raise ValueError(f"{self.path}: a texture cannot be read: {reason}") from None
@@ -104,4 +105,4 @@ class PartImages:
                 f"{self.path.name}: a texture of {width} x {height} px scaled to "
                 f"{size[0]} x {size[1]}"
             )
-        return cv2.resize(values, size, interpolation=cv2.INTER_AREA)
+        return np.asarray(converted.resize(size, Image.Resampling.BOX))

@@ -20,7 +20,8 @@ from conductor.records.software_file import (
     read_software,
     write_software,
 )
-from schemas.files.software import digest_of
+from schemas.digest import digest
+from schemas.files.software import OPENCV, digest_of
 from schemas.sections.stack_identity import StackIdentity
 from twin.base.errors import InfrastructureError
 from twin.base.software import library_versions, software_digest, software_files
@@ -121,6 +122,25 @@ def test_a_portable_table_of_a_gpu_machine_runs_on_a_laptop(libraries):
     assert there.head.software != software_digest()
     assert refusal(there) == ""
     assert inspect(there, "c.cert").startswith("as it was signed, and its rows are those")
+
+
+def test_opencv_counts_for_networks_of_floats_alone():
+    other = LIBRARIES | {OPENCV: "5.0.1.2"}
+    assert refusal(certificate(libraries=other, data=portable())) == ""
+    data = portable(autonomy={"perception": FLOAT})
+    data["matrix"] |= {"model": ["net"]}
+    line = refusal(certificate(libraries=other, data=data))
+    assert f"; {OPENCV} 5.0.1.2: here {LIBRARIES[OPENCV]}; install" in line
+
+
+def test_a_certificate_of_before_is_read_by_the_digest_of_before():
+    """While OpenCV's version was part of it."""
+    parts = [f"{path}={sha}" for path, sha in sorted(FILES.items())]
+    parts += [f"{name}=={version}" for name, version in sorted(LIBRARIES.items())]
+    then = digest(part.encode() for part in parts)
+    assert then != software_digest()
+    there = made(portable(), files=FILES, libraries=LIBRARIES, software=then)
+    assert refusal(decoded(encode_certificate(there))) == ""
 
 
 def test_a_table_of_float_networks_needs_the_same_runtime():

@@ -9,13 +9,16 @@ import pytest
 
 from conductor.certify.spared import spared
 from schemas.campaign import Campaign
+from schemas.digest import digest
 from schemas.files.software import (
     DECODERS,
     GPU_LIBRARIES,
+    OPENCV,
     RUNTIMES,
     TRANSLATORS,
     differing,
     digest_of,
+    is_digest_of,
 )
 from schemas.plan import parse_plan
 from schemas.sections.stack_identity import StackIdentity
@@ -24,7 +27,7 @@ from twin.base.software import package_folder
 WHOLE = {"type": "network", "model": "yolov3-w25-int8"}
 FLOAT = {"type": "network", "model": "yolov3-w25"}
 TRUTH = {"type": "ground_truth"}
-NETWORKS = frozenset((*RUNTIMES, *GPU_LIBRARIES))
+NETWORKS = frozenset((OPENCV, *RUNTIMES, *GPU_LIBRARIES))
 MESHES = frozenset(DECODERS)
 BRIDGES = frozenset(TRANSLATORS)
 
@@ -107,3 +110,16 @@ def test_what_differs_by_name():
     assert differing(before, before) == []
     assert differing(before, {"a": "1", "b": "5", "d": "4"}) == ["b", "c", "d"]
     assert differing(before, {"a": "1", "b": "5", "d": "4"}, frozenset("bd")) == ["c"]
+
+
+def test_opencv_is_no_part_of_the_digest_and_was_one():
+    files, libraries = {"a.py": "1"}, {"numpy": "2.4"}
+    now = digest_of(files, libraries)
+    assert digest_of(files, libraries | {OPENCV: "5.0"}) == now
+    assert is_digest_of(now, files, libraries | {OPENCV: "5.0"})
+    before = digest_of(files, libraries | {"opencv": "5.0"})
+    assert not is_digest_of(before, files, libraries)
+    then = digest([b"a.py=1", b"numpy==2.4", f"{OPENCV}==5.0".encode()])
+    assert is_digest_of(then, files, libraries | {OPENCV: "5.0"})
+    assert not is_digest_of(then, files, libraries | {OPENCV: "5.1"})
+    assert not is_digest_of(then, files, libraries)

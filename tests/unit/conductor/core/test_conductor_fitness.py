@@ -100,6 +100,36 @@ def test_a_worker_without_a_recorder_gets_no_case_of_which_a_recording_is_asked(
         assert bench.lease("w2")
 
 
+TRUTH, NETWORK = {"type": "ground_truth"}, {"type": "network", "model": "yolov3-w25"}
+
+
+@pytest.mark.parametrize(
+    ("perception", "placement", "runs"),
+    [
+        ({"truth": TRUTH}, "worker", True),
+        ({"net": NETWORK}, "worker", False),
+        ({"truth": TRUTH, "net": NETWORK}, "worker", False),
+        ({"net": NETWORK}, "node", True),
+    ],
+)
+def test_a_worker_that_runs_no_network_gets_no_case_of_one(
+    perception: dict[str, Any], placement: str, runs: bool
+) -> None:
+    bench = Bench()
+    autonomy = {"perception": perception, "placement": placement}
+    bench.ask(submit(autonomy=autonomy, matrix={"model": list(perception)}))
+    reply = bench.ask(hello(lacks={"perception network": "no package cv2: install it"}))
+    line = (
+        "w1: cannot run the perception 'net', no package cv2: install it; it gets no case of "
+        "campaign 'alpha'"
+    )
+    assert reply.status.get("notes", []) == ([] if runs else [line])
+    assert bool(bench.lease()) is runs
+    if not runs:
+        bench.ask(hello("w2"))
+        assert bench.lease("w2")
+
+
 def test_a_requirement_that_nobody_knows_is_refused() -> None:
     reply = Bench().ask(submit(requires={"device": "tpu"}))
     assert "requires.device" in reply.error

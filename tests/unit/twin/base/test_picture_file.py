@@ -14,7 +14,7 @@ from PIL import Image
 
 from twin.base import picture_file
 from twin.base.errors import UsageError
-from twin.base.picture_file import read_picture
+from twin.base.picture_file import jpeg_of, read_picture
 
 SEEDS = Path(__file__).parents[3] / "fuzz/seeds/picture"
 NOISE = np.random.default_rng(3).integers(0, 256, (5, 7, 4), np.uint8)
@@ -87,3 +87,16 @@ def test_files_that_are_missing_or_too_large(tmp_path: Path, monkeypatch) -> Non
     monkeypatch.setattr(picture_file, "FILE_BYTES_MAX", 10)
     with pytest.raises(UsageError, match="645 bytes, at most 10 are read"):
         read_picture(SEEDS / "jpg")
+
+
+@pytest.mark.parametrize("quality", [1, 50, 75, 80, 90, 95, 100])
+@pytest.mark.parametrize("shape", [(1, 1), (36, 64), (75, 133), (180, 320)])
+def test_a_jpeg_has_the_bytes_that_opencv_writes(shape, quality):
+    noise = np.random.default_rng(quality).normal(0.0, 9.0, (*shape, 3))
+    shade = np.linspace(0.0, 255.0, shape[1])[None, :, None]
+    pixels = np.clip(shade + noise, 0, 255).astype(np.uint8)
+    options = [cv2.IMWRITE_JPEG_QUALITY, quality]
+    _, theirs = cv2.imencode(".jpg", np.ascontiguousarray(pixels[..., ::-1]), options)
+    assert jpeg_of(pixels, quality) == theirs.tobytes()
+    wide = np.repeat(pixels, 2, axis=1)
+    assert jpeg_of(wide[:, ::2], quality) == theirs.tobytes(), "wherever its rows lie"

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import pytest
 
+from schemas.files.software import OPENCV, OPENCV_USUAL
 from twin.base import software
 
 
@@ -104,3 +105,26 @@ def test_what_is_no_file_does_not_count(monkeypatch, tmp_path):
         assert software.software_files() == before
     (tmp_path / "link.py").symlink_to("stack.py")
     assert len(software.software_files()) == len(before) + 3
+
+
+@pytest.mark.parametrize(
+    ("installed", "named"),
+    [("", ""), (OPENCV_USUAL, ""), ("5.0.1.2", "~opencv-5.0.1.2")],
+    ids=["none", "usual", "other"],
+)
+def test_opencv_is_part_of_the_device_class_alone(monkeypatch, installed, named):
+    plain, digest = software.hardware_class("cpu"), software.software_digest()
+    find = importlib.metadata.distribution
+
+    def distribution(name: str) -> object:
+        if name != OPENCV:
+            return find(name)
+        if not installed:
+            raise importlib.metadata.PackageNotFoundError(name)
+        return SimpleNamespace(read_text=lambda _name: f"Version: {installed}\n")
+
+    monkeypatch.setattr(importlib.metadata, "distribution", distribution)
+    assert software.device_class("cpu") == plain + named
+    assert software.hardware_class("cpu") == plain
+    assert software.software_digest() == digest
+    assert software.library_versions().get(OPENCV, "") == installed

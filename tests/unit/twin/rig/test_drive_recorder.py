@@ -1,6 +1,7 @@
 """The record of a drive: exact, readable wherever it was cut off, and of no weight to the case."""
 
 import errno
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -241,3 +242,14 @@ def test_a_record_wants_every_sensor_while_it_is_written(tmp_path):
     assert recorder.wanted() is None
     end(recorder, slot)
     assert recorder.wanted() == frozenset()
+
+
+def test_pictures_are_exact_without_opencv_too(monkeypatch):
+    picture = np.random.default_rng(3).integers(0, 256, (9, 16, 3), np.uint8)
+    by_opencv = coded(picture)
+    monkeypatch.setitem(sys.modules, "cv2", None)
+    by_pillow = coded(picture)
+    assert by_pillow.coding == by_opencv.coding == "png"
+    assert by_pillow.data != by_opencv.data, "it was another program"
+    for array in (by_opencv, by_pillow):
+        assert np.array_equal(decoded(array), picture)

@@ -1,10 +1,11 @@
-"""What a worker says that cannot write recordings."""
+"""What a worker says that cannot write recordings or run networks."""
 
 import importlib.util
 
 import pytest
 
 from conductor.core.decisions import NAME_CHARS_MAX
+from schemas.kinds.perception import lacking_perceptions
 from schemas.sections.view_mode import RECORDER, ViewMode
 from twin.base.errors import EXIT_USAGE, UsageError
 from twin.worker.options import lacking_recorder
@@ -52,3 +53,14 @@ def test_who_is_told_to_record_is_refused_in_a_line(missing, view):
     assert "pip install" in line
     assert "\n" not in line
     assert refused.value.exit_code == EXIT_USAGE
+
+
+def test_a_worker_without_opencv_says_that_it_runs_no_network(monkeypatch):
+    assert lacking_perceptions() == {}
+    find = importlib.util.find_spec
+    monkeypatch.setattr(
+        "schemas.kinds.perception.find_spec", lambda name: None if name == "cv2" else find(name)
+    )
+    lack = "no package cv2: pip install 'drivetwin-worker[networks]'"
+    assert lacking_perceptions() == {"perception network": lack}
+    assert len(lack) <= NAME_CHARS_MAX
