@@ -163,19 +163,8 @@ def find_threats(
     """Judge all tracks of all slots."""
     speed = ego.speed_mps[:, None]
     vx = np.where(_is_speed(tracks.vx_mps, tracks.p_vv, SURE_VARIANCES), tracks.vx_mps, 0.0)
-    person = _persons(tracks)
-    sure = np.where(
-        person & (tracks.camera.hits >= NAMED_BOXES), PERSON_SURE_VARIANCES, SURE_VARIANCES
-    )
-    # What a camera names and LiDAR has seen often enough is where its points are; but a vehicle is
-    # no single point of one.
-    placed = (tracks.label > 0) & (tracks.lidar.hits >= SIGHTINGS_MIN)
-    placed &= _is_any(tracks.label, _PERSONS) | (tracks.left_m - tracks.right_m > NARROW_M)
     doppler, echoed = _moves_by_doppler(tracks, staging)
-    comes = tracks.lidar.hits >= np.where(doppler, BESIDE_SIGHTINGS, RUNS_SIGHTINGS)
-    comes &= np.abs(ego.path.spread(2).beside_circle_m(tracks.x_m, tracks.y_m)) > BESIDE_M
-    ripe = person | placed | comes | (tracks.age_s > RIPE_S)
-    vy = np.where(ripe & _is_speed(tracks.vy_mps, tracks.q_vv, sure), tracks.vy_mps, 0.0)
+    vy = _known_across(tracks, ego, doppler)
     closing = speed - vx
     inside, stays = _in_path(tracks)
     gap = np.maximum(tracks.x_m + np.where(inside, tracks.path_m, 0.0) - staging.front_m, 0.0)
@@ -230,6 +219,22 @@ def find_threats(
     named = (tracks.label > 0) | (gap < PATH_SURE_M) | known
     foreseen = by_two | by_one | (ahead & probable & _echoes_on(tracks, ego, ttc, staging))
     return Threats(by_two & now, by_one & now & named, foreseen, blocking, gap, ttc, needed)
+
+
+def _known_across(tracks: TrackStore, ego: EgoMotion, doppler: np.ndarray) -> np.ndarray:
+    """Speed across of the tracks of which it is known, 0 of others [m/s]."""
+    person = _persons(tracks)
+    twice = tracks.camera.hits >= NAMED_BOXES
+    sure = np.where(person & twice, PERSON_SURE_VARIANCES, SURE_VARIANCES)
+    # What a camera names and LiDAR has seen often enough is where its points are; but a vehicle is
+    # no single point of one.
+    placed = (tracks.label > 0) & (tracks.lidar.hits >= SIGHTINGS_MIN)
+    placed &= _is_any(tracks.label, _PERSONS) | (tracks.left_m - tracks.right_m > NARROW_M)
+    comes = tracks.lidar.hits >= np.where(doppler, BESIDE_SIGHTINGS, RUNS_SIGHTINGS)
+    comes &= np.abs(ego.path.spread(2).beside_circle_m(tracks.x_m, tracks.y_m)) > BESIDE_M
+    ripe = person | placed | comes | (tracks.age_s > RIPE_S)
+    known = ripe & _is_speed(tracks.vy_mps, tracks.q_vv, sure)
+    return np.where(known, tracks.vy_mps, 0.0)
 
 
 def _echoes_on(
@@ -335,13 +340,7 @@ def _crosses(
     person = (_persons(tracks) | ((tracks.label == 0) & walks)) & (vy_mps != 0.0)
     # A vehicle that comes along a curve is no crossing one, though it goes aside for a while.
     aside = (speed > np.abs(vx_mps)) | (tracks.x_m < PATH_SURE_M)
-    # LiDAR alone goes from one post to the next in fog, and a box behind them may name them; a
-    # vehicle that crosses is as wide as it is long, or radar sees it move too, but an end and a
-    # wheel of one that goes by do so as well. Without LiDAR nobody knows how wide it is.
-    unseen = tracks.lidar.hits < SIGHTINGS_MIN
-    often = tracks.lidar.hits >= WALKS_SIGHTINGS
-    seen = ~narrow | (often & _moves_by_doppler(tracks, staging)[0])
-    seen |= unseen & ((tracks.label > 0) | (tracks.radar.hits >= SIGHTINGS_MIN))
+    seen = _may_be_vehicle(tracks, staging, narrow)
     vehicle = seen | (runs & (speed > RUNS_NARROW_MPS))
     moves &= person | (vehicle & (speed > CROSSES_MPS) & (driven | runs))
     # Braking begins earlier than crossing is foreseen: who turns off has to count until then.
@@ -358,6 +357,22 @@ def _crosses(
     )
     comes = moves & (person | aside) & (enters < ttc_s + passes + EARLY_LATE_S)
     return PathCrossing(meets, comes, meets & (enters < IMMINENT_S), departs, walks)
+
+
+def _may_be_vehicle(
+    tracks: TrackStore, staging: StagingParameters, narrow: np.ndarray
+) -> np.ndarray:
+    """Whether tracks that cross are wide enough for vehicles, or radar sees them move.
+
+    LiDAR alone goes from one post to the next in fog, and a box behind them may name them. What
+    crosses is as wide as it is long; an end and a wheel of a vehicle that goes by are narrow, and
+    move by Doppler too. Without LiDAR nobody knows how wide it is.
+    """
+    unseen = tracks.lidar.hits < SIGHTINGS_MIN
+    often = tracks.lidar.hits >= WALKS_SIGHTINGS
+    seen: np.ndarray = ~narrow | (often & _moves_by_doppler(tracks, staging)[0])
+    seen |= unseen & ((tracks.label > 0) | (tracks.radar.hits >= SIGHTINGS_MIN))
+    return seen
 
 
 def _has_walked(tracks: TrackStore, path: CarPath, across_mps: np.ndarray) -> np.ndarray:
