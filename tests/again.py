@@ -22,7 +22,9 @@ import pytest
 
 MOST = 3
 """Most failed tests that run again."""
-SAMENESS = re.compile("bytes|digest|fingerprint|same|golden|determin", re.IGNORECASE)
+SAMENESS = re.compile(
+    "byte|last_bit|digest|fingerprint|same|identical|golden|determin", re.IGNORECASE
+)
 """What names of tests hold that compare results."""
 ENDS = "again/ends"
 """Key of the cache: exit code of pytest, and names of the tests by how they ended."""

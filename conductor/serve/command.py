@@ -123,14 +123,13 @@ def _sign_ended(conductor: Conductor, over: threading.Event) -> None:
     last = False
     while not last:
         last = over.wait(SIGN_PERIOD_S)
-        for path in conductor.to_sign(last=last):
+        for path, before in conductor.to_sign(last=last).items():
             if path in failed and not last:
                 continue
             try:
                 if path == conductor.folder and not last:
                     continue  # the journal in it is signed when it is closed
                 require_agreement(path)
-                before = conductor.additions(path)
                 values = _fingerprint(path)
                 sign_run(path, read_outcomes(path), values, None if last else conductor.chain())
                 if conductor.additions(path) != before:  # the next pass signs it with them

@@ -155,9 +155,10 @@ class Folders:
         soon."""
         self._changed.add(campaign)
 
-    def is_due(self, campaign: str) -> bool:
+    def is_due(self, campaign: CampaignState) -> bool:
         """Whether the outcomes of ``campaign`` on disk lack something that has happened."""
-        return campaign in self._changed
+        name = campaign.campaign.campaign
+        return name in self._changed or Path(campaign.out) / OUTCOMES_FILE in self._stale
 
     def refresh(self, state: State) -> None:
         """Bring the outcomes of running campaigns up to date, if it is time: for reports."""

@@ -363,43 +363,47 @@ class Conductor:
                 return {}
             return status(self._engine.state, time.monotonic_ns()) | self._engine.health()
 
-    def to_sign(self, *, last: bool = False) -> list[Path]:
-        """Folders of campaigns that came to their end and were judged, and are not signed yet;
-        ``last``: of all, whatever may still be added to them."""
+    def to_sign(self, *, last: bool = False) -> dict[Path, int]:
+        """Folders of campaigns that came to their end and were judged, and are not signed yet, each
+        with what :meth:`additions` says of what is on disk; ``last``: of all, whatever may still
+        be added to them."""
         if self._engine is None or self._replaced or not self.started.is_set():
-            return []
+            return {}
         if self.link is not None and self.link.is_bringing:
-            return []
+            return {}
         with self._lock:
             ended = [c for c in self._engine.state.campaigns.values() if not c.left]
         unsigned = [c for c in ended if not (Path(c.out) / RUN_FILE).exists()]
         if not unsigned:
-            return []
+            return {}
         # Once, and only when it is asked for: every file of the software is read for it.
         self._software = self._software or software_digest()
         ours = ("", self._software)
         with self._lock:
             judged = [c for c in unsigned if c.software in ours and self._judge.is_done(c)]
-            settled = [c for c in judged if last or self._is_settled(c)]
-        return [Path(c.out) for c in settled if not c.left]
+            settled = [c for c in judged if not c.left and (last or self._is_settled(c))]
+            return {Path(c.out): self._additions(c) for c in settled}
 
     def _is_settled(self, campaign: CampaignState) -> bool:
         """Whether all that has happened is on disk, and its recordings have had their time."""
-        name = campaign.campaign.campaign
-        if self._folders.is_due(name):
+        if self._folders.is_due(campaign):
             return False
         if not self._config.store or not ViewMode(campaign.campaign.view).records:
             return True
-        return time.monotonic() - self._news.get(name, (0, -RECORDINGS_S))[1] >= RECORDINGS_S
+        _, latest_s = self._news.get(campaign.campaign.campaign, (0, -RECORDINGS_S))
+        return time.monotonic() - latest_s >= RECORDINGS_S
 
     def additions(self, folder: Path) -> int:
         """Number of additions to the outcomes in ``folder`` since it serves; from any thread."""
         assert self._engine is not None
         with self._lock:
-            for name, campaign in self._engine.state.campaigns.items():
+            for campaign in self._engine.state.campaigns.values():
                 if Path(campaign.out) == folder:
-                    return self._news.get(name, (0, 0.0))[0]
+                    return self._additions(campaign)
         return 0
+
+    def _additions(self, campaign: CampaignState) -> int:
+        return self._news.get(campaign.campaign.campaign, (0, 0.0))[0]
 
     def chain(self) -> Chain:
         """Where its journal stands."""

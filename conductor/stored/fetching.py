@@ -55,6 +55,7 @@ from twin.stores.protocol import (
     MissingObjectError,
     ResultStore,
     StoreError,
+    StoreRefusedError,
 )
 
 SOURCE_FILE = "store.url"
@@ -163,7 +164,7 @@ def _fetch_recordings(
         assert row.recording is not UNSET
         try:
             _fetch_recording(store, attempt_folder(folder, row.attempt_dir), row.recording)
-        except StoreError as error:  # no verdict depends on it
+        except (StoreError, StoreRefusedError) as error:  # no verdict depends on it
             _log.warning("case %s: its recording is not fetched: %s", case, error)
 
     with ThreadPoolExecutor(RECORDING_READERS) as pool:

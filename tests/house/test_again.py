@@ -157,6 +157,9 @@ def test_a_command_without_tests_and_what_an_earlier_run_left(tmp_path, monkeypa
         (ends(failed=["tests/golden/test_x.py::test_a"]), "must be the same"),
         (ends(failed=["t.py::test_Determinism[4]"], error=["t.py::test_a"]), "test_Determinism[4]"),
         (ends(failed=["t.py::test_a[digest]"]), "must be the same"),
+        (ends(failed=["t.py::test_neighbours_change_no_byte_of_it"]), "must be the same"),
+        (ends(failed=["t.py::test_slots_to_the_last_bit"]), "must be the same"),
+        (ends(failed=["t.py::test_a_rerun_is_identical"]), "must be the same"),
         (ends(2, error=["t.py"]), "not collected: t.py"),
     ],
 )

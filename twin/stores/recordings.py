@@ -181,6 +181,10 @@ class RecordingUploads:
             with self._lock:
                 self._drop(token, str(error))
             return True
+        except Exception as error:  # our own mistake, or a library's: the next one has its turn
+            with self._lock:
+                self._drop(token, repr(error))
+            return True
         self._say("")
         self._remove(token)
         return True

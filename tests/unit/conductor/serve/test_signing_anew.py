@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import errno
 import threading
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from conductor_bench import V, hello, next_of, result, secret, submit
+from msgspec import UNSET
 from waiting import PATIENCE_S, wait_for
 
 import conductor.serve.shell
@@ -17,7 +19,7 @@ from conductor.serve.command import _sign_ended
 from conductor.serve.shell import Conductor
 from conductor.stored.link import StoreOptions
 from conductor.trust.manifest import RUN_FILE
-from conductor.trust.sign_run import require_fit, sign_run
+from conductor.trust.sign_run import require_agreement, require_fit, sign_run
 from schemas.files.recording import RecordingObject
 from schemas.wire.control import Lease, Recorded
 from twin.base.software import software_digest
@@ -124,6 +126,61 @@ def test_what_comes_while_it_is_signed_is_not_left_out(
 
 
 @pytest.mark.usefixtures("signing")
+def test_what_comes_before_the_outcomes_are_read_is_not_left_out(
+    served: Conductor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The conductor knows it when the run is signed, and the outcomes on disk lack it."""
+    folder = tmp_path / "results"
+    begun, go_on, signed = threading.Event(), threading.Event(), []
+
+    def agree(path: Path) -> None:
+        begun.set()
+        assert go_on.wait(PATIENCE_S)
+        require_agreement(path)
+
+    def sign(*arguments: object) -> object:
+        made = sign_run(*arguments)  # type: ignore[arg-type]
+        signed.append(made)
+        return made
+
+    monkeypatch.setattr(command, "require_agreement", agree)
+    monkeypatch.setattr(command, "sign_run", sign)
+    one, _ = ended(served, folder)
+    assert begun.wait(PATIENCE_S)
+    served._folders._refresh_ns = 1 << 62  # the outcomes are written later
+    assert not served.request(recorded(one)).error
+    go_on.set()
+    wait_for(lambda: signed, "the signature without it")
+    assert read_outcomes(folder).cases[one.case.id].recording is UNSET
+    served._folders._refresh_ns = 0
+    wait_for(lambda: len(signed) > 1, "another signature")
+    wait_for((folder / RUN_FILE).exists, "the signature")
+    assert read_outcomes(folder).cases[one.case.id].recording == STORED
+    assert require_fit(folder).manifest is not None
+
+
+def test_outcomes_that_the_disk_refuses_are_not_signed(
+    served: Conductor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "results"
+    one, _ = ended(served, folder)
+    wait_for(lambda: list(served.to_sign()) == [folder], "the outcomes on disk")
+    refused = threading.Event()
+
+    def refuse(path: Path, data: bytes) -> None:
+        refused.set()
+        raise OSError(errno.ENOSPC, "disk full")
+
+    with monkeypatch.context() as full:
+        full.setattr(conductor.serve.folders, "write_atomic", refuse)
+        assert not served.request(recorded(one)).error
+        assert refused.wait(PATIENCE_S)
+        assert served.to_sign() == {}
+    wait_for(lambda: list(served.to_sign()) == [folder], "the outcomes on disk")
+    assert read_outcomes(folder).cases[one.case.id].recording == STORED
+
+
+@pytest.mark.usefixtures("signing")
 def test_a_late_result_is_signed_along(served: Conductor, tmp_path: Path) -> None:
     folder = tmp_path / "results"
     software = software_digest()
@@ -153,7 +210,7 @@ def test_it_is_not_signed_before_recordings_have_had_their_time(
     monkeypatch.setattr(conductor.serve.shell, "RECORDINGS_S", 2 * PATIENCE_S)
     folder = tmp_path / "results"
     ended(served, folder)
-    wait_for(lambda: served.to_sign(last=True) == [folder], "the judge")
-    assert served.to_sign() == []
+    wait_for(lambda: list(served.to_sign(last=True)) == [folder], "the judge")
+    assert served.to_sign() == {}
     monkeypatch.setattr(conductor.serve.shell, "RECORDINGS_S", 0.0)
-    wait_for(lambda: served.to_sign() == [folder], "the outcomes on disk")
+    wait_for(lambda: list(served.to_sign()) == [folder], "the outcomes on disk")

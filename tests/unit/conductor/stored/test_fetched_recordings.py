@@ -18,7 +18,7 @@ from schemas.files.recording import RecordingObject
 from twin.base.errors import InfrastructureError
 from twin.stores.folder import FolderStore
 from twin.stores.objects import object_name, put_object, sha256_of
-from twin.stores.protocol import ResultStore
+from twin.stores.protocol import ResultStore, StoreRefusedError
 from viewer.playback.folder import find_recording
 
 CONTENT = {"bad": b"RRF2 of a collision", "good": b"RRF2 of a pass"}
@@ -177,6 +177,27 @@ def test_an_object_that_was_changed_is_told_and_the_others_come(
     assert files_of(folder) == {"good": CONTENT["good"]}
     assert f"case bad: its recording is not fetched: {made.url}" in caplog.text
     assert line in caplog.text
+
+
+def test_what_the_store_refuses_is_told_and_the_others_come(
+    tmp_path: Path,
+    made: FolderStore,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    run_in(made, tmp_path / "run")
+    real = FolderStore.get
+
+    def get(self: FolderStore, name: str, size_max: int) -> bytes:
+        if name == object_name(object_of("bad").sha256):
+            raise StoreRefusedError("no rights")
+        return real(self, name, size_max)
+
+    monkeypatch.setattr(FolderStore, "get", get)
+    with caplog.at_level(logging.WARNING):
+        folder = fetch_run(made.url, tmp_path / "read", "all")
+    assert files_of(folder) == {"good": CONTENT["good"]}
+    assert "case bad: its recording is not fetched: no rights" in caplog.text
 
 
 @pytest.mark.parametrize("size", [1, len(CONTENT["bad"]) + 1])
