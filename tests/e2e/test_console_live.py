@@ -176,7 +176,7 @@ def test_more_cases_than_fit_are_on_the_wall(browser, tmp_path):
         expect(page.locator("#filter-says")).to_have_text(f"30 of {COUNT} cases")
         pages.check(site.url)
     finally:
-        site.stop()
+        site.close()
 
 
 def test_a_cut_line_heals_where_it_was(pages, made):

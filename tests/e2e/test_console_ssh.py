@@ -63,12 +63,12 @@ def test_a_page_through_a_tunnel_sees_acts_and_heals(marked, calls, tmp_path):
             assert len(tunnels(calls)) == 1
             assert any("admin.key" in call["command"] for call in calls()), "so that it may act"
             beside = ConsolePage(url, "slow")
-            assert beside.act("pause", run="slow", confirm=True)[0] == 200
+            wait_for(lambda: beside.act("pause", run="slow", confirm=True)[0] == 200, "its pause")
 
             os.kill(tunnels(calls)[0]["pid"], signal.SIGKILL)
-            wait_for(lambda: len(tunnels(calls)) == 2, "another tunnel")
+            wait_for(lambda: len(tunnels(calls)) > 1, "another tunnel")
             expect(online).to_have_text("live")
-            wait_for(lambda: beside.act("resume", run="slow", confirm=True)[0] == 200, "its end")
+            wait_for(lambda: beside.act("resume", run="slow", confirm=True)[0] == 200, "the end")
             page.evaluate(f"location.hash = '#/run/slow/case/{name}'")
             expect(
                 page.get_by_text(re.compile(r"Live; the picture|The picture lags"))
@@ -81,9 +81,10 @@ def test_a_page_through_a_tunnel_sees_acts_and_heals(marked, calls, tmp_path):
 
         # Rerun's wall has a tunnel of its own, when somebody first asks for it.
         host = url.partition("//")[2].partition("/")[0]
+        dug = len(tunnels(calls))
         reads = {"Origin": f"http://{host}", "Content-Type": "application/grpc-web+proto"}
         beside.request("POST", READS, b"", reads)
-        wait_for(lambda: len(tunnels(calls)) == 3, "the tunnel of the hub")
+        wait_for(lambda: len(tunnels(calls)) > dug, "the tunnel of the hub")
         assert any("viewer.key" in call["command"] for call in calls())
     finally:
         case.close()

@@ -139,9 +139,10 @@ class Desk:
 
     def _session(self) -> Bus:
         target = self._resolve()
-        if target.endpoint != self._endpoint:
-            self._drop()  # it has moved, or the tunnel to it was dug again
         with self._lock:
+            if self._bus is not None and target.endpoint != self._endpoint:
+                moved, self._bus = self._bus, None  # or the tunnel to it was dug again
+                moved.close()
             if self._bus is None:
                 self._bus, self._endpoint = join(target, CONNECT_S), target.endpoint
             return self._bus

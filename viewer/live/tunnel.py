@@ -233,6 +233,9 @@ class Tunnel:
                 stderr=log,
             )
             assert child.stdout is not None
+            if self._closed:  # while we looked over there: nobody else would end it
+                self._end()
+                raise self._shut()
             for _ in range(NOISE_LINES_MAX):
                 line = child.stdout.readline()
                 if READY.encode() in line:
@@ -261,8 +264,11 @@ class Tunnel:
         while not self._closed and time.monotonic() < until_s:
             time.sleep(0.05)
         if self._closed:
-            raise UnreachableError("the tunnel is closed")
+            raise self._shut()
         self._called_s = time.monotonic()
+
+    def _shut(self) -> UnreachableError:
+        return UnreachableError(f"the tunnel to {self._far.login} is closed")
 
     def _failed(self, text: str) -> InfrastructureError:
         last = (text.strip().splitlines() or ["it ended without a word"])[-1].strip()

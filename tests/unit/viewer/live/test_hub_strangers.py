@@ -198,11 +198,11 @@ def test_who_came_before_the_filter_is_shown_out() -> None:
 
 def test_a_port_of_nobody_cannot_be_closed() -> None:
     before = len(os.listdir("/proc/self/fd"))
-    for _ in range(20):
+    for _ in range(200):
         with pytest.raises(OSError, match="nobody listens"):
             InnerPort(1)
-    # Servers of other tests end in their own time, and close some of theirs meanwhile.
-    assert len(os.listdir("/proc/self/fd")) < before + 20
+    # Servers of other tests end in their own time, and open and close some of theirs meanwhile.
+    assert len(os.listdir("/proc/self/fd")) < before + 100
 
 
 @root

@@ -1,0 +1,49 @@
+"""The session of the pages: one for all of them, and another one where the conductor has moved."""
+
+import threading
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+from free_ports import reserved_port
+from waiting import PATIENCE_S
+
+from twin.fabric.discovery import Target
+from twin.fabric.zenoh_bus import open_bus
+from viewer.browser.desk import Desk
+
+
+@pytest.fixture
+def another_port():
+    with reserved_port() as found:
+        yield found
+
+
+def target(port):
+    return Target(f"tcp/127.0.0.1:{port}", "twin", None)
+
+
+def test_pages_that_ask_at_once_share_a_session(opened, port):
+    """None ends the session that another one has just opened."""
+    opened.append(open_bus("router", listen=[f"tcp/127.0.0.1:{port}"]))
+    together = threading.Barrier(4)
+
+    def resolve():
+        together.wait(PATIENCE_S)
+        return target(port)
+
+    desk = Desk(resolve)
+    opened.append(desk)
+    with ThreadPoolExecutor(4) as pages:
+        sessions = [page.result() for page in [pages.submit(desk._session) for _ in range(4)]]
+    assert len({id(session) for session in sessions}) == 1
+
+
+def test_a_conductor_that_has_moved_gets_another_session(opened, port, another_port):
+    places = [port, port, another_port]
+    for place in {*places}:
+        opened.append(open_bus("router", listen=[f"tcp/127.0.0.1:{place}"]))
+    desk = Desk(lambda: target(places.pop(0)))
+    opened.append(desk)
+    first = desk._session()
+    assert desk._session() is first
+    assert desk._session() is not first
