@@ -281,7 +281,7 @@ def _in_path(tracks: TrackStore) -> tuple[np.ndarray, np.ndarray]:
     seen = (tracks.camera.hits >= SIGHTINGS_MIN) | (tracks.radar.hits < SIGHTINGS_MIN)
     seen &= tracks.camera.age_s < RECENT_S
     # A box may be of two parked cars. Many echoes know a direction as well.
-    echoes = tracks.radar.hits >= WALKS_ECHOES
+    echoes = (tracks.radar.hits >= WALKS_ECHOES) & (tracks.radar.age_s < RECENT_S)
     boxes = np.where(
         echoes, 0.5 * (tracks.camera.inside + tracks.radar.inside), tracks.camera.inside
     )

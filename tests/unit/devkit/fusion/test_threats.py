@@ -152,6 +152,7 @@ def beside(
     inside=False,
     boxes_inside=None,
     has_radar=True,
+    radar_age_s=0.0,
     bend_per_m=0.0,
     **values,
 ):
@@ -169,6 +170,7 @@ def beside(
     for memory, hits in hits_of:
         memory.age_s[0, 0], memory.hits[0, 0] = (0.0 if hits else 1e9), hits
         memory.inside[0, 0] = float(inside)
+    tracks.radar.age_s[0, 0] += radar_age_s
     if boxes_inside is not None:
         tracks.camera.inside[0, 0] = float(boxes_inside)
     ego, health = EgoMotion(1), SensorHealth(1)
@@ -345,6 +347,7 @@ def test_boxes_and_many_echoes_have_the_same_say_in_who_is_in_the_path():
     assert beside("car", radar_hits=19, **parked), "boxes tell directions better than a few echoes"
     assert not beside("car", radar_hits=20, **parked)
     assert not beside("car", radar_hits=20, **(parked | {"lidar_hits": 1})), "nor one sweep"
+    assert beside("car", radar_hits=20, radar_age_s=0.6, **parked), "echoes of long ago"
     assert beside("car", radar_hits=20, **(parked | {"inside": True}))
     assert not beside("car", radar_hits=19, **(parked | {"lidar_hits": 3})), "LiDAR knows best"
     ahead = parked | {"y_m": 0.0, "inside": True, "boxes_inside": False}
