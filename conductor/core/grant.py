@@ -90,7 +90,7 @@ def _bridgeless(campaign: CampaignState, worker: WorkerJoined) -> str:
 def _blind(campaign: CampaignState, worker: WorkerJoined) -> str:
     """The first perception variant that the worker cannot run, or nothing."""
     autonomy = campaign.campaign.autonomy
-    if autonomy.placement != "worker":
+    if autonomy.placement == "node":  # the stack runs on another host
         return ""
     for name, variant in autonomy.perception.items():
         if lack := worker.lacks.get(perception_lack(perception_kind(variant).name), ""):

@@ -485,8 +485,7 @@ def _slots(
     """Slots per worker."""
     if count is None:
         return options.slots or 1
-    lengths_s = [length_s for length_s in known_s if length_s is not None]
-    return gpu_slots(left, workers, count.slots(), lengths_s)
+    return gpu_slots(left, workers, count.slots(), known_s)
 
 
 class _Serving(threading.Thread):

@@ -121,14 +121,18 @@ def on_cpu(device: str, count: int | None, cores: int, left: int, slots: int) ->
     return [WorkerPlace(device)] * count
 
 
-def gpu_slots(left: int, workers: int, fit: int | None, lengths_s: Sequence[float] = ()) -> int:
+def gpu_slots(
+    left: int, workers: int, fit: int | None, known_s: Sequence[float | None] = ()
+) -> int:
     """Slots per worker on a GPU: all cases at once, up to what is useful and what fits.
 
-    ``lengths_s``: of the cases, as far as they are known; if all are, the longest ones begin first,
-    and slots that would stand empty until the longest one ends are not made.
+    ``known_s``: lengths of the campaign's cases, None where it is not known. If all are, and none
+    has ended yet, the longest ones begin first, and slots that would stand empty until the longest
+    one ends are not made.
     """
     wanted = max(1, min(GPU_SLOTS_MAX, -(-left // max(1, workers))))
-    if left and len(lengths_s) == left and max(lengths_s) > 0.0:
+    lengths_s = [length_s for length_s in known_s if length_s is not None and length_s >= 0.0]
+    if left and len(lengths_s) == len(known_s) == left and max(lengths_s) > 0.0:
         wanted = min(wanted, _slots_in_use(lengths_s, workers))
     return wanted if fit is None else max(1, min(wanted, fit))
 

@@ -53,8 +53,8 @@ def machine_class(hardware: str, opencv: str) -> str:
 
     Args:
         hardware: its device, ``cpu:<instruction set>`` or ``cuda:<device name>``.
-        opencv: version of OpenCV that is installed there; empty: none. The usual one is not named,
-            nor none: where there is none, no network runs.
+        opencv: version of OpenCV that Python imports there, ``unknown`` if it does not say one;
+            empty: none. The usual one is not named, nor none: where there is none, no network runs.
     """
     named = opencv not in ("", OPENCV_USUAL)
     return f"{hardware}{_OPENCV}{opencv}" if named else hardware

@@ -56,7 +56,7 @@ class PerceptionKind:
     portable: Callable[[Any], bool] = _never
     """Whether what a variant sees has the same bits on every CPU and GPU."""
     packages: tuple[str, ...] = ()
-    """Packages that it imports and workers may be without."""
+    """Packages, without dots, that it imports and workers may be without."""
     installed_by: str = ""
     """What ``pip install`` takes to have them."""
     text: str = ""

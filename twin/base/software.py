@@ -193,7 +193,26 @@ def device_class(device: str) -> str:
     Raises:
         UsageError: no such device here.
     """
-    return machine_class(hardware_class(device), _version(OPENCV))
+    return machine_class(hardware_class(device), _opencv_version())
+
+
+_OPENCV_VERSION = re.compile(r'^opencv_version = "([0-9A-Za-z.+-]{1,40})"', re.MULTILINE)
+
+
+def _opencv_version() -> str:
+    """Version of the OpenCV that Python imports here, whichever of its distributions brought it
+    (several own the same folder); empty: there is none."""
+    spec = importlib.util.find_spec("cv2")
+    if spec is None:
+        return ""
+    for folder in spec.submodule_search_locations or ():
+        try:
+            text = (Path(folder) / "version.py").read_text(encoding="utf-8", errors="replace")
+        except OSError:
+            continue
+        if found := _OPENCV_VERSION.search(text):
+            return found[1]
+    return "unknown"  # built by somebody else
 
 
 def hardware_class(device: str) -> str:

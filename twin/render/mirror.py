@@ -16,6 +16,7 @@ from twin.render.build import NONE, Features, KernelOptions
 from twin.render.light.air import through_air
 from twin.render.light.lamps import LampBeams, StreetLamps
 from twin.render.light.light import SlotLight
+from twin.render.light.second_light import CABIN, HALF_MAX
 from twin.render.light.sky import smooth_sky, sun_through_clouds
 from twin.render.look_pixels import kept_albedo, with_kept_look
 from twin.render.look_surface import (
@@ -37,17 +38,10 @@ from twin.render.shading import (
 )
 from twin.render.trace.geometry import RayHit, RayScene, rays_of
 from twin.render.trace.rays import Optics, SlotPose
+from twin.render.trace.second_hits import RANGE_M, RIPPLE, SHELL_M
 from twin.render.trace.visibility import DETAILED, MIRRORED, PixelsSeen, pixel_of
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
-
-RANGE_M = wp.constant(100.0)
-"""Length of second rays [m]."""
-_CABIN = wp.constant(wp.vec3(0.012, 0.013, 0.014))
-# A pane that lies on a closed body shows a dark cabin, not the paint behind it.
-_SHELL_M = wp.constant(0.10)
-_RIPPLE = wp.constant(0.025)
-_HALF_MAX = wp.constant(60000.0)
 
 STRIDE = 1 << 17
 """Threads of a launch on a GPU at most: about two to every place for one."""
@@ -85,7 +79,7 @@ def _light_functions(features: Features, shell_first: bool) -> tuple[Any, Any]:
         """
         if wp.static(shell_first):
             hit = RayHit()
-            reach = wp.where(glass, _SHELL_M, RANGE_M)
+            reach = wp.where(glass, SHELL_M, RANGE_M)
             while reach > 0.0:
                 hit = trace(scene, slot, start, direction, 0.0, reach)
                 reach = wp.where(hit.found or reach == RANGE_M, 0.0, RANGE_M)
@@ -93,8 +87,8 @@ def _light_functions(features: Features, shell_first: bool) -> tuple[Any, Any]:
             hit = trace(scene, slot, start, direction, 0.0, RANGE_M)
         if not hit.found:
             return smooth_sky(direction, slot, light, table)
-        if glass and hit.t < _SHELL_M:
-            return wp.cw_mul(_CABIN, light.sky_rgb) * PI_INVERSE
+        if glass and hit.t < SHELL_M:
+            return wp.cw_mul(CABIN, light.sky_rgb) * PI_INVERSE
         at = ShadedPoint()
         at.p = ahead_of(start, direction, hit.t)
         at.n = hit.normal
@@ -196,7 +190,7 @@ def mirror_kernel(build: KernelOptions, features: Features = NONE) -> wp.Kernel:
                 if n[2] > 0.9 and light.wetness > 0.0:  # water is never quite level
                     x = value_noise(at.p[0] * 5.0, at.p[1] * 5.0, 21) - 0.5
                     y = value_noise(at.p[0] * 5.0, at.p[1] * 5.0, 22) - 0.5
-                    n = unit(n + wp.vec3(x, y, 0.0) * _RIPPLE)
+                    n = unit(n + wp.vec3(x, y, 0.0) * RIPPLE)
                 if wp.static(looks):
                     n = bent_normal(n, s)
                 cosine = wp.clamp(-dot(n, direction), 0.0, 1.0)
@@ -235,7 +229,7 @@ def mirror_kernel(build: KernelOptions, features: Features = NONE) -> wp.Kernel:
                         far = wp.cw_mul(far, wp.where(glass, wp.vec3(1.0, 1.0, 1.0), s.tint))
                     color += far
             for k in range(3):
-                seen.second[thread, k] = wp.float16(wp.min(color[k], _HALF_MAX))
+                seen.second[thread, k] = wp.float16(wp.min(color[k], HALF_MAX))
             seen.flags[thread] = seen.flags[thread] | MIRRORED
 
     return second_kernel

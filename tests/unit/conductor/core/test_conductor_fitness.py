@@ -109,6 +109,7 @@ TRUTH, NETWORK = {"type": "ground_truth"}, {"type": "network", "model": "yolov3-
         ({"truth": TRUTH}, "worker", True),
         ({"net": NETWORK}, "worker", False),
         ({"truth": TRUTH, "net": NETWORK}, "worker", False),
+        ({"net": NETWORK}, "inline", False),
         ({"net": NETWORK}, "node", True),
     ],
 )

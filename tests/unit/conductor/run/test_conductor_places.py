@@ -97,11 +97,20 @@ def test_slots_of_a_gpu(left, workers, fit, slots):
         ([12.0] * 255 + [16.0], 4, None, 64),
         ([10.0] * 60 + [60.0], 4, None, 4),
         ([0.0] * 8, 1, None, 8),
-        ([10.0] * 7, 1, None, 8),  # one is not known
+        ([12.0] * 255 + [None], 4, None, 64),
+        ([-1.0] * 8, 1, None, 8),  # a file that somebody changed
+        ([1.0] * 8 + [-1e9], 1, None, 9),
     ],
 )
 def test_slots_that_would_stand_empty_are_not_made(lengths_s, workers, fit, slots):
-    assert gpu_slots(max(8, len(lengths_s)), workers, fit, lengths_s) == slots
+    assert gpu_slots(len(lengths_s), workers, fit, lengths_s) == slots
+
+
+def test_a_run_that_goes_on_has_other_cases_left_than_those_that_are_known():
+    """As many lengths are known as cases are left, but not theirs."""
+    known = [1.0] * 63 + [63.0] + [None] * 64
+    assert gpu_slots(64, 1, None, known) == 64
+    assert gpu_slots(64, 1, None, known[:64]) == 3
 
 
 def test_ranges_of_cores():

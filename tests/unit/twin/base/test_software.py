@@ -1,6 +1,7 @@
 """The software digest: which files and versions are part of it."""
 
 import importlib.metadata
+import importlib.util
 import os
 import socket
 from types import SimpleNamespace
@@ -109,22 +110,47 @@ def test_what_is_no_file_does_not_count(monkeypatch, tmp_path):
 
 @pytest.mark.parametrize(
     ("installed", "named"),
-    [("", ""), (OPENCV_USUAL, ""), ("5.0.1.2", "~opencv-5.0.1.2")],
-    ids=["none", "usual", "other"],
+    [
+        (None, ""),
+        (f'opencv_version = "{OPENCV_USUAL}"\ncontrib = False\n', ""),
+        ('opencv_version = "5.0.1.2"\nheadless = False\n', "~opencv-5.0.1.2"),
+        ('opencv_version = "4.6 of \x1b[1m somebody"\n', "~opencv-unknown"),
+        ("", "~opencv-unknown"),
+    ],
+    ids=["none", "usual", "other", "odd", "silent"],
 )
-def test_opencv_is_part_of_the_device_class_alone(monkeypatch, installed, named):
+@pytest.mark.parametrize("distribution", [OPENCV, "opencv-python"])
+def test_opencv_is_part_of_the_device_class_alone(
+    monkeypatch, tmp_path, installed, named, distribution
+):
+    """What Python imports counts: a distribution of another name brings the same package."""
     plain, digest = software.hardware_class("cpu"), software.software_digest()
-    find = importlib.metadata.distribution
+    find, metadata = importlib.util.find_spec, importlib.metadata.distribution
 
-    def distribution(name: str) -> object:
-        if name != OPENCV:
+    def spec(name: str) -> object:
+        if name != "cv2":
             return find(name)
-        if not installed:
-            raise importlib.metadata.PackageNotFoundError(name)
-        return SimpleNamespace(read_text=lambda _name: f"Version: {installed}\n")
+        folders = [str(tmp_path / "nothing"), str(tmp_path)]
+        return None if installed is None else SimpleNamespace(submodule_search_locations=folders)
 
-    monkeypatch.setattr(importlib.metadata, "distribution", distribution)
+    def distribution_of(name: str) -> object:
+        if name != OPENCV:
+            return metadata(name)
+        if name != distribution:
+            raise importlib.metadata.PackageNotFoundError(name)
+        return SimpleNamespace(read_text=lambda _name: "Version: 5.0.7.7\n")
+
+    if installed:
+        (tmp_path / "version.py").write_text(installed)
+    monkeypatch.setattr(importlib.util, "find_spec", spec)
+    monkeypatch.setattr(importlib.metadata, "distribution", distribution_of)
     assert software.device_class("cpu") == plain + named
     assert software.hardware_class("cpu") == plain
     assert software.software_digest() == digest
-    assert software.library_versions().get(OPENCV, "") == installed
+    named_library = "5.0.7.7" if distribution == OPENCV else ""
+    assert software.library_versions().get(OPENCV, "") == named_library
+
+
+def test_the_opencv_that_is_here_says_its_version():
+    metadata = importlib.metadata.version(OPENCV)
+    assert software._opencv_version() == metadata
