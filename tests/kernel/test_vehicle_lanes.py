@@ -53,7 +53,7 @@ def test_sums_are_in_the_order_of_the_wheels_and_values_stand_by_name():
 def test_what_lanes_of_a_gpu_add_from_their_board_are_the_same_sums_in_the_same_order():
     # Lines of sums are Python, too.
     total = np.zeros(len(on_cpu()))
-    exec(lanes._BOARD.replace(";", ""), {"total": total, "board": PARTS})
+    exec(lanes.BOARD.replace(";", ""), {"total": total, "board": PARTS})
     assert (total == on_cpu()).all()
 
 
@@ -73,7 +73,7 @@ def test_a_loaded_slot_has_wheels_of_its_own():
     fleet = Fleet([CAR], 3, wp.get_device("cpu"))
     load = Load(mass_kg=200.0, x_m=0.4, y_m=0.3, z_m=0.5)
     fleet.load(1, load)
-    rows = fleet._wheels.numpy()
+    rows = fleet.wheel_models.numpy()
     empty, loaded = wheel_models(vehicle_model(CAR)), wheel_models(vehicle_model(CAR, load))
     assert (rows[2] == loaded).all()
     assert (rows[[0, 1, 3]] == empty).all()

@@ -125,7 +125,7 @@ class Fleet:
         self._models = wp.array(rooms, dtype=VehicleModel, device=device)
         rows = np.stack([wheel_models(model) for model in self._host_models])
         rows = np.concatenate([rows, np.repeat(rows[:1], self.slots, axis=0)])
-        self._wheels = wp.array(rows, dtype=WheelModel, device=device, ndim=2)
+        self.wheel_models = wp.array(rows, dtype=WheelModel, device=device, ndim=2)
         self._model_of = Mirror((self.slots, count), wp.int32, device)
         self._model_of.host[...] = np.arange(count)
         self._model_of.push()
@@ -223,7 +223,7 @@ class Fleet:
             room = wp.array([model], dtype=VehicleModel, device=self._device)
             wp.copy(self._models, room, dest_offset=index, count=1)
             wheels = wp.array(wheel_models(model), dtype=WheelModel, device=self._device)
-            wp.copy(self._wheels, wheels, dest_offset=4 * index, count=4)
+            wp.copy(self.wheel_models, wheels, dest_offset=4 * index, count=4)
         if self._model_of.host[slot, 0] != index:
             self._model_of.host[slot, 0] = index
             self._model_of.push()
@@ -348,7 +348,7 @@ class Fleet:
             self.slots * self._lanes,
             [
                 self._models,
-                self._wheels,
+                self.wheel_models,
                 self._model_of.device,
                 self._scene,
                 self._lanes,

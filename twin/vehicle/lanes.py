@@ -53,9 +53,10 @@ def _added(row: str, wheel: str) -> str:
     return "\n".join(lines)
 
 
-_BOARD = "\n".join(_added(f"board[{wheel}]", str(wheel)) for wheel in range(4))
-# A board in shared memory and one barrier: shuffles of lanes whose number the compiler does not
-# know take a barrier each.
+BOARD = "\n".join(_added(f"board[{wheel}]", str(wheel)) for wheel in range(4))
+"""Statements that add the parts of four wheels, one after another, from a board in shared memory.
+With it there is one barrier: shuffles of lanes whose number the compiler does not know take one
+each."""
 _ADD = f"""
 #if defined(__CUDA_ARCH__)
     __shared__ double boards[32][{len(PART)}];
@@ -65,7 +66,7 @@ _ADD = f"""
         boards[threadIdx.x & 31u][k] = part[k];
     __syncwarp(mask);
     const double (*board)[{len(PART)}] = boards + (threadIdx.x & 28u);
-    {_BOARD}
+    {BOARD}
 #else
     {_added("part", "wheel")}
 #endif
