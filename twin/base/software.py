@@ -193,13 +193,13 @@ def device_class(device: str) -> str:
     Raises:
         UsageError: no such device here.
     """
-    return machine_class(hardware_class(device), _opencv_version())
+    return machine_class(hardware_class(device), opencv_version())
 
 
 _OPENCV_VERSION = re.compile(r'^opencv_version = "([0-9A-Za-z.+-]{1,40})"', re.MULTILINE)
 
 
-def _opencv_version() -> str:
+def opencv_version() -> str:
     """Version of the OpenCV that Python imports here, whichever of its distributions brought it
     (several own the same folder); empty: there is none."""
     spec = importlib.util.find_spec("cv2")

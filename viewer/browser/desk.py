@@ -67,7 +67,7 @@ class Desk:
         Raises:
             TwinError: no conductor there, or another version.
         """
-        states = running(self._session())
+        states = running(self.session())
         if not states:
             self._drop()  # nobody there, or the conductor has moved: look for it next time
         return msgspec.json.encode(states)
@@ -86,7 +86,7 @@ class Desk:
             raise UsageError(str(error)) from None
         if asked.action is not None:
             actions.append(asked.action)
-        attempt = Attempt(self._session(), asked.campaign, asked.case, asked.token)
+        attempt = Attempt(self.session(), asked.campaign, asked.case, asked.token)
         tick, state = -1, None
         for _, reply in carry_out(attempt, actions):
             tick, state = reply.tick, reply.state
@@ -125,7 +125,7 @@ class Desk:
         self._drop()
 
     def _ask(self, request: Control | Explain) -> Reply:
-        data = self._session().request(route_key(request), encode(request), ASK_S)
+        data = self.session().request(route_key(request), encode(request), ASK_S)
         if data is None:
             self._drop()  # it may have moved
             raise UnreachableError("the conductor does not answer; ask again in a moment")
@@ -137,7 +137,8 @@ class Desk:
             raise UsageError(reply.error)
         return reply
 
-    def _session(self) -> Bus:
+    def session(self) -> Bus:
+        """The session to the conductor: one for all pages, another one where it has moved."""
         target = self._resolve()
         with self._lock:
             if self._bus is not None and target.endpoint != self._endpoint:

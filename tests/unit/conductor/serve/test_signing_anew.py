@@ -16,6 +16,7 @@ import conductor.serve.shell
 from conductor.records.outcomes import read_outcomes
 from conductor.serve import command
 from conductor.serve.command import _sign_ended
+from conductor.serve.folders import Folders
 from conductor.serve.shell import Conductor
 from conductor.stored.link import StoreOptions
 from conductor.trust.manifest import RUN_FILE
@@ -147,12 +148,12 @@ def test_what_comes_before_the_outcomes_are_read_is_not_left_out(
     monkeypatch.setattr(command, "sign_run", sign)
     one, _ = ended(served, folder)
     assert begun.wait(PATIENCE_S)
-    served._folders._refresh_ns = 1 << 62  # the outcomes are written later
-    assert not served.request(recorded(one)).error
-    go_on.set()
-    wait_for(lambda: signed, "the signature without it")
-    assert read_outcomes(folder).cases[one.case.id].recording is UNSET
-    served._folders._refresh_ns = 0
+    with monkeypatch.context() as late:
+        late.setattr(Folders, "refresh", lambda *_: None)  # the outcomes are written later
+        assert not served.request(recorded(one)).error
+        go_on.set()
+        wait_for(lambda: signed, "the signature without it")
+        assert read_outcomes(folder).cases[one.case.id].recording is UNSET
     wait_for(lambda: len(signed) > 1, "another signature")
     wait_for((folder / RUN_FILE).exists, "the signature")
     assert read_outcomes(folder).cases[one.case.id].recording == STORED

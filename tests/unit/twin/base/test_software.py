@@ -153,4 +153,4 @@ def test_opencv_is_part_of_the_device_class_alone(
 
 def test_the_opencv_that_is_here_says_its_version():
     metadata = importlib.metadata.version(OPENCV)
-    assert software._opencv_version() == metadata
+    assert software.opencv_version() == metadata

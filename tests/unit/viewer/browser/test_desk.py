@@ -34,7 +34,7 @@ def test_pages_that_ask_at_once_share_a_session(opened, port):
     desk = Desk(resolve)
     opened.append(desk)
     with ThreadPoolExecutor(4) as pages:
-        sessions = [page.result() for page in [pages.submit(desk._session) for _ in range(4)]]
+        sessions = [page.result() for page in [pages.submit(desk.session) for _ in range(4)]]
     assert len({id(session) for session in sessions}) == 1
 
 
@@ -44,6 +44,6 @@ def test_a_conductor_that_has_moved_gets_another_session(opened, port, another_p
         opened.append(open_bus("router", listen=[f"tcp/127.0.0.1:{place}"]))
     desk = Desk(lambda: target(places.pop(0)))
     opened.append(desk)
-    first = desk._session()
-    assert desk._session() is first
-    assert desk._session() is not first
+    first = desk.session()
+    assert desk.session() is first
+    assert desk.session() is not first
