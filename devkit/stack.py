@@ -41,6 +41,7 @@ Name it ``autonomy.stack: my_module:GapStack`` in the campaign file, its keyword
 from __future__ import annotations
 
 import importlib
+import importlib.util
 import inspect
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
@@ -67,7 +68,8 @@ class StackError(ValueError):
 
 
 class StackMissingError(StackError):
-    """There is no such stack here: another machine may have it, and the same one later."""
+    """There is no such stack here, or not what it needs that some machines lack: another machine
+    may have it, and the same one later."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -187,7 +189,7 @@ def load_stack(entry_point: str, slots: int, parameters: Mapping[str, ParameterV
     """Import and construct the stack named ``module:Class``.
 
     Raises:
-        StackMissingError: no such module on the path.
+        StackMissingError: no such module on the path, or it imports OpenCV, which is not here.
         StackError: one line that says what was given, what is allowed and whose mistake it is; its
             cause is what the stack raised, if it did.
     """
@@ -257,6 +259,11 @@ def _find(entry_point: str) -> type[Stack]:
     try:
         module = importlib.import_module(module_name)
     except ModuleNotFoundError as error:
+        if error.name == "cv2" and importlib.util.find_spec("cv2") is None:
+            raise StackMissingError(
+                f"{module_name}: it imports cv2, and OpenCV is not installed here; "
+                "pip install 'drivetwin-worker[networks]'"
+            ) from None
         if error.name is None or not f"{module_name}.".startswith(f"{error.name}."):
             sandbox_hint = f"; {ONLY_NAMED}" if is_inside() else ""
             raise StackError(

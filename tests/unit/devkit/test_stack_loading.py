@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import sys
 import textwrap
 
@@ -10,7 +11,7 @@ import pytest
 
 import devkit.stack
 from devkit.aeb import AebStack
-from devkit.stack import Observation, Stack, StackError, load_stack
+from devkit.stack import Observation, Stack, StackError, StackMissingError, load_stack
 from schemas.messages import Command, Episode
 from schemas.sections.autonomy import Autonomy
 from schemas.sections.perception import GroundTruthPerception
@@ -171,3 +172,24 @@ def test_observation_of_a_tick_without_camera_and_with_empty_slots():
     )
     assert observation.active_slots() == [1, 2]
     assert observation.boxes(1) is None
+
+
+def test_a_stack_of_cv2_is_missing_where_opencv_is(module, monkeypatch):
+    """A worker without the extra `networks` is to blame, and the case is not."""
+    module("st_sees", "import cv2")
+    monkeypatch.setitem(sys.modules, "cv2", None)  # so that importing it fails
+    found = importlib.util.find_spec
+    monkeypatch.setattr(
+        importlib.util,
+        "find_spec",
+        lambda name, *rest: (name != "cv2" and found(name, *rest)) or None,
+    )
+    with pytest.raises(StackMissingError, match=r"OpenCV is not installed here; pip install"):
+        load_stack("st_sees:X", 1, {})
+
+
+def test_a_stack_cannot_say_so_where_opencv_is(module):
+    module("st_blames", "raise ModuleNotFoundError('no cv2', name='cv2')")
+    with pytest.raises(StackError) as refused:
+        load_stack("st_blames:X", 1, {})
+    assert not isinstance(refused.value, StackMissingError)
