@@ -35,6 +35,7 @@ from conductor.records.outcomes import CaseOutcome, Outcomes, read_outcomes
 from conductor.serve.folders import CAMPAIGN_FILE
 from conductor.stored.run_files import NAMES
 from conductor.stored.successor import READERS
+from conductor.trust.manifest import RUN_FILE
 from conductor.trust.sign_run import require_fit
 from schemas.escape import escape
 from schemas.files.recording import (
@@ -122,6 +123,8 @@ def fetch_run(
                     f"{store.url}: campaign {campaign} has no {name} yet; try again when a case "
                     "has ended"
                 ) from None
+            if name == RUN_FILE:  # that of an earlier fetch: something came later, so it goes
+                (folder / name).unlink(missing_ok=True)
             continue
         _write(folder / name, data)
     outcomes = read_outcomes(folder)

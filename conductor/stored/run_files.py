@@ -40,6 +40,8 @@ PERIOD_S = 10.0
 """They are looked at this often [s]."""
 SHARE = 0.02
 """Share of the time that putting them takes at most."""
+_NONE = (0, 0)
+"""Mark of a file of which the store has none."""
 
 _log = logging.getLogger(__name__)
 
@@ -86,6 +88,7 @@ class RunFiles:
         if not self._owns():
             return
         for folder in self._folders():
+            self._withdraw(folder)
             for name in NAMES:
                 path = folder / name
                 try:
@@ -98,6 +101,16 @@ class RunFiles:
                         self._put[path] = mark
                 except OSError:
                     continue  # it is not there, or just replaced
+
+    def _withdraw(self, folder: Path) -> None:
+        """Remove the manifest of a run that is signed no longer, since something came later: before
+        the outcomes are put that it does not fit."""
+        path = folder / RUN_FILE
+        if self._put.get(path) == _NONE or path.exists():
+            return
+        if campaign := self._campaign(folder):
+            self._store.delete(f"runs/{campaign}/{RUN_FILE}")
+            self._put[path] = _NONE
 
     def _campaign(self, folder: Path) -> str:
         if folder not in self._names:

@@ -22,6 +22,7 @@ from conductor.stored.replicator import Replicator
 from conductor.stored.run_files import RunFiles
 from conductor.stored.seals import StoreSeal
 from conductor.stored.successor import bring_back_all, bring_journal
+from conductor.trust.manifest import RUN_FILE
 from twin.base.errors import TwinError
 from twin.stores.folder import FolderStore
 from twin.stores.protocol import MissingObjectError, StoreError
@@ -179,6 +180,28 @@ def test_it_is_asked_before_each_pass_who_owns_the_store(tmp_path: Path) -> None
         folder_of_run(mine, text)
         files.put_changed()
         assert store.get(name).endswith(kept)
+
+
+@pytest.mark.parametrize("restarted", [False, True])
+def test_a_manifest_leaves_the_store_before_outcomes_come_that_it_does_not_fit(
+    tmp_path: Path, restarted: bool
+) -> None:
+    store = FolderStore(tmp_path / "store")
+    mine = folder_of_run(tmp_path / "mine", "signed")
+    manifest = f"runs/one/{RUN_FILE}"
+    (mine / RUN_FILE).write_text("of the first outcomes")
+    files = RunFiles(store, lambda: [mine], lambda: True)
+    files.put_changed()
+    assert store.get(manifest) == b"of the first outcomes"
+    (mine / RUN_FILE).unlink()
+    if restarted:
+        files = RunFiles(store, lambda: [mine], lambda: True)
+    files.put_changed()
+    with pytest.raises(MissingObjectError):
+        store.get(manifest)
+    (mine / RUN_FILE).write_text("of the later ones")
+    files.put_changed()
+    assert store.get(manifest) == b"of the later ones"
 
 
 # --- files that come later ----------------------------------------------------------------------

@@ -126,6 +126,20 @@ def test_they_are_not_fetched_again(
     assert files_of(folder) == CONTENT
 
 
+def test_a_run_that_is_signed_no_longer_is_not_signed_here_either(
+    tmp_path: Path, made: FolderStore
+) -> None:
+    """Something came after its signature; the next one will be in the store later."""
+    run_in(made, tmp_path / "run")
+    folder = fetch_run(made.url, tmp_path / "read")
+    assert (folder / RUN_FILE).exists()
+    (folder / "judgement.json").write_text("made here")
+    made.delete(f"runs/a/{RUN_FILE}")
+    fetch_run(made.url, tmp_path / "read")
+    assert not (folder / RUN_FILE).exists()
+    assert (folder / "judgement.json").read_text() == "made here"
+
+
 def test_of_a_run_that_is_not_signed_none_comes(
     tmp_path: Path, made: FolderStore, caplog: pytest.LogCaptureFixture
 ) -> None:
