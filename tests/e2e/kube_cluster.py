@@ -375,6 +375,8 @@ class KubeCluster:
                 code = self._run_container(pod, running, container, mounts)
                 if code:
                     break
+        except RefusalError:
+            pass  # its secret has gone with its namespace: it does not start
         except BaseException as error:
             self.failure = error
             raise
