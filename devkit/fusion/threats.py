@@ -173,7 +173,7 @@ def find_threats(
     ttc = np.minimum(ttc, TIME_MAX_S)
     slow = tracks.vx_mps * tracks.vx_mps + tracks.vy_mps * tracks.vy_mps < SLOW_MPS * SLOW_MPS
     driven = doppler | ((vx != 0.0) & ~(echoed & (slow | (tracks.agrees < AGREES_MIN))))
-    crosses = _crosses(tracks, ego, vx, vy, ttc, closing, driven, staging)
+    crosses = _crosses(tracks, ego, vx, vy, ttc, closing, doppler, driven, staging)
     crossing = crosses.meets
     departs = crosses.departs | _passes_by(tracks, ego, vx, ttc, staging)
     ahead = tracks.live & (tracks.x_m > staging.front_m - 1.0)
@@ -299,6 +299,7 @@ def _crosses(
     vy_mps: np.ndarray,
     ttc_s: np.ndarray,
     closing_mps: np.ndarray,
+    doppler: np.ndarray,
     driven: np.ndarray,
     staging: StagingParameters,
 ) -> PathCrossing:
@@ -340,7 +341,7 @@ def _crosses(
     person = (_persons(tracks) | ((tracks.label == 0) & walks)) & (vy_mps != 0.0)
     # A vehicle that comes along a curve is no crossing one, though it goes aside for a while.
     aside = (speed > np.abs(vx_mps)) | (tracks.x_m < PATH_SURE_M)
-    seen = _may_be_vehicle(tracks, staging, narrow)
+    seen = _may_be_vehicle(tracks, doppler, narrow)
     vehicle = seen | (runs & (speed > RUNS_NARROW_MPS))
     moves &= person | (vehicle & (speed > CROSSES_MPS) & (driven | runs))
     # Braking begins earlier than crossing is foreseen: who turns off has to count until then.
@@ -359,9 +360,7 @@ def _crosses(
     return PathCrossing(meets, comes, meets & (enters < IMMINENT_S), departs, walks)
 
 
-def _may_be_vehicle(
-    tracks: TrackStore, staging: StagingParameters, narrow: np.ndarray
-) -> np.ndarray:
+def _may_be_vehicle(tracks: TrackStore, doppler: np.ndarray, narrow: np.ndarray) -> np.ndarray:
     """Whether tracks that cross are wide enough for vehicles, or radar sees them move.
 
     LiDAR alone goes from one post to the next in fog, and a box behind them may name them. What
@@ -370,7 +369,7 @@ def _may_be_vehicle(
     """
     unseen = tracks.lidar.hits < SIGHTINGS_MIN
     often = tracks.lidar.hits >= WALKS_SIGHTINGS
-    seen: np.ndarray = ~narrow | (often & _moves_by_doppler(tracks, staging)[0])
+    seen: np.ndarray = ~narrow | (often & doppler)
     seen |= unseen & ((tracks.label > 0) | (tracks.radar.hits >= SIGHTINGS_MIN))
     return seen
 

@@ -57,6 +57,20 @@ def web(marked, *arguments):
     return child, json.loads(line)["url"]
 
 
+def slow_run(marked, tmp_path):
+    """A campaign that runs: its conductor's folder, conductor, worker, and a hold of a case."""
+    (tmp_path / "slow.yaml").write_text(SLOW)
+    state = tmp_path / "state"
+    conductor = serve(marked, state)
+    there = ("--state", str(state))
+    submitted = marked.run("conductor", "submit", str(tmp_path / "slow.yaml"), *there)
+    assert submitted.returncode == 0, submitted.stderr
+    worker = marked.start("twin", "worker", *there)
+    case = caught(state)
+    case.resume()
+    return state, conductor, worker, case
+
+
 def recorded(folder):
     for case, brakes in (("case-a", True), ("case-b", False)):
         weather = "clear" if brakes else "heavy_rain"
@@ -132,16 +146,8 @@ def test_a_console_without_the_files_says_so_and_where_they_are(marked, pages, t
 def test_a_running_case_is_seen_paused_and_heals(marked, pages, tmp_path):
     """The server is killed, then the conductor; the page goes on without being loaded again."""
     pages.allowed += CUT
-    (tmp_path / "slow.yaml").write_text(SLOW)
-    state = tmp_path / "state"
-    conductor = serve(marked, state)
-    there = ("--state", str(state))
-    submitted = marked.run("conductor", "submit", str(tmp_path / "slow.yaml"), *there)
-    assert submitted.returncode == 0, submitted.stderr
-    worker = marked.start("twin", "worker", *there)
-    case = caught(state)
+    state, conductor, worker, case = slow_run(marked, tmp_path)
     name = case.state.case
-    case.resume()
     child, url = web(marked, "--run", str(state))
     try:
         port = url.rpartition(":")[2].partition("/")[0]

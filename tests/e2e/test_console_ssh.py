@@ -12,9 +12,7 @@ from browser_pages import CHROMIUM, CUT, PATIENCE_MS, OpenedPages, chromium
 from console_pages import ConsolePage
 from processes import PATIENCE_S, wait_for
 from ssh_stand_in import put_first
-from test_conductor_restart import serve
-from test_console_real import SLOW, web
-from test_intervene_in_a_case import caught
+from test_console_real import slow_run, web
 
 from viewer.browser.front import READS
 
@@ -39,16 +37,8 @@ def tunnels(calls):
 )
 def test_a_page_through_a_tunnel_sees_acts_and_heals(marked, calls, tmp_path):
     """ssh is killed under it; the page goes on without being loaded again."""
-    (tmp_path / "slow.yaml").write_text(SLOW)
-    state = tmp_path / "state"
-    conductor = serve(marked, state)
-    there = ("--state", str(state))
-    submitted = marked.run("conductor", "submit", str(tmp_path / "slow.yaml"), *there)
-    assert submitted.returncode == 0, submitted.stderr
-    worker = marked.start("twin", "worker", *there)
-    case = caught(state)
+    state, conductor, worker, case = slow_run(marked, tmp_path)
     name = case.state.case
-    case.resume()
     child, url = web(marked, "--ssh", "me@login", "--run", str(state))
     try:
         with chromium(sync_api) as browser:

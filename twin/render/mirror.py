@@ -11,7 +11,7 @@ from typing import Any
 
 import warp as wp
 
-from twin.base.portable.quick import ahead_of, dot, of_axes, unit
+from twin.base.portable.quick import ahead_of, dot, of_axes
 from twin.render.build import NONE, Features, KernelOptions
 from twin.render.light.air import through_air
 from twin.render.light.lamps import LampBeams, StreetLamps
@@ -27,7 +27,6 @@ from twin.render.look_surface import (
     smooth_point,
     with_look,
 )
-from twin.render.noise import value_noise
 from twin.render.shading import (
     PI_INVERSE,
     ShadedPoint,
@@ -38,7 +37,7 @@ from twin.render.shading import (
 )
 from twin.render.trace.geometry import RayHit, RayScene, rays_of
 from twin.render.trace.rays import Optics, SlotPose
-from twin.render.trace.second_hits import RANGE_M, RIPPLE, SHELL_M
+from twin.render.trace.second_hits import RANGE_M, SHELL_M, rippled
 from twin.render.trace.visibility import DETAILED, MIRRORED, PixelsSeen, pixel_of
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
@@ -186,11 +185,7 @@ def mirror_kernel(build: KernelOptions, features: Features = NONE) -> wp.Kernel:
             if wp.static(looks):
                 s = with_kept_look(s, seen.look, thread, flags, own[3], at.n, light)
             if s.mirror > 0.0:
-                n = at.n
-                if n[2] > 0.9 and light.wetness > 0.0:  # water is never quite level
-                    x = value_noise(at.p[0] * 5.0, at.p[1] * 5.0, 21) - 0.5
-                    y = value_noise(at.p[0] * 5.0, at.p[1] * 5.0, 22) - 0.5
-                    n = unit(n + wp.vec3(x, y, 0.0) * RIPPLE)
+                n = rippled(at.n, at.p, light.wetness)
                 if wp.static(looks):
                     n = bent_normal(n, s)
                 cosine = wp.clamp(-dot(n, direction), 0.0, 1.0)

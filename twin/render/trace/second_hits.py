@@ -129,6 +129,17 @@ class Aim:
     """Colour of the mirror part, where materials come from files."""
 
 
+@wp.func
+def rippled(n: wp.vec3, p: wp.vec3, wetness: wp.float32) -> wp.vec3:
+    """Normal that mirrors where a face has the normal ``n``: water is never quite level."""
+    bent = n
+    if n[2] > 0.9 and wetness > 0.0:
+        x = value_noise(p[0] * 5.0, p[1] * 5.0, 21) - 0.5
+        y = value_noise(p[0] * 5.0, p[1] * 5.0, 22) - 0.5
+        bent = unit(n + wp.vec3(x, y, 0.0) * RIPPLE)
+    return bent
+
+
 @cache
 def aim_function(features: Features) -> Any:
     """``aim_of`` for worlds with such ``features``."""
@@ -162,11 +173,7 @@ def aim_function(features: Features) -> Any:
         aim.n = at.n
         aim.distance = at.distance
         if s.mirror > 0.0:
-            n = at.n
-            if n[2] > 0.9 and light.wetness > 0.0:  # water is never quite level
-                x = value_noise(at.p[0] * 5.0, at.p[1] * 5.0, 21) - 0.5
-                y = value_noise(at.p[0] * 5.0, at.p[1] * 5.0, 22) - 0.5
-                n = unit(n + wp.vec3(x, y, 0.0) * RIPPLE)
+            n = rippled(at.n, at.p, light.wetness)
             if wp.static(looks):
                 n = bent_normal(n, s)
             cosine = wp.clamp(-dot(n, direction), 0.0, 1.0)
