@@ -542,15 +542,14 @@ class Engine:
         state = self.state
         over = judging.have_ended(self._limits, self.sim_time_ns, state)
         faulty, stuck = self._vehicles.faulty(), dict[int, str]()
-        places = state[:, _PLACE]
-        for slot, run in self._running():
-            if not faulty[slot]:
-                run.scenario.observe(places[slot, :1], places[slot, 1:])
-                over[slot] |= run.scenario.ended()
-                if self._motion is not None:
-                    over[slot] |= self._motion.ended(slot)
-                    if fault := self._motion.fault(slot):
-                        stuck[slot], faulty[slot] = fault, True
+        watched = {slot: run.scenario for slot, run in self._running() if not faulty[slot]}
+        families.observe_all([*watched.values()], *state[[*watched]][:, _PLACE].T)
+        for slot, scenario in watched.items():
+            over[slot] |= scenario.ended()
+            if self._motion is not None:
+                over[slot] |= self._motion.ended(slot)
+                if fault := self._motion.fault(slot):
+                    stuck[slot], faulty[slot] = fault, True
         finished = []
         ending = np.flatnonzero((over | faulty) & self.active).tolist()
         if ending:

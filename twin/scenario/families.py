@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from schemas.case import Case
 from schemas.kinds.registry import implementation
 from schemas.kinds.scenario import kind_of
 from schemas.sections.scenario import Scenario
-from twin.scenario.protocol import Rows, ScenarioFamily, ScenarioRun
+from twin.scenario.protocol import ObservesTogether, Rows, ScenarioFamily, ScenarioRun
 from twin.scenario.surroundings import Surroundings
 
 if TYPE_CHECKING:
@@ -71,6 +74,17 @@ def replay(scenario: Scenario, ground: Surroundings, rows: Rows) -> ScenarioRun:
     run = begin(scenario, ground, float(x_m[0]), float(y_m[0]))
     run.observe(x_m[1:], y_m[1:])
     return run
+
+
+def observe_all(runs: Sequence[ScenarioRun], x_m: np.ndarray, y_m: np.ndarray) -> None:
+    """The next place of the ego of each of ``runs``, world [runs] [m]."""
+    for family in {type(run): None for run in runs}:
+        own = [number for number, run in enumerate(runs) if type(run) is family]
+        if issubclass(family, ObservesTogether):
+            family.observe_together([runs[number] for number in own], x_m[own], y_m[own])
+        else:
+            for number in own:
+                runs[number].observe(x_m[number : number + 1], y_m[number : number + 1])
 
 
 @cache

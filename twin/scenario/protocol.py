@@ -6,9 +6,9 @@ A family is a class, made once per case: :class:`ScenarioRun`. The table in
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol, Self, runtime_checkable
 
 import numpy as np
 
@@ -60,6 +60,16 @@ class ScenarioRun(Protocol):
     def judge(self, rows: Rows, moved: bool) -> Verdict:
         """The verdict of a case that ended without a collision; ``moved``: the ego has moved,
         perhaps between two rows only."""
+
+
+@runtime_checkable
+class ObservesTogether(Protocol):
+    """A run whose class takes the next places of many runs in one call."""
+
+    @classmethod
+    def observe_together(cls, runs: Sequence[Self], x_m: np.ndarray, y_m: np.ndarray) -> None:
+        """:meth:`ScenarioRun.observe` of all ``runs``, one place each, world [runs] [m]; to the bit
+        what one call for each does."""
 
 
 @runtime_checkable

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -33,6 +33,13 @@ class LaneKeeping:
     def observe(self, x_m: np.ndarray, y_m: np.ndarray) -> None:
         """Add up the way along the lane."""
         self.progress.move(x_m, y_m)
+
+    @classmethod
+    def observe_together(
+        cls, runs: Sequence[LaneKeeping], x_m: np.ndarray, y_m: np.ndarray
+    ) -> None:
+        """See :class:`twin.scenario.protocol.ObservesTogether`."""
+        LaneProgress.move_together([run.progress for run in runs], x_m, y_m)
 
     def columns(self) -> Mapping[str, float]:
         """Distance from the lane's centre."""

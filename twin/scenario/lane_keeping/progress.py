@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from twin.road.lane import LanePath
@@ -32,3 +34,19 @@ class LaneProgress:
         for way_m in ways.tolist():
             self.distance_m += way_m
         self._station_m, self.lateral_m = float(place.s_m[-1]), float(place.lateral_m[-1])
+
+    @staticmethod
+    def move_together(egos: Sequence[LaneProgress], x_m: np.ndarray, y_m: np.ndarray) -> None:
+        """The next place of each of ``egos``, world [egos] [m], as :meth:`move` takes it: to find
+        one on a lane takes as long as to find hundreds."""
+        for lane in {id(ego._lane): ego._lane for ego in egos}.values():
+            own = [number for number, ego in enumerate(egos) if ego._lane is lane]
+            place = lane.locate(x_m[own], y_m[own])
+            before_m = np.array([egos[number]._station_m for number in own])
+            ways = lane.shorter_way(place.s_m - before_m)
+            for number, way_m, station_m, lateral_m in zip(
+                own, ways.tolist(), place.s_m.tolist(), place.lateral_m.tolist(), strict=True
+            ):
+                ego = egos[number]
+                ego.distance_m += way_m
+                ego._station_m, ego.lateral_m = station_m, lateral_m

@@ -176,6 +176,28 @@ def test_laps_add_up_and_ways_back_count_less():
     assert (along.distance_m, along.lateral_m) == (90.0, 1.0)
 
 
+def test_many_egos_are_placed_at_once_to_the_bits_of_one_at_a_time():
+    loop = trace(
+        (3.0, -7.0, 0.4),
+        [Piece(60.0, 0.0), Piece(50.0 * math.pi, 1 / 50), Piece(60.0, 0.0), Piece(157.08, 0.02)],
+        closed=True,
+    )
+    lanes = [loop, straight(-5.0, 400.0)]
+    random = np.random.default_rng(4)
+    starts = random.uniform(-40.0, 120.0, (2, 37))
+    together, alone = (
+        [LaneProgress(lanes[n % 2], x, y) for n, (x, y) in enumerate(starts.T)] for _ in range(2)
+    )
+    for _ in range(50):
+        starts += random.normal(0.3, 0.4, starts.shape)
+        LaneProgress.move_together(together, *starts)
+        for ego, x, y in zip(alone, *starts, strict=True):
+            ego.move(x, y)
+    for one, other in zip(together, alone, strict=True):
+        assert (one.distance_m, one.lateral_m) == (other.distance_m, other.lateral_m)
+    LaneProgress.move_together([], *np.zeros((2, 0)))
+
+
 @pytest.mark.slow
 def test_the_stack_follows_a_narrow_bend_of_the_loop_by_its_camera():
     """Into and out of the arc of 25 m radius, left, at 8 m/s."""
