@@ -81,7 +81,8 @@ def observe_all(runs: Sequence[ScenarioRun], x_m: np.ndarray, y_m: np.ndarray) -
     for family in {type(run): None for run in runs}:
         own = [number for number, run in enumerate(runs) if type(run) is family]
         if issubclass(family, ObservesTogether):
-            family.observe_together([runs[number] for number in own], x_m[own], y_m[own])
+            together: list[Any] = [runs[number] for number in own]
+            family.observe_together(together, x_m[own], y_m[own])
         else:
             for number in own:
                 runs[number].observe(x_m[number : number + 1], y_m[number : number + 1])
