@@ -161,8 +161,8 @@ def _grouped(points: list[_Point]) -> list[EchoGroup]:
     it."""
     if not points:
         return []
-    places = np.array([point[:2] for point in points])
-    near = (np.abs(places[:, None] - places) < GROUP_M).all(axis=2)
+    x, y = np.array([point[:2] for point in points]).T
+    near = (np.abs(x[:, None] - x) < GROUP_M) & (np.abs(y[:, None] - y) < GROUP_M)
     groups: list[list[_Point]] = []
     group_of: list[int] = []
     later, earlier = np.nonzero(np.tril(near, -1))
@@ -181,6 +181,11 @@ def _grouped(points: list[_Point]) -> list[EchoGroup]:
 
 
 def _group(points: list[_Point]) -> EchoGroup:
+    if len(points) == 1:
+        ((x, y, speed, _, ray_y, _),) = points
+        speed_sigma = SPEED_SIGMA_MPS if abs(speed) < STANDS_MPS else LONE_SIGMA_MPS
+        ends = y - HALF_WIDTH_M, y + HALF_WIDTH_M
+        return EchoGroup(x, 0.3 + ANGLE_SIGMA_RAD * abs(y), *ends, speed, speed_sigma, ray_y)
     # Wheels turn and limbs swing: their echoes are slower and faster than the body's, and weaker
     # as a rule. How far they are apart says how sure the speed is.
     strongest = max(points, key=lambda point: (point[3], point[2]))
@@ -189,15 +194,13 @@ def _group(points: list[_Point]) -> EchoGroup:
     for _, _, over_ground, _, _, weight in points:  # Python's own sum adds otherwise from 3.12 on
         total += weight
         spread += weight * (over_ground - speed) * (over_ground - speed)
-    least = SPEED_SIGMA_MPS if len(points) > 1 or abs(speed) < STANDS_MPS else LONE_SIGMA_MPS
     ys = [point[1] for point in points]
-    sigma = 0.3 + ANGLE_SIGMA_RAD * abs(ys[0])
     return EchoGroup(
         points[0][0],
-        sigma,
+        0.3 + ANGLE_SIGMA_RAD * abs(ys[0]),
         min(ys) - HALF_WIDTH_M,
         max(ys) + HALF_WIDTH_M,
         speed,
-        least + math.sqrt(spread / total),
+        SPEED_SIGMA_MPS + math.sqrt(spread / total),
         strongest[4],
     )
