@@ -10,6 +10,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+import numpy as np
+
 from devkit.fusion.parameters import FusionSensors
 from devkit.fusion.path import CarPath
 from devkit.fusion.sightings import LABELS, Sightings
@@ -54,15 +56,20 @@ def place_boxes(
             continue
         right_m, left_m = ends_m(box, view, distance[0])
         x_m = view.forward_m + distance[0]
-        inside = bool(path.holds(x_m, right_m, left_m, corridor_half_m))
-        label = LABELS.index(box.label)
-        rows.append((x_m, distance[1], right_m, left_m, inside, label, place))
+        rows.append((x_m, distance[1], right_m, left_m, LABELS.index(box.label), place))
+    if not rows:
+        return
     rows.sort()
-    for index, row in enumerate(rows[:BOXES_TAKEN_MAX]):
-        seen.valid[slot, index] = True
-        seen.x_m[slot, index] = seen.path_x_m[slot, index] = row[0]
-        seen.sigma_m[slot, index], seen.right_m[slot, index], seen.left_m[slot, index] = row[1:4]
-        seen.inside[slot, index], seen.label[slot, index], seen.place[slot, index] = row[4:7]
+    taken = slice(min(len(rows), BOXES_TAKEN_MAX))
+    columns = zip(*rows[taken], strict=True)
+    x, sigma, right, left, label, places = (np.array(column) for column in columns)
+    seen.valid[slot, taken] = True
+    seen.x_m[slot, taken] = seen.path_x_m[slot, taken] = x
+    seen.sigma_m[slot, taken], seen.label[slot, taken], seen.place[slot, taken] = (
+        sigma, label, places,
+    )  # fmt: skip
+    seen.right_m[slot, taken], seen.left_m[slot, taken] = right, left
+    seen.inside[slot, taken] = path.holds(x, right, left, corridor_half_m)
 
 
 def distance_m(box: Detection, view: CameraView) -> tuple[float, float] | None:

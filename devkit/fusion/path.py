@@ -61,6 +61,12 @@ class CarPath:
     def beside_second_m(self, x_m: np.ndarray | float, y_m: np.ndarray | float) -> np.ndarray:
         """Distance beside the second path: the arc, then its tangent. An angle of that is small, so
         its sine and cosine are series."""
+        return self._beside_second_m(x_m, y_m, self.beside_arc_m(x_m, y_m))
+
+    def _beside_second_m(
+        self, x_m: np.ndarray | float, y_m: np.ndarray | float, arc_m: np.ndarray
+    ) -> np.ndarray:
+        """:meth:`beside_second_m` of places that lie ``arc_m`` beside the arc."""
         bend = np.asarray(self.bend_per_m)
         bends = np.abs(bend) > BEND_MIN_PER_M
         way = np.where(
@@ -75,7 +81,7 @@ class CarPath:
         along, aside = x_m - end_x, y_m - end_y
         straight = aside * cosine - along * sine
         on_arc = along * cosine + aside * sine < 0.0
-        result: np.ndarray = np.where(on_arc, self.beside_arc_m(x_m, y_m), straight)
+        result: np.ndarray = np.where(on_arc, arc_m, straight)
         return result
 
     def holds(
@@ -87,9 +93,15 @@ class CarPath:
     ) -> np.ndarray:
         """Whether what reaches from ``right_m`` to ``left_m`` at ``x_m`` is within ``half_m`` of
         the arc, and of the second path where there is one."""
-        arc = self.beside_arc_m(x_m, left_m) > -half_m
-        arc &= self.beside_arc_m(x_m, right_m) < half_m
-        second = self.beside_second_m(x_m, left_m) > -half_m
-        second &= self.beside_second_m(x_m, right_m) < half_m
-        held: np.ndarray = arc & (second | ~np.isfinite(self.turns_on_m))
+        left = self.beside_arc_m(x_m, left_m)
+        right = left if right_m is left_m else self.beside_arc_m(x_m, right_m)
+        held: np.ndarray = (left > -half_m) & (right < half_m)
+        turns_on = np.isfinite(self.turns_on_m)
+        if turns_on.any():
+            left = self._beside_second_m(x_m, left_m, left)
+            if right_m is left_m:
+                right = left
+            else:
+                right = self._beside_second_m(x_m, right_m, right)
+            held = held & (((left > -half_m) & (right < half_m)) | ~turns_on)
         return held

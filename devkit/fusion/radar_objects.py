@@ -7,11 +7,14 @@ thing would have, minus the car's own along the ray (Kellner et al. 2013).
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
-from devkit.fusion.functions import power_of_ten, rounded_sine_cosine
+from devkit.fusion.functions import powers_of_ten, rounded, rounded_sine_cosine
 
 RANGE, AZIMUTH, ELEVATION, RADIAL, RCS, SNR = range(6)
 """Columns of a detection: range [m], azimuth, positive left [rad], elevation [rad], relative radial
@@ -32,8 +35,9 @@ SPEED_SIGMA_MPS, LONE_SIGMA_MPS = 0.3, 0.8
 may be of a wheel [m/s]."""
 HALF_WIDTH_M = 0.3
 """An object reaches at least so far to both sides of its detections [m]."""
-_Point = tuple[float, float, float, float, float]
-"""x, y [m], speed over ground along the ray [m/s], RCS [dBsm], sine of the ray's direction."""
+_Point = tuple[float, float, float, float, float, float]
+"""x, y [m], speed over ground along the ray [m/s], RCS [dBsm], sine of the ray's direction, and the
+RCS as an area [m^2]."""
 ANGLE_SIGMA_RAD = 0.02
 """Deviation of an azimuth [rad]."""
 ROAD_HALF_M = 12.0
@@ -50,8 +54,7 @@ class RadarView:
     yaw_rad: float
 
 
-@dataclass(frozen=True, slots=True)
-class EchoGroup:
+class EchoGroup(NamedTuple):
     """Detections of one object."""
 
     x_m: float
@@ -71,94 +74,133 @@ class EchoGroup:
         return max(self.right_m, -self.left_m) > ROAD_HALF_M
 
 
-def group_detections(
-    detections: np.ndarray,
-    view: RadarView,
-    speed_mps: float,
-    yaw_rate_radps: float,
-    dive_rad: float = 0.0,
-) -> list[EchoGroup]:
-    """Objects of one radar frame, the nearest first and those along the road before those beside.
+@dataclass(frozen=True, slots=True, eq=False)
+class Mounts:
+    """Motion of the cars that radars are mounted on, arrays [F] of as many frames."""
+
+    speed_mps: np.ndarray
+    """Speed of the ego."""
+    yaw_rate_radps: np.ndarray
+    """Yaw rate of the ego, left positive."""
+    dive_rad: np.ndarray
+    """Pitch of the ego against the road, nose down positive: what is ahead looks higher."""
+
+
+def group_frames(
+    frames: Sequence[np.ndarray], view: RadarView, mounts: Mounts
+) -> list[list[EchoGroup]]:
+    """Objects of F radar frames, the nearest first and those along the road before those beside.
+
+    Places and speeds are computed for all frames at once, element by element, so no number of a
+    frame depends on another.
 
     Args:
-        detections: float32 [N, 6].
-        view: of the radar.
-        speed_mps: of the ego.
-        yaw_rate_radps: likewise.
-        dive_rad: its pitch against the road, nose down positive: what is ahead looks higher.
+        frames: float32 [N, 6] each.
+        view: of the radars.
+        mounts: of the cars.
     """
-    points = []
-    rows = detections.astype(np.float64)
-    sines, cosines = rounded_sine_cosine(view.yaw_rad + rows[:, AZIMUTH])
-    rises, flats = rounded_sine_cosine(rows[:, ELEVATION])
-    for row, sine, cosine, up, flat in zip(
-        rows.tolist(), sines, cosines, rises, flats, strict=True
-    ):
-        if not all(math.isfinite(value) for value in row):
-            continue
-        flat_m = row[RANGE] * flat
-        rise = up - dive_rad
-        height_m = view.position_m[2] + row[RANGE] * rise
-        if not LOW_M < height_m < HIGH_M:
-            continue
-        x, y = view.position_m[0] + flat_m * cosine, view.position_m[1] + flat_m * sine
-        if x <= 0.0 or abs(y) > SIDE_MAX_M:
-            continue
-        # The mount moves forward with the car, and aside when it turns.
-        mount_vx = speed_mps - yaw_rate_radps * view.position_m[1]
-        mount_vy = yaw_rate_radps * view.position_m[0]
-        over_ground = row[RADIAL] + mount_vx * cosine + mount_vy * sine
-        points.append((x, y, over_ground, row[RCS], sine))
-    drift = _drift(points)
-    points = [
-        (x, y, over_ground - drift, rcs, sine)
-        for x, y, over_ground, rcs, sine in points
-        if (abs(y) <= ROAD_HALF_M or abs(over_ground - drift) >= CROSSES_MPS)
-        and (rcs >= RCS_MIN_DBSM or abs(over_ground - drift) >= STANDS_MPS)
-    ]
-    points.sort()
+    counts = [len(frame) for frame in frames]
+    rows = np.concatenate(frames).astype(np.float64)
+    frame = np.repeat(np.arange(len(counts)), counts)
+    kept = np.flatnonzero(np.isfinite(rows).all(axis=1))
+    rows, frame = rows[kept], frame[kept]
+    x, y, over_ground, ray_y, seen = _placed(rows, frame, view, mounts)
+    rcs = rows[:, RCS]
+    drift = _drifts(y, over_ground, rcs, np.where(seen, frame, -1), len(counts))
+    over_ground = over_ground - drift[frame]
+    speed = np.abs(over_ground)
+    seen &= ((np.abs(y) <= ROAD_HALF_M) | (speed >= CROSSES_MPS)) & (
+        (rcs >= RCS_MIN_DBSM) | (speed >= STANDS_MPS)
+    )
+    weight = rounded(powers_of_ten(0.1 * rcs[seen]))
+    columns = (
+        *(values[seen].tolist() for values in (x, y, over_ground, rcs, ray_y)),
+        weight.tolist(),
+    )
+    points = list(zip(*columns, strict=True))
+    bounds = np.searchsorted(frame[seen], np.arange(len(counts) + 1)).tolist()
+    return [_grouped(sorted(points[first:last])) for first, last in pairwise(bounds)]
+
+
+def _placed(
+    rows: np.ndarray, frame: np.ndarray, view: RadarView, mounts: Mounts
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """x, y [m], speed over ground along the ray [m/s], sine of the ray's direction of detections,
+    and whether one is where objects are looked for; ``frame``: number of its frame."""
+    sine, cosine = rounded_sine_cosine(view.yaw_rad + rows[:, AZIMUTH])
+    up, flat = rounded_sine_cosine(rows[:, ELEVATION])
+    height_m = view.position_m[2] + rows[:, RANGE] * (up - mounts.dive_rad[frame])
+    flat_m = rows[:, RANGE] * flat
+    x, y = view.position_m[0] + flat_m * cosine, view.position_m[1] + flat_m * sine
+    # The mount moves forward with the car, and aside when it turns.
+    forward = mounts.speed_mps - mounts.yaw_rate_radps * view.position_m[1]
+    aside = mounts.yaw_rate_radps * view.position_m[0]
+    over_ground = rows[:, RADIAL] + forward[frame] * cosine + aside[frame] * sine
+    seen = (height_m > LOW_M) & (height_m < HIGH_M) & (x > 0.0) & (np.abs(y) <= SIDE_MAX_M)
+    return x, y, over_ground, sine, seen
+
+
+def _drifts(
+    y: np.ndarray, over_ground: np.ndarray, rcs: np.ndarray, frame: np.ndarray, frames: int
+) -> np.ndarray:
+    """Speed over ground of the road and the kerbs of each frame, which stand: the error of the
+    car's own speed, about 1 m/s when it brakes hard and pitches. The median of weak echoes; 0 if
+    there are few."""
+    weak = (np.abs(y) <= ROAD_HALF_M) & (rcs < RCS_MIN_DBSM) & (np.abs(over_ground) < DRIFT_MAX_MPS)
+    speeds, frame = over_ground[weak], frame[weak]
+    drifts = np.zeros(frames)
+    for index in range(frames):
+        of_frame = np.sort(speeds[frame == index], kind="stable")
+        if len(of_frame) >= DRIFT_ECHOES_MIN:
+            drifts[index] = of_frame[len(of_frame) // 2]
+    return drifts
+
+
+def _grouped(points: list[_Point]) -> list[EchoGroup]:
+    """Groups of one frame's points, which come sorted: each joins the first group that has one near
+    it."""
+    if not points:
+        return []
+    x, y = np.array([point[:2] for point in points]).T
+    near = (np.abs(x[:, None] - x) < GROUP_M) & (np.abs(y[:, None] - y) < GROUP_M)
     groups: list[list[_Point]] = []
-    for point in points:
-        for group in groups:
-            if any(_together(point, other) for other in group):
-                group.append(point)
-                break
-        else:
-            groups.append([point])
+    group_of: list[int] = []
+    later, earlier = np.nonzero(np.tril(near, -1))
+    pairs = iter(zip(later.tolist(), earlier.tolist(), strict=True))
+    pair = next(pairs, None)
+    for index, point in enumerate(points):
+        least = len(groups)
+        while pair is not None and pair[0] == index:
+            least = min(least, group_of[pair[1]])
+            pair = next(pairs, None)
+        if least == len(groups):
+            groups.append([])
+        groups[least].append(point)
+        group_of.append(least)
     return sorted((_group(group) for group in groups), key=lambda group: group.beside)
 
 
-def _drift(points: list[_Point]) -> float:
-    """Speed over ground of the road and the kerbs, which stand: the error of the car's own speed,
-    about 1 m/s when it brakes hard and pitches. The median of weak echoes; 0 if there are few."""
-    near = [(v, rcs) for _, y, v, rcs, _ in points if abs(y) <= ROAD_HALF_M]
-    weak = sorted(v for v, rcs in near if rcs < RCS_MIN_DBSM and abs(v) < DRIFT_MAX_MPS)
-    return weak[len(weak) // 2] if len(weak) >= DRIFT_ECHOES_MIN else 0.0
-
-
-def _together(a: _Point, b: _Point) -> bool:
-    return abs(a[0] - b[0]) < GROUP_M and abs(a[1] - b[1]) < GROUP_M
-
-
 def _group(points: list[_Point]) -> EchoGroup:
+    if len(points) == 1:
+        ((x, y, speed, _, ray_y, _),) = points
+        speed_sigma = SPEED_SIGMA_MPS if abs(speed) < STANDS_MPS else LONE_SIGMA_MPS
+        ends = y - HALF_WIDTH_M, y + HALF_WIDTH_M
+        return EchoGroup(x, 0.3 + ANGLE_SIGMA_RAD * abs(y), *ends, speed, speed_sigma, ray_y)
     # Wheels turn and limbs swing: their echoes are slower and faster than the body's, and weaker
     # as a rule. How far they are apart says how sure the speed is.
     strongest = max(points, key=lambda point: (point[3], point[2]))
     speed = strongest[2]
     total, spread = 1e-9, 0.0
-    for point in points:  # Python's own sum adds otherwise from version 3.12 on
-        weight = round(power_of_ten(0.1 * point[3]), 9)
+    for _, _, over_ground, _, _, weight in points:  # Python's own sum adds otherwise from 3.12 on
         total += weight
-        spread += weight * (point[2] - speed) * (point[2] - speed)
-    least = SPEED_SIGMA_MPS if len(points) > 1 or abs(speed) < STANDS_MPS else LONE_SIGMA_MPS
+        spread += weight * (over_ground - speed) * (over_ground - speed)
     ys = [point[1] for point in points]
-    sigma = 0.3 + ANGLE_SIGMA_RAD * abs(ys[0])
     return EchoGroup(
         points[0][0],
-        sigma,
+        0.3 + ANGLE_SIGMA_RAD * abs(ys[0]),
         min(ys) - HALF_WIDTH_M,
         max(ys) + HALF_WIDTH_M,
         speed,
-        least + math.sqrt(spread / total),
+        SPEED_SIGMA_MPS + math.sqrt(spread / total),
         strongest[4],
     )

@@ -9,9 +9,10 @@ import numpy as np
 from devkit.fusion.camera_objects import BOXES_TAKEN_MAX, place_boxes
 from devkit.fusion.ego_motion import EgoMotion
 from devkit.fusion.health import SensorHealth
-from devkit.fusion.lidar_objects import LidarView, find_objects
+from devkit.fusion.lidar_objects import SweepObjects, find_objects
+from devkit.fusion.lidar_points import LidarView
 from devkit.fusion.parameters import FusionSensors, TrackingParameters
-from devkit.fusion.radar_objects import RadarView, group_detections
+from devkit.fusion.radar_objects import Mounts, RadarView, group_frames
 from devkit.fusion.sightings import Sightings
 from devkit.fusion.tracks import EyePlaces, TrackStore
 from devkit.images import on_host
@@ -102,12 +103,14 @@ class Sensing:
         self._pictured[:] = False
         if not detections:
             return
-        self._boxes = Sightings.empty(self._slots, BOXES_TAKEN_MAX)
+        most = max(len(boxes) for boxes in detections.values())
+        self._boxes = Sightings.empty(self._slots, min(most, BOXES_TAKEN_MAX))
+        path = ego.path
         for slot, boxes in detections.items():
             view = self._cameras[slot]
             assert view is not None, f"slot {slot} was not reset"
-            path = ego.path.of_slot(slot)
-            place_boxes(self._boxes, slot, boxes, view, path, self._half_m, self._sensors)
+            its = path.of_slot(slot)
+            place_boxes(self._boxes, slot, boxes, view, its, self._half_m, self._sensors)
             self._pictured[slot] = True
             health.pictured(slot, len(boxes))
 
@@ -118,15 +121,15 @@ class Sensing:
         due = [s for s in slots if self.has_lidar[s] and self._messages[s] in observation.sensors]
         if not due:
             return
-        self._sweep = sweep = Sightings.empty(self._slots, OBJECTS_MAX)
+        path, sweeps = ego.path, dict[int, SweepObjects]()
         for slot in due:
             view = self._lidars[slot]
             assert view is not None, f"slot {slot} was not reset"
-            seen = find_objects(
+            sweeps[slot] = seen = find_objects(
                 on_host(observation.sensors[self._messages[slot]])[slot],
                 view,
                 speed_mps=float(ego.speed_mps[slot]),
-                path=ego.path.of_slot(slot),
+                path=path.of_slot(slot),
                 corridor_half_m=self._half_m,
                 range_m=self._sensors.lidar_range_m,
                 points_min=self._sensors.cluster_points_min,
@@ -134,6 +137,9 @@ class Sensing:
             )
             health.swept(slot, seen.reach_m, seen.free_to_m, seen.returned)
             self._swept[slot] = True
+        most = max(len(seen.x_m) for seen in sweeps.values())
+        self._sweep = sweep = Sightings.empty(self._slots, min(most, OBJECTS_MAX))
+        for slot, seen in sweeps.items():
             n = min(len(seen.x_m), OBJECTS_MAX)
             sweep.valid[slot, :n] = True
             sweep.x_m[slot, :n], sweep.path_x_m[slot, :n] = seen.x_m[:n], seen.path_x_m[:n]
@@ -150,27 +156,26 @@ class Sensing:
             "camera+lidar",
         ):
             return
-        self._echoes = echoes = Sightings.empty(self._slots, OBJECTS_MAX)
-        for slot in slots:
-            self._echoed[slot] = self.has_radar[slot] = True
-            count = int(observation.counts[RADAR][slot])
-            rows = on_host(observation.sensors[RADAR])[slot, :count]
-            speed, turn = float(ego.speed_mps[slot]), float(ego.yaw_rate_radps[slot])
-            path = ego.path.of_slot(slot)
+        echoed = list(slots)
+        self._echoed[echoed] = self.has_radar[echoed] = True
+        detections = on_host(observation.sensors[RADAR])
+        counts = observation.counts[RADAR]
+        frames = [detections[slot, : int(counts[slot])] for slot in slots]
+        mounts = Mounts(ego.speed_mps[echoed], ego.yaw_rate_radps[echoed], ego.dive_rad[echoed])
+        objects = group_frames(frames, self._radar, mounts) if frames else []
+        most = max(map(len, objects), default=0)
+        self._echoes = echoes = Sightings.empty(self._slots, min(most, OBJECTS_MAX))
+        for slot, groups in zip(slots, objects, strict=True):
             health.echoed(slot)
-            dive = float(ego.dive_rad[slot])
-            groups = group_detections(rows, self._radar, speed, turn, dive)
-            for index, group in enumerate(groups[:OBJECTS_MAX]):
-                echoes.valid[slot, index], echoes.beside[slot, index] = True, group.beside
-                echoes.x_m[slot, index] = echoes.path_x_m[slot, index] = group.x_m
-                echoes.sigma_m[slot, index] = group.sigma_m
-                echoes.right_m[slot, index], echoes.left_m[slot, index] = (
-                    group.right_m,
-                    group.left_m,
-                )
-                echoes.inside[slot, index] = path.holds(
-                    group.x_m, group.right_m, group.left_m, self._half_m
-                )
-                echoes.ray_y[slot, index] = group.ray_y
-                echoes.radial_mps[slot, index] = group.over_ground_mps
-                echoes.radial_sigma_mps[slot, index] = group.speed_sigma_mps
+            taken = slice(min(len(groups), OBJECTS_MAX))
+            rows = np.array(groups[taken]).reshape(-1, 7)
+            x, sigma, right, left, speed, speed_sigma, ray_y = rows.T
+            echoes.valid[slot, taken] = True
+            echoes.beside[slot, taken] = [group.beside for group in groups[taken]]
+            echoes.x_m[slot, taken] = echoes.path_x_m[slot, taken] = x
+            echoes.sigma_m[slot, taken] = sigma
+            echoes.right_m[slot, taken], echoes.left_m[slot, taken] = right, left
+            echoes.ray_y[slot, taken], echoes.radial_mps[slot, taken] = ray_y, speed
+            echoes.radial_sigma_mps[slot, taken] = speed_sigma
+        inside = ego.path.spread(2).holds(echoes.x_m, echoes.right_m, echoes.left_m, self._half_m)
+        echoes.inside[...] = echoes.valid & inside

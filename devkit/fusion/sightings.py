@@ -46,7 +46,8 @@ class Sightings:
 
     @classmethod
     def empty(cls, slots: int, places: int) -> Sightings:
-        """Nothing seen anywhere."""
+        """Nothing seen anywhere; at least one place, since what is picked from none is an error."""
+        places = max(places, 1)
 
         def zeros() -> np.ndarray:
             return np.zeros((slots, places))

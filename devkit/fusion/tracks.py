@@ -496,21 +496,26 @@ class TrackStore:
         new = seen.valid & ~taken
         if memory is not self.lidar:
             new &= ~seen.beside
-        for slot in np.flatnonzero(looked & new.any(axis=1)).tolist():
-            free = np.flatnonzero(~self.live[slot])
-            fresh = np.flatnonzero(new[slot])
-            left = np.arange(len(free), len(free) - len(fresh), -1)
-            fresh = fresh[left > np.where(seen.beside[slot, fresh], PLACES_KEPT, 0)]
-            self._start(slot, free[: len(fresh)], fresh, seen, memory)
+        new &= looked[:, None]
+        if not new.any():
+            return
+        free = np.count_nonzero(~self.live, axis=1)[:, None]
+        left = free - (np.cumsum(new, axis=1) - 1)
+        new &= left > np.where(seen.beside, PLACES_KEPT, 0)
+        slot, fresh = np.nonzero(new)
+        places = np.argsort(self.live, axis=1, kind="stable")  # the free ones first
+        at = places[slot, np.cumsum(new, axis=1)[slot, fresh] - 1]
+        self._start(slot, at, fresh, seen, memory)
 
     def _start(
         self,
-        slot: int,
+        slot: np.ndarray,
         at: np.ndarray,
         fresh: np.ndarray,
         seen: Sightings,
         memory: SensorMemory,
     ) -> None:
+        """New tracks: each has a slot, its place there and its place among the sightings."""
         camera = memory is self.camera
         sigma = seen.sigma_m[slot, fresh]
         right, left = seen.right_m[slot, fresh], seen.left_m[slot, fresh]

@@ -75,6 +75,26 @@ def test_what_arguments_hold_may_change(line: Line) -> None:
     assert line.packed == 1
 
 
+@wp.kernel(module="unique", enable_backward=False)
+def shifted_kernel(
+    # args
+    shift: wp.float64,
+    # out
+    out: wp.array(dtype=wp.float64),
+):
+    """The same number everywhere."""
+    out[wp.tid()] = shift
+
+
+def test_equal_fractions_are_the_same_argument(line: Line) -> None:
+    again = Relaunch(wp.get_device("cpu"))
+    out = wp.zeros(2, dtype=wp.float64, device="cpu")
+    for shift in (0.5, 0.25, 0.5, 0.75):
+        again(shifted_kernel, 2, [shift * line.at(1)[0]], [out])  # another object each time
+        assert out.numpy().tolist() == [shift] * 2
+    assert line.packed == 1 + 3
+
+
 def test_other_numbers_sizes_and_arrays_are_other_launches(line: Line) -> None:
     assert line.at(1) == [1.0, 2.0, 3.0, 4.0]
     assert line.at(7) == [7.0, 8.0, 9.0, 10.0]

@@ -16,7 +16,7 @@ class Relaunch:
     """Launches kernels on one device.
 
     The arguments of a launch are packed once: to check and pack them takes Warp 60 us, as long as
-    some of the kernels. Arguments are the same if they are the same objects, or equal whole
+    some of the kernels. Arguments are the same if they are the same objects, or equal
     numbers; what a struct or an array holds may change.
     """
 
@@ -43,7 +43,7 @@ class Relaunch:
             block_dim=block_dim,
         )
         # A command keeps its arguments, so nothing else gets their identities.
-        given = (argument if type(argument) is int else id(argument) for argument in inputs)
+        given = (one if type(one) in (int, float) else id(one) for one in inputs)
         key = (kernel, dim, block_dim, *given, *map(id, outputs))
         if key not in self._commands:
             if len(self._commands) >= COMMANDS_MAX:

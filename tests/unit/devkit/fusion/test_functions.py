@@ -11,7 +11,7 @@ import pytest
 from mpmath import mp
 
 import devkit.fusion
-from devkit.fusion.functions import power_of_ten, rounded_sine_cosine
+from devkit.fusion.functions import powers_of_ten, rounded, rounded_sine_cosine
 
 FOLDER = Path(devkit.fusion.__file__).parent
 TOOLS = {"ablation.py", "frozen.py"}
@@ -54,15 +54,28 @@ def test_no_module_of_the_stack_has_any():
 def test_powers_of_ten_are_near_the_true_ones():
     mp.dps = 40
     exponents = np.random.default_rng(5).uniform(-20, 20, 3000).tolist()
-    for exponent in (*exponents, 0.0, -0.0, 1.0, 6.0, -7.5):
+    exponents += [0.0, -0.0, 1.0, 6.0, -7.5]
+    powers = powers_of_ten(np.array(exponents)).tolist()
+    for exponent, power in zip(exponents, powers, strict=True):
         true = mp.power(10, mp.mpf(exponent))
-        assert abs(power_of_ten(exponent) / true - 1) < 1e-14
-    assert power_of_ten(0.0) == 1.0
+        assert abs(power / true - 1) < 1e-14
+    assert powers_of_ten(np.zeros(1)) == 1.0
 
 
 def test_sines_and_cosines_are_those_of_the_library_as_far_as_they_are_rounded():
     angles = np.random.default_rng(6).uniform(-7, 7, 20_000)
     sines, cosines = rounded_sine_cosine(angles)
-    assert sines == [round(math.sin(angle), 9) for angle in angles.tolist()]
-    assert cosines == [round(math.cos(angle), 9) for angle in angles.tolist()]
-    assert [math.isnan(x) for x in rounded_sine_cosine(np.array([np.nan, 0.0]))[0]] == [True, False]
+    assert sines.tolist() == [round(math.sin(angle), 9) for angle in angles.tolist()]
+    assert cosines.tolist() == [round(math.cos(angle), 9) for angle in angles.tolist()]
+    assert np.isnan(rounded_sine_cosine(np.array([np.nan, 0.0]))[0]).tolist() == [True, False]
+
+
+def test_numbers_are_rounded_as_python_rounds_them():
+    random = np.random.default_rng(7)
+    halves = (random.integers(-(10**12), 10**12, 20_000) + 0.5) / 1e9
+    beside = halves * (1.0 + random.integers(-4, 5, len(halves)) * 2.2e-16)
+    scales = np.repeat(np.array([1e-12, 1e-9, 1e-3, 1.0, 1e3, 4e6, 1e9, 1e300]), 500)
+    others = random.uniform(-1, 1, len(scales)) * scales
+    values = np.concatenate([halves, beside, others, [0.0, -0.0, -1e-10, 2.5e-9, np.inf, np.nan]])
+    python = np.array([round(value, 9) for value in values.tolist()])
+    assert rounded(values).tobytes() == python.tobytes()

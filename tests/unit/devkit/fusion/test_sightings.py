@@ -11,10 +11,11 @@ from camera_sites import camera_site
 from fused_drives import HEIGHT, ROOF, WIDTH, MadeUpCase, Thing
 
 from devkit.fusion.camera_objects import distance_m, ends_m, place_boxes
-from devkit.fusion.lidar_objects import LidarView, SweepObjects, find_objects, ground
+from devkit.fusion.lidar_objects import SweepObjects, find_objects
+from devkit.fusion.lidar_points import LidarView, ground
 from devkit.fusion.parameters import FusionSensors
 from devkit.fusion.path import CarPath
-from devkit.fusion.radar_objects import RadarView, group_detections
+from devkit.fusion.radar_objects import EchoGroup, Mounts, RadarView, group_frames
 from devkit.fusion.sightings import LABELS, Sightings
 from devkit.reference.view import CameraView
 from schemas.messages import Detection
@@ -181,6 +182,14 @@ def test_boxes_are_sorted_and_keep_their_place():
 
 def detections(*rows: tuple[float, ...]) -> np.ndarray:
     return np.array(rows, np.float32).reshape(-1, 6)
+
+
+def group_detections(
+    rows: np.ndarray, view: RadarView, speed_mps: float, yaw_rate: float, dive_rad: float = 0.0
+) -> list[EchoGroup]:
+    """Objects of one frame."""
+    mounts = Mounts(*(np.array([value]) for value in (speed_mps, yaw_rate, dive_rad)))
+    return group_frames([rows], view, mounts)[0]
 
 
 def test_radar_tells_standing_from_moving_by_the_cars_speed():

@@ -123,6 +123,8 @@ class RigPlayer(StoryboardPlayer):
         [m/s] of each, [S, 7]; of slots that are held they count for nothing, nor of those that the
         storyboard itself leads, ``led`` bool [S]."""
         egos = np.where((self._held < 0) & ~led, self._egos, -1).astype(np.int32)
+        if not (egos >= 0).any():
+            return
         inputs: list[Any] = [
             self._roads,
             wp.array(egos, dtype=wp.int32, device=self.device),

@@ -45,6 +45,7 @@ from twin.scenario.storyboard.player.kinds import lasts, tows, watches_lanes
 from twin.scenario.storyboard.player.tables import pack_programs
 from twin.scenario.storyboard.program.conditions import ElementState
 from twin.scenario.storyboard.program.program import Program
+from twin.world.relaunch import Relaunch
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,6 +134,7 @@ class StoryboardPlayer:
 
     def _look_at_programs(self) -> None:
         """What a step has to do because of the programs; whenever they have changed."""
+        self._again = Relaunch(self.device)
         self._init_lasts = any(lasts(init.action) for p in self.programs for init in p.init)
         self._drivers = any(program.models for program in self.programs)
         self._signals = any(program.controllers for program in self.programs)
@@ -144,19 +146,19 @@ class StoryboardPlayer:
         assert 0 <= slot < self.slots
         assert 0 <= program_index < len(self.programs)
         model = [self._programs, self._roads]
-        self._launch(
+        self._launch_once(
             reset_kernel, self._widest, [*model, slot, program_index, self.bodies, self._play]
         )
         self._switch(slot)
-        self._launch(open_kernel, 1, [self._programs, slot, self.bodies, self._play])
+        self._launch_once(open_kernel, 1, [self._programs, slot, self.bodies, self._play])
         for level in range(self._levels):
             self._copy()
-            self._launch(
+            self._launch_once(
                 begin_kernel,
                 (self.slots, self.entities),
                 [*model, slot, level, self._before, self.bodies, self._play],
             )
-        self._launch(close_kernel, self.entities, [slot, self.bodies])
+        self._launch_once(close_kernel, self.entities, [slot, self.bodies])
         self._tow(slot, 1, 0.0)
         self._run(slot, 0)
 
@@ -302,7 +304,7 @@ class StoryboardPlayer:
         """
         pose = np.array([x_m, y_m, z_m, heading_rad, pitch_rad, roll_rad, speed_mps])
         told: wp.array[Any] = wp.array(pose, dtype=wp.float64, device=self.device)
-        self._launch(impose_kernel, 1, [self._roads, slot, entity, told, self.bodies])
+        self._launch_once(impose_kernel, 1, [self._roads, slot, entity, told, self.bodies])
 
     def _slot(self, slot: int) -> np.ndarray:
         row: np.ndarray = self._play.slots[slot].numpy()
@@ -312,6 +314,15 @@ class StoryboardPlayer:
         self._launch(copy_kernel, (self.slots, self.entities), [self.bodies, self._before])
 
     def _launch(self, kernel: wp.Kernel, dim: int | tuple[int, int], inputs: list[object]) -> None:
+        """Launch what a step launches: always the same, ten times in 10 ms of sim time."""
+        if self.device.is_cuda:  # once, into the graph
+            self._launch_once(kernel, dim, inputs)
+        else:
+            self._again(kernel, dim, inputs, [], _BLOCK)
+
+    def _launch_once(
+        self, kernel: wp.Kernel, dim: int | tuple[int, int], inputs: list[object]
+    ) -> None:
         wp.launch(kernel, dim=dim, inputs=inputs, device=self.device, block_dim=_BLOCK)
 
 
