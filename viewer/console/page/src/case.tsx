@@ -353,7 +353,7 @@ function Neighbour({ run, info, to, sign, axis }: { run: string; info: CaseInfo;
       <a href={toCase(run, to.case)}>
         <span aria-hidden="true">{sign}</span> {text(to.value, called(axis).unit)}
       </a>{" "}
-      <a class="button" href={toBeside(run, info.case, run, to.case)} aria-label={`Side by side with ${to.case}`} title="Both cases side by side">
+      <a class="button" href={toBeside(run, info.case, [{ run, case: to.case }])} aria-label={`Side by side with ${to.case}`} title="Both cases side by side">
         ⇄
       </a>
     </li>
