@@ -42,6 +42,7 @@ from conductor.journal.timed_store import TimedStore
 from conductor.records.timeline import append_events, mark_start
 from conductor.run.case_lengths import history_line
 from conductor.serve.audit import Audit
+from conductor.serve.case_files import CaseFiles
 from conductor.serve.companions import Companions
 from conductor.serve.deliveries import Deliveries
 from conductor.serve.engine import ConductorEngine, TurnResult
@@ -167,6 +168,7 @@ class Conductor:
         self._fronted: Fronted | None = None
         self._engine: ConductorEngine | None = None
         self._deliveries: Deliveries | None = None
+        self._case_files: CaseFiles | None = None
 
     def serve(self) -> None:
         """Start, serve until stopped or drained, shut down.
@@ -215,6 +217,8 @@ class Conductor:
             self._bus.serve(topic.key, partial(self._inbox.receive, route=topic.key))
         self._deliveries = Deliveries(self._folder_of)
         self._bus.serve(topics.FILES.key, self._deliveries.receive)
+        self._case_files = CaseFiles(self._engine, self._lock)
+        self._bus.serve(topics.CASE_FILES.key, self._case_files.receive)
         self._bus.watch(topics.WORKER_ALIVE.key.format(worker="*"), self._hint)
         self._folders.announce(
             ConductorFile(
@@ -323,8 +327,9 @@ class Conductor:
         if self._bus is not None:
             self._bus.close()
         self._audit.close()
-        if self._deliveries is not None:
-            self._deliveries.close()
+        for server in (self._deliveries, self._case_files):
+            if server is not None:
+                server.close()
         if self.link is not None:
             self.link.close(released=self._in_order)
         if self._journal is not None:

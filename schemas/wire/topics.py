@@ -67,6 +67,7 @@ RPC_STATUS = Topic("conductor/rpc/status", "msgpack", "Request -> Reply", True)
 RPC_ADMIN = Topic("conductor/rpc/admin", "msgpack", "Request -> Reply", True)
 RPC_SUBMIT = Topic("conductor/rpc/submit", "msgpack", "Request -> Reply", True)
 FILES = Topic("conductor/files", "msgpack", "Delivery -> Delivered", True)
+CASE_FILES = Topic("conductor/case-files", "msgpack", "CaseFileRequest -> CaseFilePiece", True)
 EVENT = Topic("conductor/event", "msgpack", "fact", False)
 WORKER_ALIVE = Topic("worker/{worker}", "msgpack", "liveliness token", False)
 
@@ -108,6 +109,7 @@ TOPICS: tuple[Topic, ...] = (
     RPC_ADMIN,
     RPC_SUBMIT,
     FILES,
+    CASE_FILES,
     EVENT,
     WORKER_ALIVE,
     VIEW_THUMBNAIL,

@@ -49,6 +49,8 @@ COLLISIONS = sorted(
     key=lambda case: -(case.impact_mps or 0),
 )
 WORST = COLLISIONS[0].name
+SHOWN_BRIEFLY = COLLISIONS[-1]
+"""A case without a film and without rows."""
 MORE = [
     {"id": "later", "name": "later", "state": "waiting", "cases": 4, "done": 0, "verdicts": {}}
     | dict.fromkeys(("started_s", "elapsed_s", "eta_s", "per_minute", "workers", "gpus"))
@@ -66,6 +68,8 @@ VIEWS = {
     "rows": f"#/run/{RUN}/wall?as=rows&at={WORST}",
     "case": f"#/run/{RUN}/case/{WORST}?t=5",
     "beside": f"#/run/{RUN}/case/{WORST}/beside/{RUN}/{COLLISIONS[1].name}",
+    "several": f"#/run/{RUN}/case/{WORST}/beside/"
+    + "/".join(f"{RUN}/{case.name}" for case in (*COLLISIONS[1:7], SHOWN_BRIEFLY)),
     "workers": f"#/run/{RUN}/workers",
     "search": f"#/run/{RUN}/search",
     "rulebook": f"#/run/{RUN}/rulebook",
@@ -127,6 +131,7 @@ def ready(page: Any, view: str) -> None:
         "runs": "Campaigns",
         "run": RUN,
         "beside": "Side by side",
+        "several": "Side by side",
         "workers": "Workers",
         "search": "Bayesian search",
         "rulebook": "FMVSS 127",
@@ -139,9 +144,9 @@ def ready(page: Any, view: str) -> None:
         expect(page.locator(".frame canvas")).to_have_attribute("data-tiles", re.compile(r"[1-9]"))
     if view == "rows":
         expect(page.locator(".rows tbody th").first).to_have_text(WORST)
-    if view in ("case", "beside", "workers", "search"):
+    if view in ("case", "beside", "several", "workers", "search"):
         expect(page.locator(".plot .main-svg").first).to_be_attached()
-    if view in ("case", "beside"):
+    if view in ("case", "beside", "several"):
         film = page.locator(".film canvas").first
         expect(film).to_have_attribute("data-frame", re.compile(r"\d"))
 
@@ -343,6 +348,79 @@ def test_what_is_selected_is_exported_and_compared(pages, site, tmp_path):
     assert set(Path(saved.value.path()).read_text().split()) == {row["case"] for row in rows}
     bar.get_by_role("link", name="Compare side by side").click()
     expect(page.locator(".box.notice")).to_contain_text("They differ first at")
+
+
+def test_up_to_eight_cases_are_compared_and_exported(pages, site, tmp_path):
+    """What is selected on the wall stands beside each other at one time, and is saved as tables."""
+    page = pages.open(address(site, f"#/run/{RUN}/wall"))
+    ready(page, "wall")
+    page.get_by_role("listbox").focus()
+    page.keyboard.press("Home")
+    page.keyboard.press("Space")
+    for _ in range(4):
+        page.keyboard.press("Shift+ArrowRight")
+    bar = page.get_by_role("group", name="Selected cases")
+    expect(bar).to_contain_text("5 cases selected")
+    bar.get_by_role("link", name="Compare side by side").click()
+    ready(page, "several")
+    expect(page.locator(".sides section h2")).to_have_count(5)
+    films = page.locator(".film canvas")
+    expect(films).to_have_count(5)
+    page.get_by_role("slider", name="Sim time").fill("5")
+    for film in films.all():
+        expect(film).to_have_attribute("data-frame", "25")
+    kpis = page.get_by_role("region", name="KPIs of all cases")
+    impacts = kpis.get_by_role("row").filter(has_text="impact_speed_mps").get_by_role("cell")
+    expect(impacts).to_have_text([f"{case.impact_mps:.2f} m/s" for case in COLLISIONS[:5]])
+    rows = _saved(page, "Save KPIs as CSV", tmp_path)
+    assert [row["case"] for row in rows] == [case.name for case in COLLISIONS[:5]]
+    assert [float(row["impact_speed_mps"]) for row in rows] == [
+        case.impact_mps for case in COLLISIONS[:5]
+    ]
+    assert {row["run"] for row in rows} == {RUN}
+    assert [row["weather"] for row in rows] == [case.axes["weather"] for case in COLLISIONS[:5]]
+    ticks = _saved(page, "Save rows over time as CSV", tmp_path)
+    drive = read(site / "data", f"runs/{RUN}/cases/{WORST}/series.json")
+    mine = [row for row in ticks if row["case"] == WORST]
+    assert [float(row["sim_time_s"]) for row in mine] == drive["t"]
+    assert [float(row["speed"]) for row in mine] == drive["series"]["speed"]["v"]
+    assert [float(row["x_m"]) for row in mine] == drive["actors"][0]["x"]
+    assert {row["case"] for row in ticks} == {case.name for case in COLLISIONS[:5]}
+    page.get_by_role("link", name=f"Leave out {COLLISIONS[1].name}").click()
+    expect(page.locator(".sides section h2")).to_have_count(4)
+    assert COLLISIONS[1].name not in page.url
+
+
+def test_what_a_compared_case_lacks_is_said_and_the_others_stand(pages, site):
+    """One without rows, one that is not there, and more than are compared."""
+    page = pages.open(address(site, VIEWS["several"]))
+    ready(page, "several")
+    expect(page.locator(".sides section")).to_have_count(8)
+    bare = page.get_by_role("region", name="Case 8")
+    expect(bare).to_contain_text("No film")
+    expect(page.locator(".sides .film canvas")).to_have_count(7)
+    expect(page.get_by_text("1 of the drives has no rows")).to_be_visible()
+    pages.allowed.append("ERR_FILE_NOT_FOUND")
+    three = f"#/run/{RUN}/case/{WORST}/beside/{RUN}/nobody/{RUN}/{COLLISIONS[1].name}"
+    page.goto(address(site, three))
+    expect(page.get_by_text("Case nobody:")).to_be_visible()
+    expect(page.locator(".sides section")).to_have_count(2)
+    page.goto(address(site, f"{VIEWS['several']}/{RUN}/{COLLISIONS[8].name}"))
+    expect(page.locator("main h1")).to_have_text("No such view")
+    chosen = ",".join(map(str, range(9)))
+    page.goto(address(site, f"#/run/{RUN}/wall?sel={chosen}"))
+    bar = page.get_by_role("group", name="Selected cases")
+    expect(bar).to_contain_text("At most 8 are compared side by side.")
+    expect(bar.get_by_role("link")).to_have_count(0)
+
+
+def _saved(page: Any, button: str, folder: Path) -> list[dict[str, str]]:
+    """Rows of the table that a button saves."""
+    with page.expect_download() as saved:
+        page.get_by_role("button", name=button).click()
+    saved.value.save_as(folder / saved.value.suggested_filename)
+    with (folder / saved.value.suggested_filename).open(newline="") as file:
+        return list(csv.DictReader(file))
 
 
 def test_zoom_leads_from_dots_to_pictures(pages, site):

@@ -111,7 +111,8 @@ def test_a_recorded_case_served_and_from_the_disk(marked, pages, tmp_path):
 
 
 def test_a_console_without_the_files_says_so_and_where_they_are(marked, pages, tmp_path):
-    """KPIs and reasons come from the conductor; nothing is said to be unrecorded that is."""
+    """KPIs, reasons, log and rows come from the conductor, also to somebody who may only look;
+    nothing is said to be unrecorded that is."""
     state = tmp_path / "state"
     conductor = serve(marked, state)
     there = ("--state", str(state))
@@ -122,18 +123,24 @@ def test_a_console_without_the_files_says_so_and_where_they_are(marked, pages, t
     wait_for(lambda: all(row["outcome"] for row in outcomes(folder).values()), "the end")
     case, row = next((c, r) for c, r in outcomes(folder).items() if r["verdict"] == "collision")
     endpoint = find_conductor(state).endpoint
-    child, url = web(marked, "--connect", endpoint, "--key", str(keys_of(state)))
+    child, url = web(marked, "--connect", endpoint, "--key", str(keys_of(state) / "viewer.key"))
     page = pages.open(url)
     shows = f"viewer web --run {folder.resolve()}"
     command = page.get_by_label("Command that shows the files")
     expect(command).to_have_text(shows)
     page.evaluate(f"location.hash = '#/run/chaos-16/case/{case}'")
     expect(page.locator("h1")).to_have_text(case)
-    expect(page.get_by_text(row["reasons"][0])).to_be_visible()
+    expect(page.locator(".verdict .reason")).to_have_text(row["reasons"][0])
     speed = page.get_by_role("region", name="KPIs").get_by_role("row", name="impact_speed_mps")
     expect(speed).to_contain_text("m/s")
     expect(command).to_have_text(shows)
     expect(page.get_by_text("No film: the files of the campaign are not here.")).to_be_visible()
+    expect(page.get_by_role("img", name=re.compile("^Over sim time: .*Distance"))).to_be_visible()
+    expect(page.locator(".events li").last).to_contain_text("collision")
+    log = (folder / "cases" / case / f"attempt-{row['attempt']}" / "log.txt").read_text()
+    assert log.strip()
+    shown = page.get_by_label("Log of the stack", exact=True)
+    expect(shown).to_contain_text(log.splitlines()[-1])
     assert page.get_by_text("not recorded").count() == 0
     repeat = page.get_by_label("Command that repeats this case")
     expect(repeat).to_contain_text(f"conductor run {folder.resolve()}/campaign.yaml --case {case}")

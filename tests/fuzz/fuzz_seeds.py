@@ -74,6 +74,7 @@ from schemas.files.drive_record import RecordAnswer, RecordHead, RecordSeen
 from schemas.files.kpi import KPI_COLUMNS
 from schemas.files.yaml_file import dump_yaml
 from schemas.messages import Command, Detection
+from schemas.wire.case_files import CaseFilePiece, CaseFileRequest
 from schemas.wire.codec import encode
 from schemas.wire.control import Result, Sealed
 from schemas.wire.delivery import SeenFolder
@@ -215,6 +216,8 @@ def _wire() -> None:
     _messages("wire-view", VIEW, view_plane())
     _messages("wire-steering", STEERING, steering())
     _write("wire-delivery", "seen", encode(SeenFolder(V, "c", "0" * 64)))
+    _write("wire-case-file", "log", encode(CaseFileRequest(V, "c", "c1", "log.txt", -1000)))
+    _write("wire-case-piece", "log", encode(CaseFilePiece(V, b"log", 1, 4, 1, "0" * 64)))
     ready, tick, _, frame, _ = (encode(message) for message in drive_plane())
     parts = [(0, ready, b""), (3, bytes(12), frame), (1, tick, b"")]
     stream = b"".join(PART.pack(k, len(a), len(b)) + a + b for k, a, b in parts)

@@ -6,13 +6,17 @@ import contextlib
 import struct
 from collections.abc import Callable
 from functools import cache
+from threading import Lock
+from types import SimpleNamespace
 from typing import Any
 
 from fuzz_target import Target
 
+from conductor.serve.case_files import CaseFiles
 from conductor.serve.deliveries import Deliveries
 from devkit.bridges.autodrive.socketio import SocketClient, SocketError
 from schemas.messages import Commands, Episode, Frame, Ready, Tick, command_mistake
+from schemas.wire.case_files import CaseFilePiece
 from schemas.wire.codec import ATTACHMENT_BYTES_MAX, WireError, decode
 from schemas.wire.control import Reply, Request
 from schemas.wire.delivery import MESSAGE_BYTES_MAX as DELIVERY_BYTES_MAX
@@ -109,6 +113,20 @@ def _delivery(data: bytes) -> object:
     return _deliveries().handle(data)
 
 
+@cache
+def _case_files() -> CaseFiles:
+    nobody: Any = SimpleNamespace(state=SimpleNamespace(campaigns={}))
+    return CaseFiles(nobody, Lock())
+
+
+def _case_file(data: bytes) -> object:
+    return _case_files().handle(data, 0.0)
+
+
+def _case_piece(data: bytes) -> object:
+    return decode(data, CaseFilePiece)
+
+
 class _Silent:
     """A connection on which nothing more comes."""
 
@@ -145,6 +163,8 @@ TARGETS = {
     "wire-steering": Target(_chosen(STEERING, lambda _: None), REFUSED),
     "wire-stack-end": Target(_stack_end, (WireError, InfrastructureError)),
     "wire-delivery": Target(_delivery, ()),
+    "wire-case-file": Target(_case_file, ()),
+    "wire-case-piece": Target(_case_piece, REFUSED),
     "wire-pipe": Target(_pipe, REFUSED),
     "wire-socketio": Target(_socketio, (SocketError,)),
     "view-points": Target(_points, (ValueError,)),

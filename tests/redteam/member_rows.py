@@ -251,6 +251,46 @@ def commit_for_another(theatre: Theatre) -> Found:
     )
 
 
+@attack(11, "asks the conductor for files that no case left", "invited member", "viewer")
+def files_of_nobody(theatre: Theatre) -> Found:
+    """Names that lead elsewhere, and files that are links."""
+    worker, _ = honest_and_thief(theatre)
+    spoken = hello(worker, "honest")
+    (got,) = lease(worker, spoken)
+    case, number = got["case"]["variation"]["id"], got["attempt"]
+    attempt = theatre.state / "mine" / "cases" / case / f"attempt-{number}"
+    attempt.mkdir(parents=True)
+    result = {"campaign": "mine", "case": case, "token": got["token"], "outcome": "failed"}
+    result |= {"verdict": "stack", "attempt_dir": f"cases/{case}/attempt-{number}"}
+    committed = ask(worker, WORKER, PATIENCE_S, verb="next", seq=2, k=0, results=[result], **spoken)
+    assert committed is not None
+    assert committed["acks"] == [got["token"]], committed
+    viewer = theatre.member(theatre.invite("viewer"), Role.viewer)
+
+    def given(bus: Bus, **asked: Any) -> bytes | None:
+        """Bytes that come; None: silence."""
+        named = {"campaign": "mine", "case": case, "file": "log.txt", **asked}
+        answer = ask(bus, topics.CASE_FILES.key, SILENCE_S, **named)
+        return None if answer is None else answer["data"]
+
+    (attempt / "log.txt").write_bytes(b"honest")
+    honest = given(viewer) == b"honest"
+    up = "../" * (len(attempt.parts) - 1)
+    names = (f"{up}{theatre.secret}", "conductor.json", "../../../conductor.json", "log.txt\0", "")
+    leaked = [given(viewer, file=name) for name in names]
+    leaked += [given(viewer, case=name) for name in (f"{case}/..", "..", f"x/../{case}", "/")]
+    leaked += [given(viewer, campaign=name) for name in ("mine/../mine", "..", ".", "/")]
+    for name in ("log.txt", "kpi.parquet"):
+        (attempt / name).unlink(missing_ok=True)
+        (attempt / name).symlink_to(theatre.secret)
+        leaked.append(given(viewer, file=name))
+    return refused_if(
+        honest and not any(leaked),
+        f"paths are the journal's, links count as nothing; {len(leaked)} tries",
+        f"{[data for data in leaked if data]}",
+    )
+
+
 def _standing(bus: Bus) -> bool:
     return ask(bus, STATUS, 1.0, verb="status") is not None
 

@@ -15,6 +15,7 @@ from schemas import SCHEMA_VERSION
 from schemas.files.json_text import decode_json
 from schemas.settings import Value, actions_of
 from schemas.wire import topics
+from schemas.wire.case_files import CaseFilePiece, CaseFileRequest
 from schemas.wire.codec import WireError, decode, encode
 from schemas.wire.control import Control, Explain, Reply
 from schemas.wire.interventions import Action
@@ -119,6 +120,21 @@ class Desk:
         """
         request = Explain(v=SCHEMA_VERSION, campaign=campaign, case=case)
         return list(self._ask(request).status.get("explain", []))
+
+    def case_file(self, request: CaseFileRequest) -> CaseFilePiece | None:
+        """A piece of a file of a committed attempt; None: no answer, or one of another version.
+
+        Raises:
+            TwinError: there is no conductor, or its key is of a role that may not ask.
+        """
+        data = self.session().request(topics.CASE_FILES.key, encode(request), ASK_S)
+        if data is None:
+            return None
+        try:
+            piece: CaseFilePiece = decode(data, CaseFilePiece)
+        except WireError:
+            return None
+        return piece
 
     def close(self) -> None:
         """End the session."""

@@ -10,12 +10,14 @@ from typing import Any, Protocol
 
 from schemas import SCHEMA_VERSION
 from schemas.escape import escape
+from schemas.wire.case_files import CaseFilePiece, CaseFileRequest
 from schemas.wire.control import Control
 from schemas.words import counted
-from twin.base.errors import TwinError, UsageError
+from twin.base.errors import TwinError, UnreachableError, UsageError
 from twin.fabric.discovery import Target
 from viewer.console.acts import ACTS, ActName, ActRequest, panel_body, parse_act, warning_of
 from viewer.console.overview import table_version
+from viewer.console.remote_files import RemoteFiles
 from viewer.console.resources import resources_of
 from viewer.console.site import ConsoleSite
 from viewer.console.stream import EventStream
@@ -42,6 +44,9 @@ class Operator(Protocol):
     def do(self, body: bytes) -> bytes:
         """Intervene in a running case."""
 
+    def case_file(self, request: CaseFileRequest) -> CaseFilePiece | None:
+        """A piece of a file of a committed attempt; None: no answer."""
+
 
 class LiveConsole:
     """Stands between the pages and one conductor."""
@@ -57,7 +62,8 @@ class LiveConsole:
     ) -> None:
         """As :class:`LiveWatch`; ``operator``: way to change something."""
         self.stream = EventStream(secrets.token_hex(6))
-        self.watch = LiveWatch(site, resolve, self.stream, here=here, say=say)
+        files = RemoteFiles(self._case_file)
+        self.watch = LiveWatch(site, resolve, self.stream, here=here, say=say, files=files)
         self._site, self._operator = site, operator
         self._explained: dict[tuple[str, str], tuple[float, list[str]]] = {}
         self._lock = threading.Lock()
@@ -145,6 +151,12 @@ class LiveConsole:
         )
         what = "worker" if act == "drain" else "case"
         return {"done": f"{act} {request.worker or campaign}: {counted(changed, what)}"}
+
+    def _case_file(self, request: CaseFileRequest) -> CaseFilePiece | None:
+        age_s = self.watch.age_s
+        if age_s is None or age_s > SILENCE_S:
+            raise UnreachableError("the conductor is silent")  # each question would wait in vain
+        return self._operator.case_file(request)
 
     def _campaign(self, act: ActName, request: ActRequest) -> str:
         if act == "drain":

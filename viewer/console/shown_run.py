@@ -20,6 +20,7 @@ import msgspec
 from twin.base.errors import UsageError
 from viewer.console.pictures import MOMENT_SIZE, PictureCache, moment_picture
 from viewer.console.recorded import RecordedAttempt, has_recording
+from viewer.console.remote_files import RemoteAttempt, RemoteFiles
 from viewer.console.remote_run import HeardCases
 from viewer.console.run_folder import CAMPAIGN_FILE, CaseEnding, RunFolder, plain_axes
 from viewer.console.table import ConsoleTable, console_table
@@ -108,6 +109,8 @@ class ShownRun:
     away: str | None = None
     """Its folder as its conductor sees it, where no file of it is at hand; empty: nobody says where
     that is. None: its files are at hand."""
+    files: RemoteFiles | None = None
+    """Gives logs and KPI rows of its cases, where no file of it is at hand."""
     portable: bool = False
     """Its pages are read elsewhere: commands in them name no path of this machine."""
     live_pictures: dict[str, LivePicture] = field(default_factory=dict)
@@ -209,11 +212,21 @@ class ShownRun:
             key = (case, committed)
             # Of one that runs the files grow, so nothing is kept.
             if key not in self._attempts or not committed:
-                self._attempts[key] = RecordedAttempt(self.run, case, committed)
+                self._attempts[key] = self._left_by(case, committed)
             self._attempts.move_to_end(key)
             while len(self._attempts) > ATTEMPTS_MAX:
                 self._attempts.popitem(last=False)
             return self._attempts[key]
+
+    def forget_attempts(self) -> None:
+        """What cases left is of another campaign of the same name."""
+        with self._lock:
+            self._attempts.clear()
+
+    def _left_by(self, case: str, committed: str) -> RecordedAttempt:
+        if self.files is None:
+            return RecordedAttempt(self.run, case, committed)
+        return RemoteAttempt(self.run, case, committed, self.files, self.campaign)
 
     def recorded(self) -> list[bool]:
         """Whether there is a picture of each case."""

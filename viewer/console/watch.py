@@ -22,6 +22,7 @@ from twin.base.errors import InfrastructureError, TwinError
 from twin.fabric.bus import Sample
 from twin.fabric.discovery import Target
 from viewer.console.overview import table_version
+from viewer.console.remote_files import RemoteFiles
 from viewer.console.remote_run import MissedEndings, RemoteRun
 from viewer.console.rig_clocks import RigClocks
 from viewer.console.run_folder import CaseEnding, RunFolder
@@ -85,6 +86,7 @@ class LiveWatch:
         *,
         here: bool,
         say: Callable[[str], None] = lambda _: None,
+        files: RemoteFiles | None = None,
     ) -> None:
         """Make a watch that hears nothing yet.
 
@@ -94,6 +96,7 @@ class LiveWatch:
             stream: takes the events.
             here: folders that the conductor names are at hand.
             say: takes a line for people.
+            files: gives logs and KPI rows of campaigns whose folder is not at hand.
         """
         self.stream = stream
         self.slots = LatestSlots()
@@ -109,7 +112,7 @@ class LiveWatch:
         """Messages of another version, or damaged."""
         self.error: TwinError | None = None
         """Why nothing is listened to any more."""
-        self._site, self._here, self._say = site, here, say
+        self._site, self._here, self._say, self._files = site, here, say, files
         self.link = Link(resolve, None, self.slots, running=True)
         """Its session with the conductor."""
         self._runs: dict[str, ShownRun] = {}
@@ -310,7 +313,7 @@ class LiveWatch:
                 shown = self._site.add(RunFolder(out))
         else:
             shown = self._site.add(RemoteRun(name))
-            shown.away = ""
+            shown.away, shown.files = "", self._files
         self._runs[name] = shown
         shown.campaign = name
         return shown
@@ -324,6 +327,7 @@ class LiveWatch:
         if shown is None:
             return
         shown.heard.forget()
+        shown.forget_attempts()
         shown.live_pictures, shown.running, shown.live = {}, frozenset(), None
         for kept in (self.charged, self._fresh, self._tables, self._due_s):
             kept.pop(shown.run.id, None)

@@ -59,7 +59,7 @@ _STACK = {
 }
 _VIEWER = {
     Act.subscribe: (*_SHOWN, *_keys(topics.EVENT)),
-    Act.ask: _keys(topics.RPC_STATUS, topics.FEED_SCENE, topics.FEED_CLOCK),
+    Act.ask: _keys(topics.RPC_STATUS, topics.CASE_FILES, topics.FEED_SCENE, topics.FEED_CLOCK),
 }
 
 MAY: dict[Role, dict[Act, tuple[str, ...]]] = {

@@ -260,6 +260,7 @@ def test_the_table_keeps_what_matters_apart():
     assert able[Act.ask, topics.RPC_WORKER.key] == {Role.worker}
     lookers = {Role.viewer, Role.admin, Role.submitter}
     assert able[Act.ask, topics.RPC_STATUS.key] == {Role.worker, *lookers}
+    assert able[Act.ask, topics.CASE_FILES.key] == lookers, "no worker, and no stack"
     assert able[Act.ask, pattern(topics.VIEW_CONTROL).replace("*", "x")] == {Role.admin}
     command = topics.COMMAND.key.format(rig="x")
     assert able[Act.publish, command] == {Role.stack}

@@ -24,10 +24,11 @@ from viewer.live.link import Cases, ConductorEvent, LinkEnded, ReadClocks, Said,
 class Heard:
     """A watch that nobody speaks to but the test, and a page that follows it."""
 
-    def __init__(self, folder=None, follows=True):
+    def __init__(self, folder=None, follows=True, files=None):
         self.site = ConsoleSite(find_runs(folder) if folder else [], keep=False)
         self.stream = EventStream("e")
-        self.watch = LiveWatch(self.site, self._nowhere, self.stream, here=folder is not None)
+        here = folder is not None
+        self.watch = LiveWatch(self.site, self._nowhere, self.stream, here=here, files=files)
         self.stream.followers = int(follows)
         self.now_s = 0.0
         self.asked = []

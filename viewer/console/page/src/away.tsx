@@ -8,8 +8,7 @@ export function AwayFiles({ away, what }: { away: Away; what: string }): JSX.Ele
   return (
     <Figure title="Files that are not here">
       <p>
-        {what} stand in files, and no file of this campaign is within reach of this console: what it shows came from the conductor and from the
-        simulators.
+        {what} stand in files that this console cannot reach: what it shows came from the conductor and from the simulators.
       </p>
       {away.command !== null ? (
         <>

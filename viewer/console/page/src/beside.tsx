@@ -1,129 +1,201 @@
-// Two cases, or one case of two runs, side by side at the same sim time.
+// Two cases, or one case of two runs, or as many as eight, side by side at the same sim time.
 import type { JSX } from "preact";
 import { useMemo } from "preact/hooks";
 import { extentOf, KpiName, marksOf, pathOf } from "./case";
 import { type Clock, useClock } from "./clock";
+import { kpisAsCsv, rowsAsCsv, type Side } from "./compared";
 import { type CaseInfo, type Series, statusOf, type Value } from "./data";
-import { firstDifference } from "./differ";
+import { type Difference, firstDifference } from "./differ";
 import { FilmView } from "./film";
-import { useData } from "./hooks";
-import { Chip, Figure, Waiting } from "./parts";
+import { useEach } from "./hooks";
+import { Chip, Figure, save, VerdictSign, Waiting } from "./parts";
 import { type Mark, Player } from "./player";
 import { type Overlay, SeriesPlots } from "./plots";
-import { type Route, toCase } from "./route";
+import { BESIDE_MAX, type CaseRef, type Route, toBeside, toCase } from "./route";
 import { TopView } from "./topview";
-import { at, called, number, text } from "./words";
-
-interface Side {
-  run: string;
-  info: CaseInfo;
-  series: Series | null;
-}
+import { at, called, capital, number, text } from "./words";
 
 export function BesideView({ route }: { route: Route }): JSX.Element {
-  const one = useData<CaseInfo>(`${pathOf(route.run, route.case)}/case.json`);
-  const two = useData<CaseInfo>(`${pathOf(route.run2, route.case2)}/case.json`);
-  const oneSeries = useData<Series | null>(`${pathOf(route.run, route.case)}/series.json`);
-  const twoSeries = useData<Series | null>(`${pathOf(route.run2, route.case2)}/series.json`);
-  const gone = oneSeries.error || twoSeries.error;
-  if (one.data === null || two.data === null) return <Waiting error={one.error || two.error} what="both cases" />;
-  if (!gone && (oneSeries.data === null || twoSeries.data === null)) {
-    return <Waiting error="" what="both drives" />;
-  }
-  const left = { run: route.run, info: one.data, series: oneSeries.data };
-  const right = { run: route.run2, info: two.data, series: twoSeries.data };
-  return <Beside left={left} right={right} start={route.query.get("t")} />;
-}
-
-function Beside({ left, right, start }: { left: Side; right: Side; start: string | undefined }): JSX.Element {
-  const [begin1, end1, tick] = extentOf(left.info, left.series);
-  const [begin2, end2] = extentOf(right.info, right.series);
-  const differs = useMemo(
-    () => (left.series === null || right.series === null ? null : firstDifference(left.series, right.series)),
-    [left.series, right.series],
+  const asked: CaseRef[] = [{ run: route.run, case: route.case }, ...route.others];
+  const infos = useEach<CaseInfo>(asked.map((one) => `${pathOf(one.run, one.case)}/case.json`), BESIDE_MAX);
+  const drives = useEach<Series | null>(asked.map((one) => `${pathOf(one.run, one.case)}/series.json`), BESIDE_MAX);
+  const waits = asked.some((_, place) => (infos[place]!.data === null && !infos[place]!.error) || (drives[place]!.data === null && !drives[place]!.error));
+  const sides = useMemo(
+    () => asked.flatMap(({ run }, place) => (infos[place]!.data === null ? [] : [{ run, info: infos[place]!.data!, series: drives[place]!.data }])),
+    [...infos, ...drives].map((one) => one.data),
   );
-  const asked = Number(start);
-  const first = start && Number.isFinite(asked) ? asked : (differs?.t ?? Math.min(begin1, begin2));
-  const clock = useClock(Math.min(begin1, begin2), Math.max(end1, end2), first);
-  const marks = useMemo(() => {
-    const found: Mark[] = marksOf(left.info).filter((mark) => mark.kind === "moment");
-    if (differs !== null) found.push({ t: differs.t, what: "first difference", kind: "differs" });
-    return found;
-  }, [left.info, differs]);
-  const overlays: Overlay[] = useMemo(() => {
-    const names = left.info.case === right.info.case ? [left.run, right.run] : [left.info.case, right.info.case];
-    return [left, right].flatMap(({ series }, place) =>
-      series === null ? [] : [{ label: names[place]!, series, dash: place ? ("dash" as const) : ("solid" as const) }],
-    );
-  }, [left.series, right.series]);
-  const both = left.series !== null && right.series !== null;
+  const lost = asked.flatMap((one, place) => (infos[place]!.data === null && infos[place]!.error ? [{ name: one.case, error: infos[place]!.error }] : []));
   return (
     <>
       <h1>Side by side</h1>
-      <p class="box notice" role="status">
-        {!both ? "One of the drives has no rows, so nothing is compared tick by tick."
-        : differs === null ? "Both drives are the same, at every tick."
-        : `They differ first at ${at(differs.t)}: ${called(differs.what).title} is ${text(differs.left, differs.unit)} on the left, ${text(differs.right, differs.unit)} on the right${closely(differs.left, differs.right, differs.unit)}.`}
-      </p>
-      <Player clock={clock} tick={tick} marks={marks} />
-      <div class="sides">
-        <SideView side={left} clock={clock} label="left" />
-        <SideView side={right} clock={clock} label="right" />
-      </div>
-      <Figure title="Over time">
-        <SeriesPlots overlays={overlays} clock={clock} marks={marks} />
-      </Figure>
-      <Kpis left={left.info} right={right.info} />
+      {lost.map(({ name, error }) => (
+        <Waiting key={name} error={error} what={`case ${name}`} />
+      ))}
+      {waits && <Waiting error="" what={asked.length === 2 ? "both cases" : "the cases"} />}
+      {!waits && sides.length > 0 && <Beside key={sides.map(({ run, info }) => `${run}/${info.case}`).join()} sides={sides} start={route.query.get("t")} />}
     </>
   );
+}
+
+/** The first tick at which any of them differs from the first, and the place of that one. */
+function differenceOf([first, ...others]: Side[]): (Difference & { place: number }) | null {
+  let earliest: (Difference & { place: number }) | null = null;
+  others.forEach(({ series }, place) => {
+    const found = series === null || first!.series === null ? null : firstDifference(first!.series, series);
+    if (found !== null && (earliest === null || found.t < earliest.t)) earliest = { ...found, place: place + 1 };
+  });
+  return earliest;
+}
+
+/** What a case is called here: by where it stands, or by its number. */
+const nameOf = (place: number, count: number): string => (count === 2 ? ["left", "right"][place]! : `case ${place + 1}`);
+
+function Beside({ sides, start }: { sides: Side[]; start: string | undefined }): JSX.Element {
+  const extents = sides.map(({ info, series }) => extentOf(info, series)).filter(([begin, end]) => end > begin);
+  const begin = extents.length ? Math.min(...extents.map((one) => one[0])) : 0;
+  const end = extents.length ? Math.max(...extents.map((one) => one[1])) : 0;
+  const differs = useMemo(() => differenceOf(sides), [sides]);
+  const asked = Number(start);
+  const clock = useClock(begin, end, start && Number.isFinite(asked) ? asked : (differs?.t ?? begin));
+  const marks = useMemo(() => {
+    const found: Mark[] = marksOf(sides[0]!.info).filter((mark) => mark.kind === "moment");
+    if (differs !== null) found.push({ t: differs.t, what: "first difference", kind: "differs" });
+    return found;
+  }, [sides, differs]);
+  const overlays = useMemo(() => overlaysOf(sides), [sides]);
+  const many = sides.length > 2;
+  return (
+    <>
+      <p class="box notice" role="status">
+        {differenceWords(sides, differs)}
+      </p>
+      {extents.length > 0 && <Player clock={clock} tick={extents[0]![2]} marks={marks} />}
+      <div class={many ? "sides many" : "sides"}>
+        {sides.map((side, place) => (
+          <SideView key={`${place} ${side.run}/${side.info.case}`} sides={sides} place={place} clock={clock} />
+        ))}
+      </div>
+      {overlays.length > 0 && (
+        <Figure title="Over time">
+          <SeriesPlots overlays={overlays} clock={clock} marks={marks} />
+        </Figure>
+      )}
+      <Kpis sides={sides} />
+    </>
+  );
+}
+
+/** Two drives differ by their dashes, more by colour first: dots say that colours begin again. */
+function overlaysOf(sides: Side[]): Overlay[] {
+  const same = sides.every(({ info }) => info.case === sides[0]!.info.case);
+  return sides.flatMap(({ run, info, series }, place): Overlay[] => {
+    if (series === null || series.t.length === 0) return [];
+    const name = same ? run : info.case;
+    if (sides.length === 2) return [{ label: name, series, hue: place, dash: place ? "dash" : "solid" }];
+    return [{ label: `${place + 1}: ${name}`, series, hue: place, dash: place < BESIDE_MAX / 2 ? "solid" : "dot" }];
+  });
+}
+
+function differenceWords(sides: Side[], differs: (Difference & { place: number }) | null): string {
+  const both = sides.length === 2;
+  if (sides.length === 1) return "Only one of the cases is here.";
+  const bare = sides.filter(({ series }) => series === null || series.t.length === 0).length;
+  const missing = bare === 0 ? "" : both ? "One of the drives has no rows, so nothing is compared tick by tick." : `${bare} of the drives ${bare === 1 ? "has" : "have"} no rows, so not all are compared tick by tick. `;
+  if (both && missing) return missing;
+  if (differs === null) return missing || `${both ? "Both" : "All"} drives are the same, at every tick.`;
+  const { what, unit, left, right } = differs;
+  const where = both ? ["on the left", "on the right"] : ["in case 1", `in case ${differs.place + 1}`];
+  return `${missing}They differ first at ${at(differs.t)}: ${called(what).title} is ${text(left, unit)} ${where[0]}, ${text(right, unit)} ${where[1]}${closely(left, right, unit)}.`;
 }
 
 /** Two values that look the same when rounded. */
 const closely = (left: number | null, right: number | null, unit: string): string =>
   left !== null && right !== null && number(left) === number(right) ? `, a difference of ${text(right - left, unit)}` : "";
 
-function SideView({ side, clock, label }: { side: Side; clock: Clock; label: string }): JSX.Element {
-  const { run, info, series } = side;
+function SideView({ sides, place, clock }: { sides: Side[]; place: number; clock: Clock }): JSX.Element {
+  const { run, info, series } = sides[place]!;
+  const many = sides.length > 2;
+  const label = many ? `case ${place + 1}` : `the ${nameOf(place, 2)} case`;
+  const driven = series !== null && series.t.length > 0;
+  const rest = sides.filter((_, other) => other !== place).map((side) => ({ run: side.run, case: side.info.case }));
   return (
-    <section aria-label={`The ${label} case`}>
+    <section aria-label={capital(label)}>
       <h2 class="casename">
+        {many && `${place + 1}: `}
         <a href={toCase(run, info.case)}>{info.case}</a>
       </h2>
       <p>
         <Chip verdict={statusOf(info)} /> <span class="reason">{info.reasons.join("; ")}</span> <span class="dim">in {run}</span>
       </p>
-      <FilmView run={run} info={info} series={series} clock={clock} label={`the ${label} case`} />
-      {series !== null && <TopView series={series} clock={clock} label={`The ${label} case`} />}
+      {(!many || info.film !== null || !driven) && <FilmView run={run} info={info} series={series} clock={clock} label={label} />}
+      {driven && (!many || info.film === null) && <TopView series={series} clock={clock} label={capital(label)} />}
+      {many && (
+        <a class="button" href={toBeside(rest[0]!.run, rest[0]!.case, rest.slice(1))} aria-label={`Leave out ${info.case}`}>
+          Leave out
+        </a>
+      )}
     </section>
   );
 }
 
-function Kpis({ left, right }: { left: CaseInfo; right: CaseInfo }): JSX.Element {
-  const value = (info: CaseInfo, name: string): Value => info.kpis.find((kpi) => kpi.name === name)?.value ?? null;
+/** Axes on which they differ, and KPIs, beside each other; as files, too. */
+function Kpis({ sides }: { sides: Side[] }): JSX.Element {
+  const axes = namesIn(sides.map(({ info }) => Object.keys(info.axes))).filter((name) => differ(sides.map(({ info }) => info.axes[name] ?? null)));
+  const kpis = namesIn(sides.map(({ info }) => info.kpis.map((kpi) => kpi.name)));
+  const driven = sides.some(({ series }) => series !== null && series.t.length > 0);
   return (
     <Figure title="KPIs">
-      <div class="scroll" tabIndex={0} role="region" aria-label="KPIs of both">
+      <div class="scroll" tabIndex={0} role="region" aria-label="KPIs of all cases">
         <table>
           <thead>
             <tr>
               <th scope="col">KPI</th>
-              <th scope="col" class="n">left</th>
-              <th scope="col" class="n">right</th>
+              {sides.map(({ info }, place) => (
+                <th key={place} scope="col" class="n" title={info.case}>
+                  <VerdictSign verdict={statusOf(info)} /> {nameOf(place, sides.length)}
+                </th>
+              ))}
             </tr>
           </thead>
           <tbody>
-            {left.kpis.map((kpi) => (
-              <tr key={kpi.name} class={kpi.value === value(right, kpi.name) ? "" : "differs"}>
+            {axes.map((name) => (
+              <tr key={`axis ${name}`}>
                 <th scope="row">
-                  <KpiName kpi={kpi} />
+                  {capital(called(name).title)} <code class="dim">{name}</code>
                 </th>
-                <td class="n">{text(kpi.value, kpi.unit)}</td>
-                <td class="n">{text(value(right, kpi.name), kpi.unit)}</td>
+                {sides.map(({ info }, place) => (
+                  <td key={place} class="n">{text(info.axes[name], called(name).unit)}</td>
+                ))}
               </tr>
             ))}
+            {kpis.map((name) => {
+              const found = sides.map(({ info }) => info.kpis.find((kpi) => kpi.name === name));
+              const known = found.find((kpi) => kpi !== undefined)!;
+              return (
+                <tr key={name} class={differ(found.map((kpi) => kpi?.value ?? null)) ? "differs" : ""}>
+                  <th scope="row">
+                    <KpiName kpi={known} />
+                  </th>
+                  {found.map((kpi, place) => (
+                    <td key={place} class="n">{text(kpi?.value, known.unit)}</td>
+                  ))}
+                </tr>
+              );
+            })}
           </tbody>
         </table>
       </div>
+      <p class="line">
+        <button type="button" onClick={() => save("cases.csv", kpisAsCsv(sides), "text/csv")}>
+          Save KPIs as CSV
+        </button>
+        <button type="button" disabled={!driven} onClick={() => save("cases-over-time.csv", rowsAsCsv(sides), "text/csv")}>
+          Save rows over time as CSV
+        </button>
+      </p>
     </Figure>
   );
 }
+
+const namesIn = (lists: string[][]): string[] => [...new Set(lists.flat())];
+const differ = (values: Value[]): boolean => values.some((value) => value !== values[0]);

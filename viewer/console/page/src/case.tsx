@@ -178,7 +178,7 @@ function Recorded({ run, info, series, start }: {
       <>
         <FilmView run={run} info={info} series={null} clock={clock} label={info.case} />
         {info.kpis.length > 0 && <Kpis info={info} />}
-        {info.away && <AwayFiles away={info.away} what="Film, KPIs over time, events, log and recording of a case" />}
+        {info.away && <AwayFiles away={info.away} what={info.log === null ? NOTHING_HERE : "Film, KPIs over time and recording of a case"} />}
       </>
     );
   }
@@ -198,10 +198,13 @@ function Recorded({ run, info, series, start }: {
           <Kpis info={info} />
         </div>
       </div>
-      <InFull info={info} clock={clock} />
+      {info.away ? <AwayFiles away={info.away} what="Film and recording of a case" /> : <InFull info={info} clock={clock} />}
     </>
   );
 }
+
+/** What is missing of a case whose files a conductor does not give. */
+const NOTHING_HERE = "Film, KPIs over time, events, log and recording of a case";
 
 function Events({ info, clock }: { info: CaseInfo; clock: Clock }): JSX.Element {
   const t = useTime(clock, 100);
@@ -353,7 +356,7 @@ function Neighbour({ run, info, to, sign, axis }: { run: string; info: CaseInfo;
       <a href={toCase(run, to.case)}>
         <span aria-hidden="true">{sign}</span> {text(to.value, called(axis).unit)}
       </a>{" "}
-      <a class="button" href={toBeside(run, info.case, run, to.case)} aria-label={`Side by side with ${to.case}`} title="Both cases side by side">
+      <a class="button" href={toBeside(run, info.case, [{ run, case: to.case }])} aria-label={`Side by side with ${to.case}`} title="Both cases side by side">
         ⇄
       </a>
     </li>

@@ -53,6 +53,10 @@ export function useData<T>(path: string | null, again: unknown = 0): Answer<T> {
   return answer.path === path ? answer : { data: null, error: "" };
 }
 
+/** Data of several paths, at most `most`. */
+export const useEach = <T>(paths: string[], most: number): Answer<T>[] =>
+  Array.from({ length: most }, (_, place) => useData<T>(paths[place] ?? null)).slice(0, paths.length);
+
 /** Grows when all has to be read again. */
 export function useEpoch(): number {
   const [epoch, setEpoch] = useState(live.epoch);

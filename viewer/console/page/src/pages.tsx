@@ -312,7 +312,7 @@ export function ComparePage({ left, right }: { left: string; right: string }): J
       </>
     );
   }
-  const link = (name: string): JSX.Element => <a href={toBeside(left, name, right, name)}>{name}</a>;
+  const link = (name: string): JSX.Element => <a href={toBeside(left, name, [{ run: right, case: name }])}>{name}</a>;
   return (
     <>
       <h1>

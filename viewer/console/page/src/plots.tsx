@@ -128,11 +128,15 @@ export function Plot({ data, layout, label, height, clock }: Inputs): JSX.Elemen
 }
 
 const ROW_PX = 104;
+/** Colours of cases that share their axes. */
+const HUES = ["plot", "plot2", "plot3", "plot4"];
 
 export interface Overlay {
   label: string;
   series: Series;
-  dash: "solid" | "dash";
+  dash: "solid" | "dash" | "dot";
+  /** Which of the colours of plots; 0 is the first. */
+  hue?: number;
 }
 
 /** Series over sim time, one below the other; two cases share their axes. */
@@ -161,14 +165,14 @@ function varies(values: (number | null)[]): boolean {
 }
 
 function figure(names: string[], overlays: Overlay[], marks: { t: number; what: string }[]): { data: unknown[]; layout: Record<string, unknown> } {
-  const hues = [color("plot"), color("plot2")];
+  const hues = HUES.map(color);
   const data = names.flatMap((name, row) =>
-    overlays.flatMap(({ label, series, dash }, at) => {
+    overlays.flatMap(({ label, series, dash, hue }, at) => {
       const one = series.series[name];
       if (one === undefined) return [];
       return [{
         x: series.t, y: one.v, name: label, mode: "lines", connectgaps: false, xaxis: "x", yaxis: row ? `y${row + 1}` : "y",
-        line: { color: hues[at], width: 1.6, dash }, showlegend: overlays.length > 1 && row === 0,
+        line: { color: hues[(hue ?? at) % hues.length], width: 1.6, dash }, showlegend: overlays.length > 1 && row === 0,
         hovertemplate: `%{x:.2f} s: %{y:.4g} ${one.unit.replaceAll("<", "").replaceAll("%", "")}<extra></extra>`,
       }];
     }),

@@ -1,15 +1,24 @@
 // Addresses of views: everything that a view shows stands behind the `#`, so that it can be shared.
 
+export interface CaseRef {
+  run: string;
+  case: string;
+}
+
+/** Most cases that are compared. */
+export const BESIDE_MAX = 8;
+
 export interface Route {
   view: "runs" | "run" | "wall" | "case" | "beside" | "search" | "rulebook" | "report" | "workers" | "compare" | "lost";
   run: string;
   case: string;
   run2: string;
-  case2: string;
+  /** Cases that stand beside the one of `case`. */
+  others: CaseRef[];
   query: Map<string, string>;
 }
 
-const NONE = { run: "", case: "", run2: "", case2: "" };
+const NONE = { run: "", case: "", run2: "", others: [] };
 
 function decoded(text: string): string {
   try {
@@ -28,14 +37,15 @@ export function parse(hash: string): Route {
     if (at > 0) query.set(decoded(part.slice(0, at)), decoded(part.slice(at + 1)));
   }
   const parts = path.split("/").filter(Boolean).map(decoded);
-  const [first, run = "", view = "", name = "", beside = "", run2 = "", case2 = ""] = parts;
+  const [first, run = "", view = "", name = "", beside = "", ...rest] = parts;
   const route = { ...NONE, run, query };
   if (first === undefined) return { ...route, view: "runs" };
   if (first === "compare" && run && view) return { ...route, view: "compare", run2: view };
   if (first !== "run" || !run) return { ...route, view: "lost" };
   if (!view) return { ...route, view: "run" };
-  if (view === "case" && beside === "beside" && case2) {
-    return { ...route, view: "beside", case: name, run2, case2 };
+  if (view === "case" && beside === "beside" && rest.length > 0 && rest.length % 2 === 0) {
+    const others = rest.flatMap((run2, at) => (at % 2 ? [] : [{ run: run2, case: rest[at + 1]! }]));
+    return { ...route, view: others.length < BESIDE_MAX ? "beside" : "lost", case: name, others };
   }
   if (view === "case" && name) return { ...route, view: "case", case: name };
   if (view === "wall" || view === "search" || view === "rulebook" || view === "report" || view === "workers") {
@@ -57,8 +67,8 @@ export const toWall = (run: string, query: Iterable<[string, string]> = []): str
   address(["run", run, "wall"], query);
 export const toCase = (run: string, name: string, t?: number | null): string =>
   address(["run", run, "case", name], t === undefined || t === null ? [] : [["t", String(t)]]);
-export const toBeside = (run: string, name: string, run2: string, case2: string): string =>
-  address(["run", run, "case", name, "beside", run2, case2]);
+export const toBeside = (run: string, name: string, others: CaseRef[]): string =>
+  address(["run", run, "case", name, "beside", ...others.flatMap((other) => [other.run, other.case])]);
 
 /** Change the query of the present address, without a step in the browser's history. */
 export function requery(changes: Record<string, string>): void {

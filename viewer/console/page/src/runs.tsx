@@ -190,7 +190,7 @@ export function RunView({ run, runs }: { run: string; runs: Runs }): JSX.Element
       <Running run={run} table={table} has={has} />
       <Worst run={run} table={table} worst={worst} has={has} over={summary.state === "finished"} />
       <More run={run} info={info} />
-      {info.away && <AwayFiles away={info.away} what="Report, search, rulebook, fingerprint, films and logs" />}
+      {info.away && <AwayFiles away={info.away} what="Report, search, rulebook, fingerprint, films and recordings" />}
     </>
   );
 }

@@ -252,13 +252,14 @@ export function groupable(info: RunInfo | null): string[] {
 /** A table of some cases for a spreadsheet; texts that it would take for formulas are kept from it. */
 export function csv(table: Table, indices: number[]): string {
   const names = ["case", "verdict", ...table.columns.map((column) => column.name).filter((name) => name !== "verdict")];
-  const lines = [names.map(quoted).join(",")];
-  for (const index of indices) {
-    const cells = names.map((name) => (name === "case" ? table.cases[index]! : name === "verdict" ? table.verdict(index) : table.value(name, index)));
-    lines.push(cells.map(quoted).join(","));
-  }
-  return `${lines.join("\r\n")}\r\n`;
+  const cell = (name: string, index: number): Value =>
+    name === "case" ? table.cases[index]! : name === "verdict" ? table.verdict(index) : table.value(name, index);
+  return asCsv(names, indices.map((index) => names.map((name) => cell(name, index))));
 }
+
+/** Rows below their names, as spreadsheets read them. */
+export const asCsv = (names: string[], rows: Value[][]): string =>
+  [names, ...rows].map((cells) => `${cells.map(quoted).join(",")}\r\n`).join("");
 
 function quoted(value: Value): string {
   if (value === null) return "";

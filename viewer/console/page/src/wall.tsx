@@ -9,7 +9,7 @@ import { fitting, layOut, TILE_MAX, TILE_MIN } from "./layout";
 import { late, lagWords, useLag } from "./lag";
 import { live } from "./live";
 import { copied, save, Waiting } from "./parts";
-import { requery, toBeside, toCase } from "./route";
+import { BESIDE_MAX, requery, toBeside, toCase } from "./route";
 import { Rows } from "./rows";
 import { csv, filter, type Filter, groupable, grouped, ordered, type Table, WORST } from "./table";
 import { useTable } from "./tables";
@@ -142,15 +142,15 @@ function Chosen({ run, table, chosen }: { run: string; table: Table; chosen: num
   const copy = async (): Promise<void> => {
     setSaid((await copied(names.join("\n"))) ? "Case ids copied" : "The browser lets nothing be copied");
   };
-  const [one, two] = names;
   return (
     <div class="chosen panel" role="group" aria-label="Selected cases">
       <strong>{count(chosen.length, "case")} selected</strong>
-      {names.length === 2 && (
-        <a class="button main" href={toBeside(run, one!, run, two!)}>
+      {names.length > 1 && names.length <= BESIDE_MAX && (
+        <a class="button main" href={toBeside(run, names[0]!, names.slice(1).map((name) => ({ run, case: name })))}>
           Compare side by side
         </a>
       )}
+      {names.length > BESIDE_MAX && <span class="dim">At most {BESIDE_MAX} are compared side by side.</span>}
       <button type="button" onClick={() => save(`${run}.csv`, csv(table, chosen), "text/csv")}>
         Save as CSV
       </button>
