@@ -31,6 +31,7 @@ from schemas.wire.interventions import RecordedAction
 from twin.base.errors import EXIT_UNFINISHED
 from twin.base.gpu.first_use import apart
 from twin.base.process import (
+    RigChild,
     bound_log,
     end,
     how_it_ended,
@@ -61,7 +62,6 @@ from twin.sandbox.inside import PROCESSES_MAX
 from twin.sandbox.start import Inside, own_code
 from twin.worker.announcement import Announcement
 from twin.worker.protection import Protection, protection
-from twin.worker.rig_child import RigChild
 from twin.worker.stack_process import may_run, start_stack, tell_stack, threads
 
 FEED_GRACE_S = 8.0

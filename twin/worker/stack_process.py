@@ -19,13 +19,12 @@ from msgspec import json
 from schemas.case import Case
 from schemas.kinds.perception import lacking_perceptions
 from twin.base.gpu.compiled_kernels import compiled_folder
-from twin.base.process import spawn
+from twin.base.process import RigChild, spawn
 from twin.fabric.endpoint import LATER
 from twin.sandbox.reads import python_reads
 from twin.sandbox.start import Entering, spawn_inside
 from twin.sandbox.view import SandboxView, encode
 from twin.worker.protection import protection
-from twin.worker.rig_child import RigChild
 
 SHIPPED = "devkit."
 """Prefix of the stacks' modules that need what is preloaded, and are not disturbed by it."""
