@@ -78,16 +78,10 @@ _NO_FILE = {errno.ENOENT, errno.ELOOP, errno.ENXIO}
 """A link that leads nowhere or to itself, a socket."""
 
 
-def _mark(status: os.stat_result) -> tuple[int, ...]:
-    return status.st_mtime_ns, status.st_ctime_ns, status.st_size, status.st_ino, status.st_dev
-
-
 def _sha256(path: str, chunk: memoryview) -> str:
     """SHA-256 of a file, read through ``chunk``; empty: it is none, but a folder, a pipe, a
     socket or a link to nothing."""
     try:
-        if path in _known and _known[path][0] == _mark(os.stat(path)):  # noqa: PTH116
-            return _known[path][1]
         descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
     except OSError as error:
         if error.errno in _NO_FILE:
@@ -97,13 +91,16 @@ def _sha256(path: str, chunk: memoryview) -> str:
         status = os.fstat(descriptor)
         if not stat.S_ISREG(status.st_mode):
             return ""
+        mark = status.st_mtime_ns, status.st_ctime_ns, status.st_size, status.st_ino, status.st_dev
         settled = time.time_ns() - status.st_ctime_ns > _SETTLED_NS
+        if settled and path in _known and _known[path][0] == mark:
+            return _known[path][1]
         whole = hashlib.sha256()
         while count := os.readv(descriptor, [chunk]):
             whole.update(chunk[:count])
         sha256 = whole.hexdigest()
         if settled:
-            _known[path] = _mark(status), sha256
+            _known[path] = mark, sha256
         return sha256
     finally:
         os.close(descriptor)

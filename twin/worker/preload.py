@@ -8,40 +8,19 @@ from __future__ import annotations
 import os
 import sys
 import tempfile
-from dataclasses import dataclass
 from pathlib import Path
-from typing import IO
 
 from schemas.files.json_text import JsonError, decode_json
 from twin.base.command import run
 from twin.base.errors import UsageError
-from twin.base.process import RigChild, keep_to_itself
+from twin.base.process import keep_to_itself
 from twin.base.worker_start import LocalWorker, WorkerStart
 from twin.fabric.endpoint import NAMESPACE, allow_plain, demand_keys, is_tls
 from twin.fabric.rig_folder import RigFolder
 from twin.rig.sim_process import start_simulator
 from twin.worker.allocation import stay_on, walltime_s
 from twin.worker.options import WorkerOptions, lacking_recorder
-from twin.worker.stack_process import load_stack
-
-
-@dataclass(frozen=True, slots=True)
-class Loading:
-    """Processes that load for the first rig."""
-
-    simulator: RigChild
-    stack: RigChild
-    folder: RigFolder
-    """Folder in which the two will meet."""
-    stack_log: IO[bytes]
-    """Log that the stack writes and the simulator reads, also if another stack takes its place."""
-
-    def discard(self) -> None:
-        """End them; they have not been told anything."""
-        self.simulator.discard()
-        self.stack.discard()
-        self.folder.close()
-        self.stack_log.close()
+from twin.worker.stack_process import Loading, load_stack
 
 
 def begin_loading(device: str) -> Loading:
