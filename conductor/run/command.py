@@ -406,7 +406,8 @@ def _wait(
             storage = snapshot["storage_error"]
             if not conductor.alive:
                 raise UnfinishedError("the conductor was stopped; the same command goes on")
-            time.sleep(POLL_S)
+            conductor.ended.wait(POLL_S)
+            conductor.ended.clear()
 
 
 def _conclude(campaign: Campaign, options: RunOptions) -> tuple[Outcomes, Fingerprint]:
