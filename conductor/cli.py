@@ -55,7 +55,8 @@ from conductor.commands.options import (
     Workers,
 )
 from conductor.commands.report_commands import FetchedRecordings, add_report_commands
-from twin.base.cli import Output, OutputOption, make_app, run
+from twin.base.cli import Output, OutputOption, make_app
+from twin.base.command import run
 from twin.base.errors import (
     EXIT_INFRASTRUCTURE,
     EXIT_USAGE,

@@ -24,7 +24,8 @@ from devkit.detector.commands import (
 from devkit.detector.integer.command import quantize
 from devkit.replaying.command import replay
 from devkit.training.commands import evaluate, train
-from twin.base.cli import make_app, run
+from twin.base.cli import make_app
+from twin.base.command import run
 from twin.base.errors import UsageError
 from twin.base.process import PARENT_VARIABLE, bind_to_parent, watch_lifeline
 from twin.fabric.endpoint import LATER

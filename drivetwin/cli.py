@@ -10,7 +10,8 @@ import json
 
 import typer
 
-from twin.base.cli import EXIT_CODES, Output, OutputOption, make_app, run, version_option
+from twin.base.cli import EXIT_CODES, Output, OutputOption, make_app, version_option
+from twin.base.command import run
 
 COMMANDS = ("conductor", "twin", "devkit", "viewer", "hpc")
 """Packages with a command of their name, in the order in which a new user meets them."""

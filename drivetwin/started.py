@@ -273,12 +273,12 @@ def _shown(progress: bool) -> Iterator[Callable[[RunEvent], None]]:
         return
     from rich.console import Console
 
-    from conductor.run.console import ConsoleListener
+    from conductor.run.bar import BarListener
 
     console = Console(stderr=True)
     if console.is_jupyter and not _has_widgets():
         console = Console(stderr=True, force_jupyter=False, force_terminal=False)
-    listener = ConsoleListener(console)
+    listener = BarListener(console)
 
     def show(event: RunEvent) -> None:
         if isinstance(event, EventLine):

@@ -19,7 +19,8 @@ from hpc.options import Options, SchedulerName
 from hpc.sites.cli import OnOption, SitesOption, run_cancel, run_status, scale
 from hpc.software.cli import add_commands
 from schemas.kinds.batch_system import AUTO, batch_systems
-from twin.base.cli import Output, OutputOption, make_app, run
+from twin.base.cli import Output, OutputOption, make_app
+from twin.base.command import run
 from twin.base.errors import (
     EXIT_FAILED,
     EXIT_INFRASTRUCTURE,

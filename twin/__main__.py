@@ -15,6 +15,11 @@ if len(sys.argv) == 3 and sys.argv[1] == "sim" and not sys.argv[2].startswith("-
     from twin.rig.sim_process import main as simulate
 
     sys.exit(simulate(sys.argv[2]))
+elif len(sys.argv) == 4 and tuple(sys.argv[1:3]) == ("worker", "-"):
+    # `conductor run` tells it everything, in the same way.
+    from twin.worker.preload import main as work
+
+    work(sys.argv[3])
 else:
     from twin.cli import main
 

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from twin.base.cli import Output, OutputOption, make_app, run
+from twin.base.cli import Output, OutputOption, make_app
+from twin.base.command import run
 from twin.base.errors import UnfinishedError, UnreachableError, UsageError
 from twin.base.progress import bars
 from twin.bench.command import app as bench_app
@@ -36,7 +37,7 @@ from twin.dataset.command_options import (
 )
 from twin.drives.command import replay_log
 from twin.fabric.connection_options import InsecureOption, KeyOption, NamespaceOption
-from twin.fabric.endpoint import LATER, LOOPBACK, NAMESPACE
+from twin.fabric.endpoint import LOOPBACK, NAMESPACE
 from twin.play.command import play
 from twin.scenario.free_driving.command import driving
 from twin.validate.command import app as validate_app
@@ -47,7 +48,6 @@ from twin.worker.command_options import (
     DriveListenOption,
     ExplainOption,
     JoinDirOption,
-    LoadSimulatorOption,
     MemoryGbOption,
     SiteOption,
     SlotsOption,
@@ -60,7 +60,6 @@ from twin.worker.command_options import (
     WaitOption,
     WalltimeSOption,
     checked_site,
-    stay_on,
 )
 
 if TYPE_CHECKING:
@@ -100,29 +99,17 @@ def worker(
     tag: TagOption = None,
     site: SiteOption = "",
     spool: SpoolOption = None,
-    load_simulator: LoadSimulatorOption = False,
 ) -> None:
     """Lease cases from a conductor and run them until told to stop (Ctrl-C, SIGTERM)."""
     _prepare(cores, view)
     if explain:
         _explain(device)
         return
-    loading = share = abilities = None
-    if connect == LATER:
-        from twin.worker.preload import await_start, begin_loading
-
-        loading = begin_loading(device) if load_simulator else None
-        import cryptography.x509  # noqa: F401 - it will read a key
-    # Beside those processes: this takes long, too.
     from twin.base.process import keep_to_itself
     from twin.worker.options import GPU_SLOTS, WorkerOptions
-    from twin.worker.shell import Abilities, Worker
+    from twin.worker.shell import Worker
 
     keep_to_itself()  # its session and its keys are nothing for a stack of the same user
-    if connect == LATER:
-        abilities = Abilities.here()  # before it is told, so that it joins at once
-        told = await_start(loading)
-        connect, slots, share, key = told.connect, told.slots, told.share, told.key_path
     spool = spool or (state / "spool" if state is not None and not connect else None)
     target = _conductor(connect, state, wait, namespace, key, again=started_again)
     fit = slots is None and device.startswith("cuda")
@@ -143,15 +130,16 @@ def worker(
         memory_gb=memory_gb,
         tags=tuple(tag or ()),
         site=checked_site(site),
-        share=share,
         spool=spool,
     )
-    raise typer.Exit(Worker(options, loading, abilities).serve())
+    raise typer.Exit(Worker(options).serve())
 
 
 def _prepare(cores: str, view: ViewMode | None) -> None:
     """Stay on the worker's cores; refuse to record where that cannot be, before anybody waits."""
     if cores:
+        from twin.worker.allocation import stay_on
+
         stay_on(cores)
     if view is not None and view.records:
         from twin.worker.options import lacking_recorder

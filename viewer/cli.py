@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from twin.base.cli import Output, OutputOption, duration, make_app, run
+from twin.base.cli import Output, OutputOption, duration, make_app
+from twin.base.command import run
 from twin.base.errors import UsageError
 from twin.base.option_record import with_options
 from twin.base.process import PARENT_VARIABLE

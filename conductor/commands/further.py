@@ -20,6 +20,7 @@ def add_further_commands(app: typer.Typer) -> None:
     """Add the commands to ``app``."""
     app.command("bench")(bench_command)
     app.command("bench-report")(bench_report_command)
+    app.command("bench-run")(bench_run_command)
     app.command("bench-search")(bench_search_command)
     app.command("bench-store")(bench_store_command)
     app.command("bench-tls")(bench_tls_command)
@@ -73,6 +74,27 @@ def bench_report_command(
 
     as_json = output is Output.json
     raise typer.Exit(bench_report(cases, folder, as_json=as_json, check=check))
+
+
+def bench_run_command(
+    cases: Annotated[int, typer.Option(min=8, help="Cases of a run, a multiple of 8.")] = 1000,
+    rounds: Annotated[int, typer.Option(min=1, help="Runs of each installation.")] = 5,
+    against: Annotated[
+        Path | None,
+        typer.Option(
+            help="Python interpreter of another installation of this project, e.g. of an older "
+            "commit; the two take turns."
+        ),
+    ] = None,
+    folder: JournalsOption = Path("runs"),
+    check: CheckOption = False,
+    output: OutputOption = Output.human,
+) -> None:
+    """Measure what `conductor run` itself costs, on cases that simulate nothing."""
+    from conductor.bench.runs import bench_run
+
+    as_json = output is Output.json
+    raise typer.Exit(bench_run(cases, rounds, against, folder, as_json=as_json, check=check))
 
 
 def bench_search_command(

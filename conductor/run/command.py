@@ -16,14 +16,12 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import msgspec
-from rich.console import Console
 
-from conductor.commands.tables import search_line
 from conductor.core.state import Config
 from conductor.records.fingerprint import Fingerprint, fingerprint
 from conductor.records.outcomes import Outcomes, read_outcomes
 from conductor.run.case_lengths import all_ended, earlier_lengths, history_line
-from conductor.run.console import ConsoleListener, again, print_results
+from conductor.run.console import again, listener_here, print_results
 from conductor.run.listener import RunListener, RunProgress
 from conductor.run.local_workers import LocalWorkers
 from conductor.run.places import WorkerPlace, WorkersOption, gpu_slots, on_cpu, on_gpus
@@ -57,7 +55,7 @@ from twin.base.errors import (
 )
 from twin.base.gpu.slot_count import MemoryCount
 from twin.base.software import device_class, software_digest
-from twin.base.worker_start import WorkerStart
+from twin.base.worker_start import LocalWorker, WorkerStart
 from twin.fabric.endpoint import LOOPBACK, is_tls
 from twin.fabric.keys.key_file import MemberKey, shared
 from twin.sandbox.possible import why_not
@@ -105,15 +103,15 @@ def local_workers(plan: Plan, options: RunOptions) -> LocalWorkers:
     refused."""
     campaign, folder = plan.campaign, options.out.absolute()
     loads = campaign.simulator != "noop" and campaign.autonomy.placement != "inline"
-    worker_options = [
-        *(("--load-simulator",) if loads else ()),
-        *(() if options.view is None else ("--view", options.view.value)),
-        *(() if options.memory_gb is None else ("--memory-gb", str(options.memory_gb))),
-        *("--join-dir", str(folder / "rigs")),
-        *("--spool", str(folder / "spool")),
-    ]
+    worker = LocalWorker(
+        load_simulator=loads,
+        view=options.view,
+        memory_gb=options.memory_gb,
+        join_dir=str(folder / "rigs"),
+        spool=str(folder / "spool"),
+    )
     places = _places(options, len(plan.cases))
-    workers = LocalWorkers(worker_options, folder, places, _memory_count(campaign, options))
+    workers = LocalWorkers(worker, folder, places, _memory_count(campaign, options))
     if _is_new(folder):
         workers.start()
     return workers
@@ -147,7 +145,7 @@ def run_campaign(
 
     ``computed`` is called when they have ended.
     """
-    listener = ConsoleListener(Console(stderr=True))
+    listener = listener_here()
     with heeded() as signals:
         try:
             result = carry_out(plan, options, workers, computed, listener, signals)
@@ -220,7 +218,7 @@ def carry_out(
 def serve_until_done(plan: Plan, options: RunOptions) -> int:
     """Run ``plan`` to its end with workers that join from elsewhere; the exit code."""
     options = replace(options, workers=WorkersOption(count=0))
-    return run_campaign(plan, options, LocalWorkers((), options.out.absolute(), ()))
+    return run_campaign(plan, options, LocalWorkers(LocalWorker(), options.out.absolute(), ()))
 
 
 def _conductor_of(
@@ -380,6 +378,8 @@ def _wait(
             listener.progress(RunProgress(name, cases, ended, row["passed"], row["leased"]))
             if "search" in row and row["search"]["answer"] != said:
                 said = row["search"]["answer"]
+                from conductor.commands.tables import search_line
+
                 listener.say(f"{name}: {search_line(row)}")
             if not row["left"]:
                 return
@@ -406,7 +406,8 @@ def _wait(
             storage = snapshot["storage_error"]
             if not conductor.alive:
                 raise UnfinishedError("the conductor was stopped; the same command goes on")
-            time.sleep(POLL_S)
+            conductor.ended.wait(POLL_S)
+            conductor.ended.clear()
 
 
 def _conclude(campaign: Campaign, options: RunOptions) -> tuple[Outcomes, Fingerprint]:

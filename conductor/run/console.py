@@ -9,24 +9,13 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    TaskID,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
-
 from conductor.records.failures import told
 from conductor.records.fingerprint import Fingerprint
 from conductor.records.outcomes import Outcomes, count_outcomes, count_verdicts
 from conductor.records.realtime import too_slow
 from conductor.records.search import read_search
 from conductor.run.case_lengths import slots_in_use, use_line
-from conductor.run.listener import RunProgress
+from conductor.run.listener import RunListener, RunProgress
 from schemas.campaign import Campaign
 from schemas.files.search_result import FILE_NAME as SEARCH_FILE
 from schemas.words import counted
@@ -37,49 +26,39 @@ AFTER_DEMO = (
 """Words for people who run something for the first time."""
 
 
-class ConsoleListener:
-    """Prints what a run says; see :class:`conductor.run.listener.RunListener`."""
+class LineListener:
+    """Prints what a run says where there is no terminal; see
+    :class:`conductor.run.listener.RunListener`."""
 
-    def __init__(self, console: Console) -> None:
-        self._console = console
-        self._bars = _bars(console)
-        self._bar: TaskID | None = None
+    def __init__(self) -> None:
         self._ended = -1
 
     def say(self, line: str) -> None:
-        """Print a line, above the bar."""
-        self._bars.console.print(line, markup=False, soft_wrap=True)
+        """Print a line."""
+        print(line, file=sys.stderr, flush=True)
 
     @contextlib.contextmanager
     def watching(self) -> Iterator[None]:
-        """Show the bar while the block lasts."""
-        with self._bars:
-            yield
+        """Nothing is drawn."""
+        yield
 
     def progress(self, progress: RunProgress) -> None:
-        """Move the bar; where there is none, print a line when a case has ended."""
-        if self._bars.disable and self._ended != progress.ended:
+        """Print a line when a case has ended."""
+        if self._ended != progress.ended:
             of = counted(progress.cases, "case")
-            self._console.print(f"{progress.campaign}: {progress.ended} of {of} done")
+            self.say(f"{progress.campaign}: {progress.ended} of {of} done")
         self._ended = progress.ended
-        if self._bar is None:
-            self._bar = self._bars.add_task(progress.campaign, total=None, note="starting")
-        note = f"{progress.passed} passed, {progress.running} running"
-        self._bars.update(self._bar, total=progress.cases, completed=progress.ended, note=note)
 
 
-def _bars(console: Console) -> Progress:
-    return Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[note]}"),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-        console=console,
-        # Elsewhere a redrawn bar is noise; there lines are printed.
-        disable=not (console.is_terminal or console.is_jupyter),
-    )
+def listener_here() -> RunListener:
+    """A bar on a terminal, elsewhere lines: a redrawn bar is noise there."""
+    if not sys.stderr.isatty():
+        return LineListener()
+    from rich.console import Console
+
+    from conductor.run.bar import BarListener
+
+    return BarListener(Console(stderr=True))
 
 
 def again() -> str:

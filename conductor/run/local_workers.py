@@ -22,8 +22,7 @@ from conductor.run.places import WorkerPlace
 from twin.base.gpu.first_use import PLACE_VARIABLE
 from twin.base.gpu.slot_count import MemoryCount
 from twin.base.process import end, how_it_ended, last_lines, spawn
-from twin.base.worker_start import WorkerStart
-from twin.fabric.endpoint import LATER
+from twin.base.worker_start import LOCAL_WORKER, LocalWorker, WorkerStart
 
 STOP_S = 12.0
 """How long workers may take to give their leases back and finish recordings [s]."""
@@ -46,8 +45,8 @@ class WorkerChild:
 class LocalWorkers:
     """Worker processes of one run."""
 
-    options: Sequence[str]
-    """Options of ``twin worker`` that all workers have."""
+    worker: LocalWorker
+    """Each of them, without its place."""
     folder: Path
     """Campaign folder; what workers say goes to its ``logs``."""
     places: Sequence[WorkerPlace]
@@ -80,8 +79,9 @@ class LocalWorkers:
             self.started += 1
             # Until it is told it has no log on disk, and nothing to say.
             log = tempfile.TemporaryFile()  # noqa: SIM115
-            options = ("--connect", LATER, *self.options, *self.places[index].options())
-            command = [sys.executable, "-m", "twin", "worker", *options]
+            worker = self.places[index].placed(self.worker)
+            text = msgspec.json.encode(worker).decode()
+            command = [sys.executable, "-m", "twin", *LOCAL_WORKER, text]
             process = spawn(command, environment={PLACE_VARIABLE: str(index)}, log=log)
             self.children.append(WorkerChild(index, self.started, process, log))
             self._tell(self.children[-1])

@@ -8,9 +8,12 @@ import sys
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
+from msgspec import structs
+
 from schemas.wire.control import Share
 from twin.base.errors import UsageError
 from twin.base.gpu.nvml import VisibleGpu, visible_gpus
+from twin.base.worker_start import LocalWorker
 
 WORKERS_MAX = 8
 """Local workers started by default on the CPU, at most."""
@@ -45,10 +48,9 @@ class WorkerPlace:
     share: Share | None = None
     """Share of the cases that it prefers."""
 
-    def options(self) -> tuple[str, ...]:
-        """Options of ``twin worker``."""
-        cores = ("--cores", ranges(self.cores)) if self.cores else ()
-        return ("--device", self.device, *cores)
+    def placed(self, worker: LocalWorker) -> LocalWorker:
+        """The worker, at this place."""
+        return structs.replace(worker, device=self.device, cores=ranges(self.cores))
 
 
 def parse_workers(text: str | None) -> WorkersOption:

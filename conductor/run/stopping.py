@@ -6,7 +6,7 @@ import contextlib
 import signal
 from collections.abc import Iterator
 
-from twin.base.cli import heed_signals
+from twin.base.command import heed_signals
 
 
 class Interrupted(BaseException):

@@ -29,7 +29,7 @@ from twin.fabric.keys.roles import Role
 from twin.fabric.refusals import Refusals
 
 if TYPE_CHECKING:
-    from twin.fabric.front.process import FrontEvent
+    from twin.fabric.front.messages import FrontEvent
 
 FILE_NAME = "audit.jsonl"
 OLD_NAME = "audit.1.jsonl"

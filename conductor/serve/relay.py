@@ -13,8 +13,8 @@ from functools import partial
 from pathlib import Path
 
 from conductor.serve.audit import log_event
+from twin.base.command import StopSignal
 from twin.base.errors import TwinError, UsageError
-from twin.base.stop_signal import StopSignal
 from twin.fabric.discovery import Target, find_target
 from twin.fabric.endpoint import to_listen
 from twin.fabric.front.router import Fronted

@@ -131,6 +131,8 @@ class Conductor:
         self.endpoint = ""
         """Endpoint at which it listens, once started."""
         self.started = threading.Event()
+        self.ended = threading.Event()
+        """Set when a campaign has no case left; who waits for it clears it."""
         self.key = key
         """The conductor's key, once started; None: plain TCP."""
         self.fabric = ""
@@ -461,6 +463,7 @@ class Conductor:
             self._folders.changed(name)
             if not campaigns[name].left:
                 self._folders.record(campaigns[name])
+                self.ended.set()
         self._folders.flush()
         self._folders.refresh(self._engine.state)
         append_events(facts, campaigns, time.time())

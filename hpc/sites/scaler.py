@@ -23,8 +23,8 @@ from schemas.files.allocations import Allocation, SiteRecord
 from schemas.files.json_text import JsonError, decode_json
 from schemas.files.regular_file import RUN_FILE_BYTES_MAX, read_regular
 from schemas.wire.status import ConductorStatus, WorkerStatus
+from twin.base.command import StopSignal
 from twin.base.errors import EXIT_PASS, EXIT_UNFINISHED, TwinError
-from twin.base.stop_signal import StopSignal
 from twin.fabric.discovery import OUTCOMES_NAME
 
 LOG_NAME = "scale.jsonl"

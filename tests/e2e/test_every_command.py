@@ -18,6 +18,7 @@ HERE = Path(__file__).parent
 ELSEWHERE = {
     "conductor bench": "a measurement",
     "conductor bench-report": "a measurement",
+    "conductor bench-run": "a measurement: tests/unit/conductor/bench/test_bench_run",
     "conductor bench-search": "a measurement",
     "conductor bench-store": "a measurement",
     "conductor bench-tls": "a measurement",

@@ -15,6 +15,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
@@ -219,3 +220,21 @@ def last_lines(log: IO[bytes], count: int = 3) -> str:
     size = os.fstat(log.fileno()).st_size
     text = os.pread(log.fileno(), 4096, max(0, size - 4096)).decode("utf-8", "replace")
     return " | ".join(line.strip() for line in text.strip().splitlines()[-count:])
+
+
+@dataclass(frozen=True, slots=True)
+class RigChild:
+    """A simulator or the host of a stack, which may have been started before there is a rig."""
+
+    process: subprocess.Popen[bytes]
+    log: IO[bytes]
+    """An unnamed file: gone with its last user, however this process ends. What matters of it, the
+    last lines of a process that died, goes to the conductor."""
+    protection: str = ""
+    """Sandbox of a stack's host: what it is kept from."""
+
+    def discard(self) -> None:
+        """End it; it has not been told anything."""
+        self.process.kill()
+        end(self.process)
+        self.log.close()

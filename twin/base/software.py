@@ -52,7 +52,7 @@ def own_version() -> str:
 
 def software_files() -> dict[str, str]:
     """Path, as in ``twin/cli.py`` -> SHA-256 of every file of ours that counts, sorted."""
-    files = {}
+    files, chunk = {}, memoryview(bytearray(_CHUNK_BYTES))
     for package in _PACKAGES:
         root = str(package_folder(package))
         for folder, _, names in os.walk(root):
@@ -60,7 +60,7 @@ def software_files() -> dict[str, str]:
                 if not name.endswith(_SUFFIXES) or name in _SUFFIXES:
                     continue
                 path = f"{folder}/{name}"
-                if sha256 := _sha256(path):
+                if sha256 := _sha256(path, chunk):
                     files[package + path[len(root) :]] = sha256
     return dict(sorted(files.items()))
 
@@ -71,12 +71,16 @@ digest several times, and hundreds of files have not changed since."""
 _SETTLED_NS = 2_000_000_000
 """What changed less than so long ago may change again and keep its time [ns], in whose steps some
 file systems count: it is read each time."""
+_CHUNK_BYTES = 1 << 17
+"""Read at once: memory for whole files is new each time, and takes longer than what is done with
+it [bytes]."""
 _NO_FILE = {errno.ENOENT, errno.ELOOP, errno.ENXIO}
 """A link that leads nowhere or to itself, a socket."""
 
 
-def _sha256(path: str) -> str:
-    """SHA-256 of a file; empty: it is none, but a folder, a pipe, a socket or a link to nothing."""
+def _sha256(path: str, chunk: memoryview) -> str:
+    """SHA-256 of a file, read through ``chunk``; empty: it is none, but a folder, a pipe, a
+    socket or a link to nothing."""
     try:
         descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
     except OSError as error:
@@ -91,8 +95,10 @@ def _sha256(path: str) -> str:
         settled = time.time_ns() - status.st_ctime_ns > _SETTLED_NS
         if settled and path in _known and _known[path][0] == mark:
             return _known[path][1]
-        with open(descriptor, "rb", buffering=0, closefd=False) as file:
-            sha256 = hashlib.sha256(file.readall()).hexdigest()
+        whole = hashlib.sha256()
+        while count := os.readv(descriptor, [chunk]):
+            whole.update(chunk[:count])
+        sha256 = whole.hexdigest()
         if settled:
             _known[path] = mark, sha256
         return sha256

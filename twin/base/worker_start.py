@@ -1,5 +1,5 @@
-"""Workers that `conductor run` starts before its conductor listens, and their stacks: they load,
-and are told on their standard input whom to serve."""
+"""Workers that `conductor run` starts before its conductor listens: what each is stands in its
+arguments, and whom to serve it is told on its standard input."""
 
 from __future__ import annotations
 
@@ -7,7 +7,26 @@ from pathlib import Path
 
 from msgspec import Struct
 
+from schemas.sections.view_mode import ViewMode
 from schemas.wire.control import Share
+
+LOCAL_WORKER = ("worker", "-")
+"""Arguments of ``python -m twin`` before a :class:`LocalWorker`."""
+
+
+class LocalWorker(Struct, frozen=True, omit_defaults=True):
+    """What such a worker is from its start, as JSON. The fields are those of
+    :class:`twin.worker.options.WorkerOptions`."""
+
+    device: str = "cpu"
+    cores: str = ""
+    """Processor cores, as in ``0-7,12``; empty: all."""
+    load_simulator: bool = False
+    """Whether a simulator and a stack load meanwhile."""
+    view: ViewMode | None = None
+    memory_gb: float | None = None
+    join_dir: str = ""
+    spool: str = ""
 
 
 class WorkerStart(Struct, frozen=True):

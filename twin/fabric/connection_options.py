@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from twin.base.cli import is_command
+from twin.base.command import is_command
 from twin.fabric.endpoint import NAMESPACE, allow_plain, demand_keys
 
 if TYPE_CHECKING:  # with it come the session and its keys, for which --help does not wait

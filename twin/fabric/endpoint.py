@@ -21,7 +21,7 @@ one on a command line but a worker to its stack."""
 
 
 LATER = "-"
-"""Value of ``--connect`` for a worker or a stack's host that will be told later."""
+"""Value of ``--connect`` for a stack's host that will be told later."""
 
 _plain_allowed = False
 _keys_demanded = False

@@ -20,9 +20,8 @@ from typing import IO
 from twin.base.errors import RefusedError, StackFaultError, TwinError
 from twin.base.gpu.first_use import begun
 from twin.base.pauses import loading
-from twin.base.process import keep_to_itself, leave_signals_to_the_parent, spawn
+from twin.base.process import RigChild, keep_to_itself, leave_signals_to_the_parent, spawn
 from twin.rig.pipe import Broken, BuildRig, Faulted, Listening, Orders, RefusedPeer, Upstream
-from twin.worker.rig_child import RigChild
 
 LOADED = (
     "cryptography.x509",  # reads keys

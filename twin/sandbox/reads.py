@@ -16,7 +16,6 @@ from twin.base.errors import UsageError
 from twin.base.own_folder import own_folder
 from twin.base.software import own_folders
 from twin.sandbox.view import SCRATCH
-from twin.stack_identity.identity import Named, stack_files
 
 _SITES = ("site-packages", "dist-packages")
 
@@ -64,6 +63,8 @@ def stack_reads(
         parameters: its own; some may name files.
         models: paths of the networks that its cases look with.
     """
+    from twin.stack_identity.identity import Named, stack_files  # workers start without
+
     found: list[Path] = []
     try:
         found = [_whole(name, path) for name, path in stack_files(Named(stack, foreign, files))]

@@ -166,12 +166,12 @@ def _bound(node: ast.stmt) -> set[str]:
         return {alias.asname or alias.name.partition(".")[0] for alias in node.names}
     if isinstance(node, ast.FunctionDef):
         return {node.name}
+    if not isinstance(node, ast.Assign | ast.AnnAssign | ast.For | ast.With):
+        return set()
     return {
         part.id
         for part in ast.walk(node)
-        if isinstance(node, ast.Assign | ast.AnnAssign | ast.For | ast.With)
-        and isinstance(part, ast.Name)
-        and isinstance(part.ctx, ast.Store)
+        if isinstance(part, ast.Name) and isinstance(part.ctx, ast.Store)
     }
 
 

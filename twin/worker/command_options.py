@@ -1,8 +1,7 @@
-"""Options of the command ``twin worker``, and the processor cores that one of them names."""
+"""Options of the command ``twin worker``."""
 
 from __future__ import annotations
 
-import os
 import re
 from pathlib import Path
 from typing import Annotated
@@ -14,14 +13,9 @@ from schemas.sections.view_mode import ViewMode
 from schemas.wire.site_name import SITE_PATTERN
 from twin.base.cli import SECONDS_MAX, duration
 from twin.base.errors import UsageError
+from twin.worker.allocation import WALLTIME_VARIABLE
 
-ConnectOption = Annotated[
-    str,
-    typer.Option(
-        help="The conductor's endpoint, e.g. tls/login1:7447; -: as `conductor run` will say "
-        "on standard input."
-    ),
-]
+ConnectOption = Annotated[str, typer.Option(help="The conductor's endpoint, e.g. tls/login1:7447.")]
 StateOption = Annotated[
     Path | None,
     typer.Option(help="Or: the conductor's state folder, on a shared file system."),
@@ -73,7 +67,7 @@ WalltimeSOption = Annotated[
         "The allocation ends so long from now: only cases that fit are leased, and "
         "everything is given back before it; below 0: it is over [s].",
         least=-SECONDS_MAX,
-        envvar="TWIN_WALLTIME_S",
+        envvar=WALLTIME_VARIABLE,
     ),
 ]
 MemoryGbOption = Annotated[
@@ -92,7 +86,6 @@ SpoolOption = Annotated[
     Path | None,
     typer.Option(help="Folder for results while the conductor is away; default STATE/spool."),
 ]
-LoadSimulatorOption = Annotated[bool, typer.Option("--load-simulator", hidden=True)]
 
 
 def checked_site(text: str) -> str:
@@ -106,33 +99,3 @@ def checked_site(text: str) -> str:
             f"--site {escape(text, 80)}: allowed are 1 to 32 letters, digits and -, e.g. north"
         )
     return text
-
-
-def stay_on(text: str) -> None:
-    """Keep this process and its children on the cores of ``text``, as in ``0-7,12``.
-
-    Raises:
-        UsageError: not such a list, or none of the cores may be used here.
-    """
-    wanted = parse_cores(text)
-    allowed = os.sched_getaffinity(0)
-    if not wanted & allowed:
-        here = ",".join(str(core) for core in sorted(allowed)[:16])
-        raise UsageError(f"--cores {text}: none of them is allowed here; allowed: {here}")
-    os.sched_setaffinity(0, wanted & allowed)
-
-
-def parse_cores(text: str) -> set[int]:
-    """Numbers and ranges with commas.
-
-    Raises:
-        UsageError: something else.
-    """
-    cores: set[int] = set()
-    for part in text.split(","):
-        match = re.fullmatch(r"([0-9]{1,5})(?:-([0-9]{1,5}))?", part)
-        first, last = (int(match[1]), int(match[2] or match[1])) if match else (1, 0)
-        if first > last:
-            raise UsageError(f"--cores {text[:80]}: expected numbers and ranges, as in 0-7,12")
-        cores |= set(range(first, last + 1))
-    return cores

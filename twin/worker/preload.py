@@ -1,40 +1,26 @@
-"""The wait of a worker that was started before the conductor listens."""
+"""A worker that `conductor run` starts, before its conductor listens.
+
+It reads no command line: what parses one takes as long to load as everything else that it needs.
+"""
 
 from __future__ import annotations
 
 import os
 import sys
 import tempfile
-from dataclasses import dataclass
-from typing import IO
+from pathlib import Path
 
 from schemas.files.json_text import JsonError, decode_json
+from twin.base.command import run
 from twin.base.errors import UsageError
-from twin.base.worker_start import WorkerStart
-from twin.fabric.endpoint import allow_plain, is_tls
+from twin.base.process import keep_to_itself
+from twin.base.worker_start import LocalWorker, WorkerStart
+from twin.fabric.endpoint import NAMESPACE, allow_plain, demand_keys, is_tls
 from twin.fabric.rig_folder import RigFolder
 from twin.rig.sim_process import start_simulator
-from twin.worker.rig_child import RigChild
-from twin.worker.stack_process import load_stack
-
-
-@dataclass(frozen=True, slots=True)
-class Loading:
-    """Processes that load for the first rig."""
-
-    simulator: RigChild
-    stack: RigChild
-    folder: RigFolder
-    """Folder in which the two will meet."""
-    stack_log: IO[bytes]
-    """Log that the stack writes and the simulator reads, also if another stack takes its place."""
-
-    def discard(self) -> None:
-        """End them; they have not been told anything."""
-        self.simulator.discard()
-        self.stack.discard()
-        self.folder.close()
-        self.stack_log.close()
+from twin.worker.allocation import stay_on, walltime_s
+from twin.worker.options import WorkerOptions, lacking_recorder
+from twin.worker.stack_process import Loading, load_stack
 
 
 def begin_loading(device: str) -> Loading:
@@ -59,7 +45,7 @@ def await_start(loading: Loading | None) -> WorkerStart:
     try:
         start: WorkerStart = decode_json(line, WorkerStart)
     except JsonError as error:
-        raise UsageError(f"--connect -: standard input: {error}") from None
+        raise UsageError(f"worker -: standard input: {error}") from None
     if not is_tls(start.connect):  # as somebody typed it there
         allow_plain()
     if start.log:
@@ -68,3 +54,50 @@ def await_start(loading: Loading | None) -> WorkerStart:
         os.dup2(log, 2)
         os.close(log)
     return start
+
+
+def main(text: str) -> None:
+    """Entry of ``twin worker -``; ends the process.
+
+    Args:
+        text: a :class:`twin.base.worker_start.LocalWorker` as JSON.
+    """
+    run(lambda: _work(text), "twin")
+
+
+def _work(text: str) -> None:
+    try:
+        local: LocalWorker = decode_json(text, LocalWorker)
+    except JsonError as error:
+        raise UsageError(f"worker -: {error}") from None
+    demand_keys()  # whoever typed --insecure says so with the endpoint
+    if local.cores:
+        stay_on(local.cores)
+    if local.view is not None and local.view.records:
+        lacking_recorder(local.view)
+    loading = begin_loading(local.device) if local.load_simulator else None
+    # Beside those processes: this takes long, too.
+    import cryptography.x509  # noqa: F401 - it will read a key
+
+    from twin.fabric.discovery import choose_target
+    from twin.fabric.keys.roles import Role
+    from twin.worker.shell import Abilities, Worker
+
+    keep_to_itself()  # its session and its keys are nothing for a stack of the same user
+    abilities = Abilities.here()  # before it is told, so that it joins at once
+    told = await_start(loading)
+    target = choose_target(told.connect, None, NAMESPACE, told.key_path, Role.worker)
+    options = WorkerOptions(
+        connect=target.endpoint,
+        namespace=target.namespace,
+        key=target.key,
+        slots=told.slots or 1,
+        device=local.device,
+        join_dir=local.join_dir,
+        view=local.view,
+        walltime_s=walltime_s(),
+        memory_gb=local.memory_gb,
+        share=told.share,
+        spool=Path(local.spool) if local.spool else None,
+    )
+    sys.exit(Worker(options, loading, abilities).serve())

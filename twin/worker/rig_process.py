@@ -31,6 +31,7 @@ from schemas.wire.interventions import RecordedAction
 from twin.base.errors import EXIT_UNFINISHED
 from twin.base.gpu.first_use import apart
 from twin.base.process import (
+    RigChild,
     bound_log,
     end,
     how_it_ended,
@@ -61,8 +62,7 @@ from twin.sandbox.inside import PROCESSES_MAX
 from twin.sandbox.start import Inside, own_code
 from twin.worker.announcement import Announcement
 from twin.worker.protection import Protection, protection
-from twin.worker.rig_child import RigChild
-from twin.worker.stack_process import may_run, start_stack, tell_stack, threads
+from twin.worker.stack_process import Loading, may_run, start_stack, tell_stack, threads
 
 FEED_GRACE_S = 8.0
 """Longest wait for a recorder that still gets samples, when its rig ends; below the ttl [s]."""
@@ -94,7 +94,6 @@ answer does so earlier [s]."""
 
 if TYPE_CHECKING:
     from twin.worker.options import WorkerOptions
-    from twin.worker.preload import Loading
 
 
 @dataclass(frozen=True, slots=True)

@@ -79,12 +79,11 @@ from twin.worker.effects import (
     StopRig,
 )
 from twin.worker.options import WorkerOptions, fitting, lacking_recorder
-from twin.worker.preload import Loading
 from twin.worker.protection import lacking_sandbox
 from twin.worker.resources_log import ResourceLog, work_of
 from twin.worker.rig_process import RecorderEnded, RigDied, RigProcess, StackLeft, port_of
 from twin.worker.spool_folder import SpoolFolder
-from twin.worker.stack_process import compile_kernels
+from twin.worker.stack_process import Loading, compile_kernels
 
 REQUEST_TIMEOUT_S = 3.0
 """Longest wait for the conductor's answer before the request is repeated [s]."""

@@ -10,7 +10,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import IO
 
@@ -19,13 +19,13 @@ from msgspec import json
 from schemas.case import Case
 from schemas.kinds.perception import lacking_perceptions
 from twin.base.gpu.compiled_kernels import compiled_folder
-from twin.base.process import spawn
+from twin.base.process import RigChild, spawn
 from twin.fabric.endpoint import LATER
+from twin.fabric.rig_folder import RigFolder
 from twin.sandbox.reads import python_reads
 from twin.sandbox.start import Entering, spawn_inside
 from twin.sandbox.view import SandboxView, encode
 from twin.worker.protection import protection
-from twin.worker.rig_child import RigChild
 
 SHIPPED = "devkit."
 """Prefix of the stacks' modules that need what is preloaded, and are not disturbed by it."""
@@ -33,6 +33,25 @@ SHIPPED = "devkit."
 THREADS = ("OPENCV_FOR_THREADS_NUM", "OMP_NUM_THREADS")
 """Variables that say how many threads libraries of a stack start: one unless the user says
 otherwise, because there is a worker per core, and its simulator waits while the stack computes."""
+
+
+@dataclass(frozen=True, slots=True)
+class Loading:
+    """Processes that load for the first rig."""
+
+    simulator: RigChild
+    stack: RigChild
+    folder: RigFolder
+    """Folder in which the two will meet."""
+    stack_log: IO[bytes]
+    """Log that the stack writes and the simulator reads, also if another stack takes its place."""
+
+    def discard(self) -> None:
+        """End them; they have not been told anything."""
+        self.simulator.discard()
+        self.stack.discard()
+        self.folder.close()
+        self.stack_log.close()
 
 
 def threads() -> dict[str, str]:

@@ -12,9 +12,9 @@ from pathlib import Path
 from urllib.parse import quote, urlsplit
 
 from schemas.words import counted
+from twin.base.command import StopSignal
 from twin.base.errors import UsageError
 from twin.base.process import end, spawn
-from twin.base.stop_signal import StopSignal
 from viewer.browser.assets import WebViewer
 from viewer.browser.desk import Desk
 from viewer.browser.front import BrowserFront, ShownSite, SingleRecording, built_pages

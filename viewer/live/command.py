@@ -13,8 +13,8 @@ from typing import Any
 from schemas.wire.codec import ATTACHMENT_BYTES_MAX, WireError, decode
 from schemas.wire.view import Thumbnail
 from schemas.words import counted
+from twin.base.command import StopSignal
 from twin.base.errors import UnreachableError, UsageError
-from twin.base.stop_signal import StopSignal
 from twin.fabric.bus import Sample
 from twin.fabric.discovery import Target, choose_target, find_target, refuse_ended
 from twin.fabric.endpoint import check_protected

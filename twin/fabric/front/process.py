@@ -26,6 +26,7 @@ from typing import Any
 import msgspec
 
 from twin.base.process import bind_to_parent, leave_signals_to_the_parent
+from twin.fabric.front.messages import FrontEvent, Settings
 from twin.fabric.front.rules import (
     FIRST_WORD_S,
     HANDSHAKE_S,
@@ -46,35 +47,6 @@ HELD_BYTES_MAX = 1 << 20
 """Most that waits for one side; meanwhile nothing is read from the other [bytes]."""
 TOLD_MAX = 1_000
 """Most lines that wait to be told; further ones are counted."""
-
-
-class Settings(msgspec.Struct, frozen=True):
-    """What a front is told, as one line of JSON on standard input; then that is its lifeline."""
-
-    listener: int
-    """Descriptor of the listening socket."""
-    sockets: dict[str, int]
-    """Role -> descriptor of the Unix socket behind."""
-    fabric: str
-    authority: str
-    certificate: str
-    private: str
-    keys: str
-    """Folder with the list of withdrawn keys."""
-
-
-class FrontEvent(msgspec.Struct, frozen=True, omit_defaults=True):
-    """An event that a front reports."""
-
-    what: str
-    """``refused``, ``opened``, ``closed``, ``slowed`` or ``cut``."""
-    peer: str = ""
-    role: str = ""
-    key: str = ""
-    """The certificate's serial number, hexadecimal."""
-    reason: str = ""
-    count: int = 1
-    """Number of sessions that were cut."""
 
 
 class _UnwelcomeError(Exception):

@@ -28,7 +28,7 @@ from twin.base.process import end, how_it_ended, spawn
 from twin.fabric.address import IN_USE
 from twin.fabric.bus import Bus
 from twin.fabric.endpoint import LOOPBACK, host_and_port, to_listen
-from twin.fabric.front.process import FrontEvent, Settings
+from twin.fabric.front.messages import FrontEvent, Settings
 from twin.fabric.keys.authority import inner_key
 from twin.fabric.keys.key_file import MemberKey
 from twin.fabric.keys.roles import MEMBERS

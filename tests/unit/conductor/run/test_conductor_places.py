@@ -14,6 +14,7 @@ from conductor.run.places import (
 )
 from schemas.wire.control import Share
 from twin.base.errors import UsageError
+from twin.base.worker_start import LocalWorker
 
 
 def test_what_the_option_says():
@@ -41,7 +42,7 @@ def test_gpus_of_a_socket_share_its_cores_evenly_and_without_overlap():
     twice = on_gpus(["cuda:0", "cuda:1"], [range(9), range(9)], 2)
     assert [place.device for place in twice] == ["cuda:0", "cuda:1", "cuda:0", "cuda:1"]
     assert sorted(core for place in twice for core in place.cores) == list(range(9))
-    assert places[0].options() == ("--device", "cuda:0", "--cores", "0-3")
+    assert places[0].placed(LocalWorker()) == LocalWorker(device="cuda:0", cores="0-3")
 
 
 def test_workers_of_a_gpu_have_stretches_that_all_gpus_share():
@@ -60,7 +61,7 @@ def test_too_few_cores_are_not_divided():
         WorkerPlace("cuda:0", (), Share(0, 1, 0, 2)),
         WorkerPlace("cuda:1", (), Share(0, 1, 1, 2)),
     ]
-    assert WorkerPlace("cuda:0").options() == ("--device", "cuda:0")
+    assert WorkerPlace("cuda:0").placed(LocalWorker()) == LocalWorker(device="cuda:0")
 
 
 def test_workers_on_the_cpu():

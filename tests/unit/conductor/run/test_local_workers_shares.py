@@ -17,6 +17,7 @@ from conductor.run.local_workers import LocalWorkers
 from conductor.run.places import WorkerPlace
 from schemas.wire.control import Share
 from twin.base.gpu.first_use import PLACE_VARIABLE
+from twin.base.worker_start import LocalWorker
 
 SHARES = [Share(stretch, 2, 0, 1) for stretch in range(2)]
 
@@ -61,7 +62,9 @@ def test_one_that_takes_the_place_of_a_dead_one_has_its_turn(tmp_path):
         pids = [child.process.pid for child in workers.children]
         return {pid: int(wait_for(lambda pid=pid: place_of(pid), "its place")) for pid in pids}
 
-    workers = LocalWorkers((), tmp_path, [WorkerPlace("cpu", (), share) for share in SHARES])
+    workers = LocalWorkers(
+        LocalWorker(), tmp_path, [WorkerPlace("cpu", (), share) for share in SHARES]
+    )
     try:
         workers.start()
         before = places()

@@ -22,7 +22,7 @@ from schemas.wire import topics
 from schemas.wire.codec import decode, encode
 from schemas.wire.control import Control, Reply, Request, StatusRequest, Stop
 from schemas.wire.rpc_routes import COMMAND_BYTES_MAX, route_key
-from twin.fabric.front.process import FrontEvent
+from twin.fabric.front.messages import FrontEvent
 from twin.fabric.keys.authority import make_keys
 from twin.fabric.keys.key_file import read_certificate
 from twin.fabric.keys.revoked import read_revoked

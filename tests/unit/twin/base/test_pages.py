@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from twin.base import cli
+from twin.base import command
 from twin.base.errors import PAGES, InfrastructureError, UsageError, page_of
 
 DOCS = Path(__file__).parents[4] / "docs"
@@ -55,7 +55,7 @@ def said(capsys, error: Exception) -> list[str]:
         raise error
 
     with pytest.raises(SystemExit) as stop:
-        cli.run(app, "conductor")
+        command.run(app, "conductor")
     assert stop.value.code == 2
     return capsys.readouterr().err.splitlines()
 

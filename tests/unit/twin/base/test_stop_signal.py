@@ -6,11 +6,11 @@ import sys
 
 import pytest
 
-from twin.base.stop_signal import StopSignal
+from twin.base.command import StopSignal
 
 WAITS = """
 import signal
-from twin.base.stop_signal import StopSignal
+from twin.base.command import StopSignal
 
 stop = StopSignal()
 signal.signal(signal.SIGALRM, stop._receive)

@@ -1,4 +1,4 @@
-"""twin.base.cli: a signal that hits code which swallows what it raises is heeded later."""
+"""twin.base.command: a signal that hits code which swallows what it raises is heeded later."""
 
 import subprocess
 import sys
@@ -7,7 +7,7 @@ import pytest
 
 CODE = """
 import os, signal
-from twin.base.cli import heed_signals, run
+from twin.base.command import heed_signals, run
 
 def app():
     heed_signals()

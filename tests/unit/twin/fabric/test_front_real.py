@@ -19,7 +19,7 @@ from schemas.wire import topics
 from twin.base.errors import TwinError
 from twin.fabric.bus import Bus
 from twin.fabric.endpoint import host_and_port
-from twin.fabric.front.process import FrontEvent
+from twin.fabric.front.messages import FrontEvent
 from twin.fabric.front.router import Fronted
 from twin.fabric.front.rules import SHAKING_PER_ADDRESS_MAX
 from twin.fabric.handshake import in_memory

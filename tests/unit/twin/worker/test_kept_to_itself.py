@@ -78,7 +78,7 @@ def test_a_worker_and_its_simulator_keep_theirs():
     """Files in /proc of a process that keeps to itself are root's, whoever runs it."""
     with tempfile.TemporaryDirectory(dir="/tmp") as folder:
         Path(folder).chmod(0o777)
-        worker = started(folder, "twin", "worker", "--connect", "-", "--load-simulator")
+        worker = started(folder, "twin", "worker", "-", '{"load_simulator": true}')
         try:
             simulator = wait_for(lambda: child_of(worker, "sim"), "a simulator")
             for pid in (simulator.pid, worker.pid):

@@ -62,7 +62,7 @@ def ignores_sigterm(pid):
 def test_nobody_to_serve_and_words_that_are_none(tmp_path):
     """It ends with the simulator and the stack that were loading; a line that is no order is one
     for people."""
-    options = ("worker", "--connect", "-", "--load-simulator")
+    options = ("worker", "-", '{"load_simulator": true}')
     workers = [
         subprocess.Popen(
             [sys.executable, "-m", "twin", *options],
@@ -79,7 +79,7 @@ def test_nobody_to_serve_and_words_that_are_none(tmp_path):
     assert unserved.returncode == 0
     out, err = misled.communicate('{"connect": "tcp/127.0.0.1:1"}\n')
     assert (misled.returncode, out) == (2, "")
-    assert err.startswith("twin: --connect -: standard input: ")
+    assert err.startswith("twin: worker -: standard input: ")
     assert err.count("\n") == 1
     psutil.wait_procs(loading, PATIENCE_S)
     assert not any(process.is_running() for process in loading)
@@ -89,7 +89,7 @@ def test_from_then_on_its_words_are_in_the_log(tmp_path):
     log = tmp_path / "worker-1.log"
     told = f'{{"connect": "tcp/127.0.0.1:1", "slots": 3, "log": "{log}"}}\n'
     worker = subprocess.run(
-        [sys.executable, "-m", "twin", "worker", "--connect", "-", "--device", "cuda:99"],
+        [sys.executable, "-m", "twin", "worker", "-", '{"device": "cuda:99"}'],
         input=told,
         capture_output=True,
         text=True,
@@ -134,7 +134,7 @@ def words_of(child):
 
 def test_what_loads_is_killed_with_its_worker_even_if_it_is_frozen():
     worker = subprocess.Popen(
-        [sys.executable, "-m", "twin", "worker", "--connect", "-", "--load-simulator"],
+        [sys.executable, "-m", "twin", "worker", "-", '{"load_simulator": true}'],
         stdin=subprocess.PIPE,
     )
     loading = children_of(worker)

@@ -14,7 +14,7 @@ from twin.base.errors import UsageError
 from twin.base.gpu import cuda
 from twin.fabric.drive import StackEnd
 from twin.fabric.memory_bus import MemoryHub
-from twin.worker.command_options import parse_cores
+from twin.worker.allocation import parse_cores
 
 
 def test_lists_of_cores():

@@ -160,7 +160,7 @@ def test_a_campaign_is_looked_at_as_it_goes(tmp_path):
     [
         ("/v/bin/python -m conductor run a.yaml --out o", "conductor"),
         ("python3 -m twin.fabric.front.process", "front"),
-        ("python3 -m twin worker --connect -", "workers"),
+        ("python3 -m twin worker - {}", "workers"),
         ("python3 -m twin sim cpu", "simulators"),
         ("python3 -m twin judge --claims", "judge"),
         ("bwrap --ro-bind -m x -- python3 -m devkit host --connect -", "stacks"),
