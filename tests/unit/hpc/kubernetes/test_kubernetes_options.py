@@ -102,7 +102,10 @@ def test_a_bad_directive(directive, said):
         ({"address": "10.1.2.3"}, "--address: pods meet at a Service"),
         ({"nodes": 2}, "--nodes: the cluster places pods"),
         ({"remote_stacks": True}, "autonomy.placement: node"),
-        ({"records": True}, "recordings (view: record): workers here share no disk with the conduct"),
+        (
+            {"records": True},
+            "recordings (view: record): workers here share no disk with the conduct",
+        ),
         ({"records": True}, "give --directive=--store=URL, or take them out of the campaign"),
         ({"records": True, "drive_records": True}, "recording.drive: workers here share no disk"),
         ({"own_files": ("nets/mine.onnx",)}, "names nets/mine.onnx, which pods do not see"),
