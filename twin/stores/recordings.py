@@ -15,16 +15,13 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from pathlib import Path
 
-import msgspec
-
 from schemas import SCHEMA_VERSION
 from schemas.files.recording import (
-    NOTE_BYTES_MAX,
     RECORDING_BYTES_MAX,
     RECORDING_FILE,
-    RECORDING_NOTE,
-    RecordingNote,
     RecordingObject,
+    note_in,
+    size_in,
 )
 from schemas.files.regular_file import open_below
 from schemas.sections.view_mode import ViewMode
@@ -209,7 +206,7 @@ class RecordingUploads:
             return True
         lease, store = item.lease, self._store
         folder = _folder(lease)
-        note = _note(folder)
+        note = note_in(folder)
         if note is None:
             if time.monotonic() > item.until_s or (
                 self._leaving and not (folder / RECORDING_FILE).exists()
@@ -256,7 +253,7 @@ class RecordingUploads:
 
     def _bound(self) -> None:
         """Leave the oldest out while too many wait, or too many bytes."""
-        sizes = {token: _size(item.lease) for token, item in self._waiting.items()}
+        sizes = {token: size_in(_folder(item.lease)) for token, item in self._waiting.items()}
         bytes_left = sum(sizes.values())
         for token, size in sizes.items():
             if len(self._waiting) > WAITING_MAX:
@@ -283,23 +280,6 @@ class RecordingUploads:
 
 def _folder(lease: Lease) -> Path:
     return Path(lease.out) / "cases" / lease.case.id / f"attempt-{lease.attempt}"
-
-
-def _size(lease: Lease) -> int:
-    """What the recording takes now [bytes]."""
-    try:
-        return (_folder(lease) / RECORDING_FILE).lstat().st_size
-    except OSError:
-        return 0
-
-
-def _note(folder: Path) -> RecordingNote | None:
-    """What the recorder says of its file; None: it is at work, or was killed."""
-    try:
-        with open_below(folder, RECORDING_NOTE) as file:
-            return msgspec.json.decode(file.read(NOTE_BYTES_MAX), type=RecordingNote)
-    except (OSError, msgspec.MsgspecError, UnicodeDecodeError):
-        return None
 
 
 def _read(folder: Path) -> bytes:
