@@ -123,6 +123,8 @@ class JobRequest:
     the job."""
     connect: str = ""
     """Endpoint that :attr:`join` names, ``tls/HOST:PORT``; for rules of networks."""
+    store: str = ""
+    """Result store that this conductor names to its workers; empty: it has none."""
     site: str = ""
     """Name of the cluster, where workers of several join; empty: none."""
     allocation: str = ""

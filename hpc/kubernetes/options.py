@@ -159,9 +159,13 @@ def options_of(request: JobRequest) -> KubernetesOptions:
         queue=request.partition,
     )
     found = replace(found, **values)  # type: ignore[arg-type]  # names and types were checked
+    if request.join and (found.store or found.durable):
+        name = "store" if found.store else "durable"
+        raise UsageError(f"--{name}: the conductor of these workers is elsewhere; leave it away")
+    if request.store:
+        object_store.check_url("store", request.store)
+        found = replace(found, store=request.store)
     object_store.check_together(found)
-    if found.store and request.join:
-        raise UsageError("--store: the conductor of these workers is elsewhere; leave it away")
     if request.records and not (found.store or request.join):
         raise UsageError(
             "recordings (view: record): workers here share no disk with the conductor, so they "
