@@ -392,6 +392,7 @@ def validate(
             "commands": bool(loaded.autonomy.command),
             "records": loaded.recording.drive != "none"
             or (ViewMode(loaded.view).records and loaded.recording.keep != "none"),
+            "drive_records": loaded.recording.drive != "none",
             "files": sorted(loaded.files),
             "paths": stack_paths(loaded),
         }

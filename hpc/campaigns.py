@@ -26,6 +26,8 @@ class CampaignFacts:
     """Simulators and stacks run on different nodes."""
     records: bool = False
     """Whether attempts leave recordings, of the view or of what the stack saw."""
+    drive_records: bool = False
+    """Whether they leave what the stack saw, which no result store has."""
     files: tuple[str, ...] = ()
     """Files beside the campaign file that it names; none for a shipped campaign."""
     paths: tuple[str, ...] = ()
@@ -58,6 +60,7 @@ def checked(campaign: str) -> CampaignFacts:
         deadline_s=answer["deadline_s"],
         remote_stacks=answer["placement"] == "node",
         records=answer["records"],
+        drive_records=answer["drive_records"],
         files=tuple(answer["files"]) if is_file else (),
         paths=tuple(answer["paths"]) if is_file else (),
         commands=answer["commands"],

@@ -111,6 +111,8 @@ class JobRequest:
     """Whether stacks on other nodes are commands."""
     records: bool = False
     """Whether the campaign leaves recordings."""
+    drive_records: bool = False
+    """Whether it leaves such of what the stack saw, which no result store has."""
     own_files: tuple[str, ...] = ()
     """Files beside the campaign file that it names."""
     own_paths: tuple[str, ...] = ()
@@ -121,6 +123,8 @@ class JobRequest:
     the job."""
     connect: str = ""
     """Endpoint that :attr:`join` names, ``tls/HOST:PORT``; for rules of networks."""
+    store: str = ""
+    """Result store that this conductor names to its workers; empty: it has none."""
     site: str = ""
     """Name of the cluster, where workers of several join; empty: none."""
     allocation: str = ""

@@ -50,6 +50,7 @@ def checked_request(
         campaign=facts.name,
         remote_commands=facts.commands,
         records=facts.records,
+        drive_records=facts.drive_records,
         own_files=facts.files,
         own_paths=(*request.own_paths, *facts.paths),
     )

@@ -42,6 +42,7 @@ from twin.play.command import play
 from twin.scenario.free_driving.command import driving
 from twin.validate.command import app as validate_app
 from twin.worker.command_options import (
+    AwaySOption,
     ConnectOption,
     CoresOption,
     DrainSOption,
@@ -93,6 +94,7 @@ def worker(
     view: ViewOption = None,
     until_done: UntilDoneOption = False,
     started_again: StartedAgainOption = False,
+    away_s: AwaySOption = None,
     drain_s: DrainSOption = 0.0,
     walltime_s: WalltimeSOption = None,
     memory_gb: MemoryGbOption = None,
@@ -112,19 +114,19 @@ def worker(
     keep_to_itself()  # its session and its keys are nothing for a stack of the same user
     spool = spool or (state / "spool" if state is not None and not connect else None)
     target = _conductor(connect, state, wait, namespace, key, again=started_again)
-    fit = slots is None and device.startswith("cuda")
     options = WorkerOptions(
         connect=target.endpoint,
         namespace=target.namespace,
         key=target.key,
-        slots=slots or (GPU_SLOTS if fit else 1),
-        fit=fit,
+        slots=slots or (GPU_SLOTS if device.startswith("cuda") else 1),
+        fit=slots is None and device.startswith("cuda"),
         device=device,
         drive_listen=drive_listen,
         join_dir=join_dir,
         view=view,
         until_done=until_done,
         started_again=started_again,
+        away_s=away_s,
         drain_s=drain_s,
         walltime_s=walltime_s,
         memory_gb=memory_gb,

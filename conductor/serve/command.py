@@ -120,10 +120,18 @@ def _lengths(history: Path | None) -> dict[str, float]:
 def _sign_ended(conductor: Conductor, over: threading.Event) -> None:
     """Sign campaigns as they come to their end, also those that end with the conductor."""
     failed: set[Path] = set()
+    said = ""
     last = False
     while not last:
         last = over.wait(SIGN_PERIOD_S)
-        for path, before in conductor.to_sign(last=last).items():
+        try:
+            due = conductor.to_sign(last=last)
+        except Exception as error:  # a mistake of ours; it may not come again
+            if repr(error) != said:
+                said = repr(error)
+                _log.error("nothing is signed now: %s", said)
+            continue
+        for path, before in due.items():
             if path in failed and not last:
                 continue
             try:
@@ -134,9 +142,10 @@ def _sign_ended(conductor: Conductor, over: threading.Event) -> None:
                 sign_run(path, read_outcomes(path), values, None if last else conductor.chain())
                 if conductor.additions(path) != before:  # the next pass signs it with them
                     (path / RUN_FILE).unlink(missing_ok=True)
-            except TwinError as error:
+            except Exception as error:  # also a mistake of ours: others are signed
                 failed.add(path)
-                _log.error("%s is not signed: %s", path, error)
+                why = error if isinstance(error, TwinError) else repr(error)
+                _log.error("%s is not signed: %s", path, why)
 
 
 _FINGERPRINT = (

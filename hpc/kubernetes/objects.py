@@ -10,8 +10,9 @@ How the parts of a run end:
 
 - The conductor's exit code is the verdict. 1 (a verdict is not a pass) and 2 (bad input) end the
   Job; whatever else is started again, at most ``restarts_max`` times.
-- A worker ends with 0 when no case is left, and with 75 while some are, or while no conductor
-  answers: only the first counts as success of a work-queue Job, which then starts no further pods.
+- A worker ends with 0 when no case is left, and with 75 while some are, or when no conductor has
+  answered for a while, as after an end that it has missed: only the first counts as success of a
+  work-queue Job, which then starts no further pods.
   75 is no failure either, so a conductor may be slow to come.
 - A pod that the cluster takes away (eviction, drain, preemption, a lost node) carries the condition
   ``DisruptionTarget`` and counts for nothing.
@@ -50,7 +51,8 @@ CONDUCTOR_GRACE_S = 60
 HAND_BACK_S = 30
 """Of a worker's time after SIGTERM, what running cases do not get [s]."""
 START_WAIT_S = 120
-"""How long a worker waits for a conductor that is to come, before another pod does [s]."""
+"""How long a worker waits for a conductor that is to come, or does not answer any more, before
+another pod does [s]."""
 WORKER_FAILURES = 2
 """Failures, for each worker, before the workers' Job is given up."""
 DISK = "10Gi"
@@ -375,6 +377,7 @@ class _Run:
         command = [
             *(f"{BIN_FOLDER}/twin", "worker", *where),
             *("--key", f"{KEYS}/worker.key", "--wait", str(START_WAIT_S)),
+            *("--away-s", str(START_WAIT_S)),
             *("--until-done", "--started-again", "--drain-s", str(max(0, lead_s - HAND_BACK_S))),
             *(() if request.slots is None else ("--slots", str(request.slots))),
             *("--device", "cuda:0" if request.gpus else "cpu"),

@@ -159,9 +159,18 @@ def options_of(request: JobRequest) -> KubernetesOptions:
         queue=request.partition,
     )
     found = replace(found, **values)  # type: ignore[arg-type]  # names and types were checked
+    if request.join and (found.store or found.durable):
+        name = "store" if found.store else "durable"
+        raise UsageError(f"--{name}: the conductor of these workers is elsewhere; leave it away")
+    if request.store:
+        object_store.check_url("store", request.store)
+        found = replace(found, store=request.store)
     object_store.check_together(found)
-    if found.store and request.join:
-        raise UsageError("--store: the conductor of these workers is elsewhere; leave it away")
+    if request.records and not (found.store or request.join):
+        raise UsageError(
+            "recordings (view: record): workers here share no disk with the conductor, so they "
+            "would be lost; give --directive=--store=URL, or take them out of the campaign"
+        )
     return found
 
 
@@ -180,9 +189,9 @@ def _refuse_what_is_elsewhere(request: JobRequest) -> None:
         (request.nodes, "--nodes: the cluster places pods; choose nodes with --constraint"),
         (request.remote_stacks, "autonomy.placement: node: stacks run beside their simulator here"),
         (
-            request.records,
-            "recordings (view: record, recording.drive): workers here share no disk with the "
-            "conductor, so they would be lost; take them out of the campaign",
+            request.drive_records,
+            "recording.drive: workers here share no disk with the conductor, and no store has such "
+            "records, so they would be lost; take it out of the campaign",
         ),
         (
             request.own_files,

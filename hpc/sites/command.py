@@ -7,6 +7,7 @@ import shlex
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -17,7 +18,7 @@ from hpc.request import JobRequest
 from hpc.sites import conductor
 from hpc.sites.allocations import Allocations, alone, book_of
 from hpc.sites.file import NamedSite, SitesFile, load_sites
-from hpc.sites.requests import FOLDER_NAME, CommonOptions, check_campaign, request_of
+from hpc.sites.requests import FOLDER_NAME, CommonOptions, check_campaign, request_of, store_of
 from hpc.sites.scaler import Scaler, is_complete
 from hpc.sites.scaling import SiteRoom, WorkerTarget
 from schemas.files.allocations import Allocation
@@ -73,7 +74,8 @@ def submit_on(
     Raises:
         TwinError: nothing could be asked for; the line says why.
     """
-    check_campaign(facts)
+    check_campaign(facts, file.store)
+    common = replace(common, store=store_of(file.store, out))
     if is_complete(out) and conductor.serving(out) is None:
         say(f"every case has ended: `conductor report {shlex.quote(str(out))}`")
         return EXIT_PASS
@@ -83,8 +85,10 @@ def submit_on(
     with alone(out):
         served = conductor.serving(out)
         if served is None:
-            served = conductor.start(out, facts.name, file.listen, history)
+            served = conductor.start(out, facts.name, file.listen, history, common.store)
             say(f"conductor of {out} at {served.endpoint}; it says what it does in conductor.log")
+            if common.store:
+                say(f"results also in {common.store}: `conductor report {common.store}`")
         book = opened(out, facts.name, all_of(out, sites, file), served, common)
         refused = 0
         for site in sites:
@@ -156,6 +160,7 @@ def scale(
             f"{out}: no such run folder; `hpc submit CAMPAIGN --on ...` makes one, --key names a "
             "conductor elsewhere"
         )
+    common = replace(common, store=store_of(file.store, out))
     look = partial(_served, out) if key is None else partial(conductor.target_of, key)
     served = look()
     with alone(out):

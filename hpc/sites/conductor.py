@@ -44,10 +44,11 @@ def serving(out: Path) -> Target | None:
     return target
 
 
-def start(out: Path, campaign: str, listen: str, history: str = "") -> Target:
+def start(out: Path, campaign: str, listen: str, history: str = "", store: str = "") -> Target:
     """Start ``conductor serve`` in the background, and wait until it listens.
 
     ``history``: folder of an earlier run, whose longest cases begin first; empty: none.
+    ``store``: URL of its result store; empty: none.
 
     Raises:
         UsageError: it refuses the campaign or the folder.
@@ -55,6 +56,7 @@ def start(out: Path, campaign: str, listen: str, history: str = "") -> Target:
     """
     words = ["-m", "conductor", "serve", "--campaign", campaign, "--until-done"]
     words += ["--history", history] if history else []
+    words += ["--store", store] if store else []
     log = out / LOG_NAME
     before = log.stat().st_size if log.exists() else 0
     child = start_apart(*(sys.executable, *words, "--state", str(out), "--listen", listen), log=log)

@@ -43,6 +43,7 @@ from schemas.validation import convert_all
 from schemas.wire.site_name import SITE_PATTERN
 from twin.base.errors import UsageError
 from twin.base.own_folder import own_folder
+from twin.stores.opening import checked_url
 
 FILE_NAME = "sites.yaml"
 SITES_MAX = 64
@@ -100,6 +101,8 @@ class SitesFile(Struct, frozen=True, forbid_unknown_fields=True):
     sites: Annotated[dict[str, SiteEntry], Meta(max_length=SITES_MAX)]
     listen: Annotated[str, Meta(pattern=rf"^{_ENDPOINT}\Z")] = "tls/0.0.0.0:0"
     """Where the conductor listens that ``hpc submit --on`` starts."""
+    store: str = ""
+    """Result store, as for ``conductor serve``; each run has its own folder below; empty: none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,6 +137,7 @@ def load_sites(named: Path | None, environment: Mapping[str, str] = os.environ) 
     found, mistakes = convert_all({} if data is None else data, SitesFile)
     if found is None:
         raise UsageError("\n".join(mistake.line(str(path)) for mistake in mistakes))
+    _check_store(path, found.store)
     for name, entry in found.sites.items():
         _check_entry(f"{path}: sites.{escape(name, 80)}", name, entry)
     return found
@@ -179,6 +183,20 @@ def _check_own(path: Path) -> None:
             f"{path}: others may write it, and it says which programs are run as you; give a file "
             "of your own, and run `chmod go-w` on it"
         )
+
+
+def _check_store(path: Path, store: str) -> None:
+    if not store:
+        return
+    if "://" not in store or store.startswith("file:") or not store.isprintable():
+        raise UsageError(
+            f"{path}: store {escape(store, 80)}: expected a URL that every site reaches, e.g. "
+            "s3://BUCKET/PREFIX"
+        )
+    try:
+        checked_url(store)
+    except UsageError as error:
+        raise UsageError(f"{path}: {str(error).removeprefix('--')}") from None
 
 
 def _check_entry(where: str, name: str, entry: SiteEntry) -> None:

@@ -31,6 +31,8 @@ class CommonOptions:
     workers: int = 0
     gpus: int = 0
     slots: int | None = None
+    store: str = ""
+    """Result store of the run, of the sites file; empty: none."""
 
 
 def request_of(
@@ -86,6 +88,7 @@ def request_of(
             container_runtime=entry.container_runtime,
             join=f"{own}/{JOIN_KEY}",
             connect=connect,
+            store=common.store,
             site=site.name,
             allocation=allocation,
             run=run,
@@ -121,8 +124,14 @@ def remote_folder(folder: str, out: Path, run: str) -> str:
     return f"{folder.rstrip('/')}/{job_name(out.name)}-{mark}"
 
 
-def check_campaign(facts: CampaignFacts) -> None:
-    """What workers of other sites cannot have.
+def store_of(store: str, out: Path) -> str:
+    """Result store of a run below the one of the sites file: a store has one run; empty: none."""
+    mark = hashlib.sha256(f"{socket.gethostname()}:{out}".encode()).hexdigest()[:8]
+    return f"{store.rstrip('/')}/{job_name(out.name)}-{mark}" if store else ""
+
+
+def check_campaign(facts: CampaignFacts, store: str = "") -> None:
+    """What workers of other sites cannot have, without a result store (empty) or with one.
 
     Raises:
         UsageError: the campaign needs it.
@@ -132,10 +141,16 @@ def check_campaign(facts: CampaignFacts) -> None:
             "autonomy.placement: node: stacks on other nodes are announced in a folder that other "
             "sites do not see; take it out of the campaign"
         )
-    if facts.records:
+    if facts.drive_records:
         raise UsageError(
-            "recordings (view: record, recording.drive): workers of other sites share no disk with "
-            "the conductor, so they would be lost; take them out of the campaign"
+            "recording.drive: workers of other sites share no disk with the conductor, and no "
+            "store has such records, so they would be lost; take it out of the campaign"
+        )
+    if facts.records and not store:
+        raise UsageError(
+            "recordings (view: record): workers of other sites share no disk with the conductor, "
+            "so they would be lost; name a store in the sites file (store: s3://BUCKET/PREFIX), or "
+            "take them out of the campaign"
         )
     if facts.files:
         raise UsageError(

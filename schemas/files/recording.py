@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
+import msgspec
 from msgspec import Meta, Struct
+
+from schemas.files.regular_file import open_below
 
 RECORDING_FILE = "recording.rrd"
 RECORDING_NOTE = "recording.json"
@@ -34,3 +38,20 @@ class RecordingObject(Struct, frozen=True, gc=False):
     """Length [bytes]."""
     complete: bool
     """Whether no message is missing in it."""
+
+
+def note_in(folder: Path) -> RecordingNote | None:
+    """What the recorder says of its file in ``folder``; None: it is at work, or was killed."""
+    try:
+        with open_below(folder, RECORDING_NOTE) as file:
+            return msgspec.json.decode(file.read(NOTE_BYTES_MAX), type=RecordingNote)
+    except (OSError, msgspec.MsgspecError, UnicodeDecodeError):
+        return None
+
+
+def size_in(folder: Path) -> int:
+    """What the recording in ``folder`` takes now, finished or not [bytes]."""
+    try:
+        return (folder / RECORDING_FILE).lstat().st_size
+    except OSError:
+        return 0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import contextlib
+import hashlib
 import re
 import signal
 import tempfile
@@ -11,6 +12,7 @@ import threading
 from pathlib import Path
 
 import pytest
+from changed_campaigns import changed
 from kube_cluster import send
 from kube_site import with_kernels
 from kubernetes import client, config
@@ -168,6 +170,49 @@ def test_a_conductor_that_moves_has_an_empty_disk(site, kube, marked, quiet, tmp
     assert run in logs
     assert "not-to-be-told" not in f"{others} {logs}"
     assert "not-to-be-told" not in (site.out / "job.yaml").read_text()
+
+
+def recorded(data):
+    """Four recorded cases."""
+    data["view"] = "record"
+    data["matrix"] |= {"weather": ["clear", "heavy_fog"], "time_of_day": ["13:00"]}
+
+
+@pytest.mark.slow
+def test_recordings_of_pods_are_in_the_store(site, kube, marked, tmp_path, monkeypatch):
+    """Pods share no disk with the conductor, and leave nothing behind but what they have put."""
+    monkeypatch.setenv("DRIVETWIN_HOME", str(tmp_path / "own"))
+    kube.variables["WARP_CACHE_PATH"] = "/kernels"
+    kube.image_folders["/kernels"] = with_kernels(kube.folder / "kernels")
+    campaign = changed(tmp_path, "chaos-16", recorded)
+    done = site.submit(campaign=campaign)
+    assert (done.returncode, done.stdout) == (2, "")
+    (line,) = done.stderr.splitlines()
+    assert "recordings (view: record): workers here share no disk" in line
+    assert "give --directive=--store=URL" in line
+    assert not kube.store.objects
+    give_secret(site, credentials=CREDENTIALS, config="[default]\nregion = us-east-1\n")
+    with s3_server(tmp_path / "s3.log") as port, reached_by(port):
+        run = site.submitted(*words(port), "--slots", "2", workers=1, campaign=campaign)
+        url = f"s3://results/runs/{run}"
+        assert site.ended()["exit_code"] == 1, "a verdict is not a pass"
+        asked = ("conductor", "report", url, "--out", "read", "--recordings", "all")
+        read = marked.run(*asked, folder=tmp_path)
+        (signer,) = re.findall("signed by key ([0-9a-f]{64}), which is not yours", read.stderr)
+        assert not list(tmp_path.glob("read/cases/*/*/recording.rrd")), "nobody is trusted yet"
+        (tmp_path / "own" / "trusted").mkdir(mode=0o700)
+        (tmp_path / "own" / "trusted" / "pod.pub").write_text(f"{signer}\n")
+        read = marked.run(*asked, folder=tmp_path)
+        assert read.returncode == 1, read.stderr
+    rows = outcomes(tmp_path / "read")
+    assert len(rows) == 4
+    # What a recorder has finished too late for its worker's last seconds is named nowhere.
+    named = {name: row["recording"] for name, row in rows.items() if "recording" in row}
+    assert named, kube.logs().decode()
+    for name, stored in named.items():
+        data = (tmp_path / "read" / rows[name]["attempt_dir"] / "recording.rrd").read_bytes()
+        assert (hashlib.sha256(data).hexdigest(), len(data)) == (stored["sha256"], stored["size"])
+        assert stored["complete"]
 
 
 def test_a_secret_that_is_not_there(site, kube):

@@ -8,6 +8,7 @@ import pytest
 from processes import committed, outcomes, wait_for
 from test_bad_input import campaign_file
 from test_conductor_restart import committed_per_case, serve
+from waiting import PATIENCE_S
 
 from conductor.records.fingerprint import fingerprint
 
@@ -116,3 +117,23 @@ def test_the_conductor_of_a_restarted_job_replaces_a_frozen_one(
     assert fingerprint(campaign).sha256 == quiet["fingerprint"]
     assert set(committed_per_case(state).values()) == {1}
     assert len(committed_per_case(state)) == 16
+
+
+def test_a_worker_whose_conductor_has_gone_leaves(marked, tmp_path):
+    """It waits until its walltime unless it is told otherwise; its processor is not its own."""
+    state = tmp_path / "state"
+    conductor = serve(marked, state)
+    words = ("twin", "worker", "--state", str(state), "--until-done", "--away-s", "0.5")
+    ends = {}
+    for code, more in ((3, ()), (75, ("--started-again",))):
+        log = tmp_path / f"{code}.log"
+        with log.open("w") as file:
+            ends[code] = (marked.start(*words, *more, log=file), log)
+    wait_for(lambda: all("slot(s) on" in log.read_text() for _, log in ends.values()), "workers")
+    conductor.kill()
+    conductor.wait()
+    for code, (worker, log) in ends.items():
+        assert worker.wait(PATIENCE_S) == code, log.read_text()
+        last = log.read_text().splitlines()[-1]
+        assert "no conductor has answered for " in last
+        assert ("whoever started this may start it again" in last) is (code == 75)

@@ -15,16 +15,13 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from pathlib import Path
 
-import msgspec
-
 from schemas import SCHEMA_VERSION
 from schemas.files.recording import (
-    NOTE_BYTES_MAX,
     RECORDING_BYTES_MAX,
     RECORDING_FILE,
-    RECORDING_NOTE,
-    RecordingNote,
     RecordingObject,
+    note_in,
+    size_in,
 )
 from schemas.files.regular_file import open_below
 from schemas.sections.view_mode import ViewMode
@@ -36,6 +33,9 @@ from twin.stores.protocol import ResultStore, StoreError
 
 WAITING_MAX = 256
 """Most recordings of a worker that wait for the store; of further ones the oldest is left out."""
+WAITING_BYTES_MAX = 1 << 30
+"""Most bytes of them on the worker's disk: four of the largest, and a tenth of what a pod may
+write; of further ones the oldest is left out [bytes]."""
 NOTE_S = 60.0
 """Longest wait for a recorder to finish the file of an attempt that is committed [s]."""
 LAST_S = 4.0
@@ -132,8 +132,7 @@ class RecordingUploads:
                     self._waiting[token] = _Waiting(lease, time.monotonic() + NOTE_S)
                 else:
                     self._over.append(token)
-            while len(self._waiting) > WAITING_MAX:
-                self._drop(next(iter(self._waiting)), f"more than {WAITING_MAX} wait for the store")
+            self._bound()
             free, self._over = self._over, []
             if self._waiting and self._thread is None:
                 self._thread = threading.Thread(target=self._run, name="recordings", daemon=True)
@@ -158,6 +157,7 @@ class RecordingUploads:
         while True:
             with self._lock:
                 self._changed.wait_for(lambda: self._waiting)
+                self._bound()  # recorders have written on meanwhile
                 items = list(self._waiting.values())
             answered = all(map(self._advance, items))
             pause_s = LOOK_S if answered else min(2 * pause_s, AGAIN_MAX_S)
@@ -205,8 +205,8 @@ class RecordingUploads:
         if item.stored is not None:
             return True
         lease, store = item.lease, self._store
-        folder = Path(lease.out) / "cases" / lease.case.id / f"attempt-{lease.attempt}"
-        note = _note(folder)
+        folder = _folder(lease)
+        note = note_in(folder)
         if note is None:
             if time.monotonic() > item.until_s or (
                 self._leaving and not (folder / RECORDING_FILE).exists()
@@ -251,6 +251,19 @@ class RecordingUploads:
             raise _LostRecordingError(f"the conductor says: {reply.error}")
         return True
 
+    def _bound(self) -> None:
+        """Leave the oldest out while too many wait, or too many bytes."""
+        sizes = {token: size_in(_folder(item.lease)) for token, item in self._waiting.items()}
+        bytes_left = sum(sizes.values())
+        for token, size in sizes.items():
+            if len(self._waiting) > WAITING_MAX:
+                self._drop(token, f"more than {WAITING_MAX} wait for the store")
+            elif bytes_left > WAITING_BYTES_MAX:
+                self._drop(token, f"more than {WAITING_BYTES_MAX} bytes wait for the store")
+            else:
+                return
+            bytes_left -= size
+
     def _drop(self, token: int, why: str) -> None:
         item = self._waiting.pop(token, None)
         if item is not None:
@@ -265,13 +278,8 @@ class RecordingUploads:
             self._changed.notify_all()
 
 
-def _note(folder: Path) -> RecordingNote | None:
-    """What the recorder says of its file; None: it is at work, or was killed."""
-    try:
-        with open_below(folder, RECORDING_NOTE) as file:
-            return msgspec.json.decode(file.read(NOTE_BYTES_MAX), type=RecordingNote)
-    except (OSError, msgspec.MsgspecError, UnicodeDecodeError):
-        return None
+def _folder(lease: Lease) -> Path:
+    return Path(lease.out) / "cases" / lease.case.id / f"attempt-{lease.attempt}"
 
 
 def _read(folder: Path) -> bytes:

@@ -60,6 +60,13 @@ StartedAgainOption = Annotated[
         "answers, it ends with 75.",
     ),
 ]
+AwaySOption = Annotated[
+    float | None,
+    duration(
+        "Leave when no conductor has answered for so long and no case runs; results are waited "
+        "for as long again as their cases took; default: wait for it [s].",
+    ),
+]
 DrainSOption = Annotated[float, duration("After SIGTERM, running cases may go on this long [s].")]
 WalltimeSOption = Annotated[
     float | None,

@@ -45,7 +45,7 @@ from twin.worker.effects import (
     StartRig,
     StopRig,
 )
-from twin.worker.held import Held, Rig
+from twin.worker.held import Held, Rig, Silence, over_memory
 from twin.worker.spool import pack, unpack
 
 SECOND_NS = 1_000_000_000
@@ -79,6 +79,7 @@ class Core:
     """Most memory that the processes of the rig may use together; None: no limit [bytes]."""
     fitting: Callable[[Case], int] | None = None
     """Most slots of a rig for such a case, of those offered; None: all."""
+    silence: Silence = field(default_factory=lambda: Silence(None))
     phase: Literal["joining", "working", "finishing", "draining", "left"] = "joining"
     """``finishing``: no new cases, running ones go on; ``draining``: only goodbyes are left."""
     held: dict[int, Held] = field(default_factory=dict)
@@ -138,6 +139,7 @@ class Core:
             return self._unanswered(now_ns)
         effects: list[Effect] = []
         self.unanswered = 0
+        self.silence.heard()
         if not self.reachable:
             self.reachable = True
             effects.append(Say("conductor is back"))
@@ -201,8 +203,9 @@ class Core:
 
     def on_done(self, result: Result, now_ns: int) -> list[Effect]:
         """A case ended; its result waits for the next request, which is due now."""
-        if self.held.pop(result.token, None) is None:
+        if (held := self.held.pop(result.token, None)) is None:
             return []  # abandoned meanwhile
+        self.silence.ran(result.token, now_ns - held.began_ns)
         self.results.append(result)
         self.broken = 0
         self.ask_at_ns = now_ns
@@ -324,14 +327,8 @@ class Core:
 
     def on_memory(self, used: dict[str, int], now_ns: int) -> list[Effect]:
         """What the processes of the rig use [bytes]."""
-        total = sum(used.values())
-        if self.rig is None or self.memory_max_bytes is None or total <= self.memory_max_bytes:
+        if self.rig is None or not (detail := over_memory(used, self.memory_max_bytes)):
             return []
-        parts = ", ".join(f"{name} {size / 1e9:.2f}" for name, size in used.items())
-        detail = (
-            f"the rig uses {total / 1e9:.2f} GB of memory ({parts}), "
-            f"allowed are {self.memory_max_bytes / 1e9:g}"
-        )
         return self.on_rig_died("out_of_memory", detail, now_ns)
 
     def on_drain(self, detail: str, now_ns: int, reason: Release = "released") -> list[Effect]:
@@ -400,10 +397,10 @@ class Core:
             return []
         return self.on_drain("conductor asked to drain", now_ns)
 
-    def _leave(self, error: str = "") -> list[Effect]:
+    def _leave(self, error: str = "", silent: str = "") -> list[Effect]:
         """Leave without a goodbye; what was not delivered waits in the spool."""
         self.phase = "left"
-        return [*self._spool(self.results), Leave(error)]
+        return [*self._spool(self.results), Leave(error, silent)]
 
     def _spool(self, results: list[Result]) -> list[Effect]:
         fresh = [result for result in results if result.token not in self.spooled]
@@ -502,6 +499,8 @@ class Core:
         self.ask_at_ns = now_ns + RETRY_NS
         if self.phase == "draining" and self.unanswered >= GOODBYE_TRIES:
             return self._leave()
+        if (line := self.silence.is_over(now_ns)) and not self.held:
+            return self._leave(silent=line)
         if self.reachable and self.unanswered > 1:
             self.reachable = False
             line = Say("conductor does not answer; cases go on, results wait")
@@ -512,6 +511,7 @@ class Core:
         if self.pending is None or request.seq != self.pending.seq:
             return []  # an older repeat
         self.pending = None
+        self.silence.settled(request.results)
         settled = [r.token for r in request.results if r.token in self.spooled]
         self.spooled.difference_update(settled)
         settled += [sealed.token for sealed in request.sealed]
@@ -567,7 +567,7 @@ class Core:
                 continue
             elif self.rig.ready:
                 effects.append(AssignLease(lease))
-            self.held[lease.token] = Held(lease, moved_ns=now_ns)
+            self.held[lease.token] = Held(lease, moved_ns=now_ns, began_ns=now_ns)
         return effects
 
     @property

@@ -77,9 +77,12 @@ class Say:
 
 @dataclass(frozen=True, slots=True)
 class Leave:
-    """End the worker; ``error`` not empty: the conductor refused it."""
+    """End the worker."""
 
     error: str = ""
+    """Why the conductor refused it; empty: it did not."""
+    silent: str = ""
+    """That no conductor answers any more; empty: one does, or it leaves for another reason."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,10 +1,12 @@
-"""Leases that a worker holds, and the rig that runs them."""
+"""Leases that a worker holds, the rig that runs them, and its patience with its conductor."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, field
 
-from schemas.wire.control import Ended, Lease, Release, Touch
+from schemas.wire.control import Ended, Lease, Release, Result, Touch
+from schemas.words import counted
 
 
 @dataclass(slots=True)
@@ -15,6 +17,8 @@ class Held:
     progress: int = -1
     moved_ns: int = 0
     """Time at which progress was last seen [ns]."""
+    began_ns: int = 0
+    """Time at which it was granted [ns]."""
     touch: Touch | None = None
     """Last intervention in it."""
     told: bool = True
@@ -40,3 +44,62 @@ class Rig:
     ready: bool = False
     faulty: bool = False
     """Whether the stack has failed by itself: the rig ends when the results are there."""
+
+
+@dataclass(slots=True)
+class Silence:
+    """Time since the conductor was heard last, and what a worker has in hand for it.
+
+    A conductor that has ended its campaign does not come back. A worker that missed that end, since
+    it stood still or its network did, would wait for it until its walltime, and keep its processor.
+    """
+
+    limit_ns: int | None
+    """A worker with nothing in hand leaves after so long; None: it waits as long as it may live
+    [ns]."""
+    since_ns: int | None = None
+    """First request without an answer; None: the conductor answers [ns]."""
+    took_ns: dict[int, int] = field(default_factory=dict)
+    """Token -> how long a case ran whose result waits [ns]."""
+
+    def heard(self) -> None:
+        """The conductor has answered something."""
+        self.since_ns = None
+
+    def ran(self, token: int, took_ns: int) -> None:
+        """A case has ended after ``took_ns``, with a result."""
+        self.took_ns[token] = took_ns
+
+    def settled(self, results: Iterable[Result]) -> None:
+        """The conductor has these results."""
+        for result in results:
+            self.took_ns.pop(result.token, None)
+
+    def is_over(self, now_ns: int) -> str:
+        """Why nobody is waited for any longer, in a line; empty: a request without an answer is
+        repeated.
+
+        Results in hand are waited for as long as it took to make them, on top: afterwards it costs
+        less to run their cases again, on this processor or another.
+        """
+        if self.since_ns is None:
+            self.since_ns = now_ns
+        silent_ns = now_ns - self.since_ns
+        if self.limit_ns is None or silent_ns < self.limit_ns + max(
+            self.took_ns.values(), default=0
+        ):
+            return ""
+        left = len(self.took_ns)
+        lost = f"; {counted(left, 'result')} not delivered" if left else ""
+        return f"no conductor has answered for {silent_ns / 1e9:.0f} s{lost}"
+
+
+def over_memory(used: dict[str, int], limit_bytes: int | None) -> str:
+    """What the processes of a rig use [bytes], in a line; empty: no more than they may."""
+    total = sum(used.values())
+    if limit_bytes is None or total <= limit_bytes:
+        return ""
+    parts = ", ".join(f"{name} {size / 1e9:.2f}" for name, size in used.items())
+    return (
+        f"the rig uses {total / 1e9:.2f} GB of memory ({parts}), allowed are {limit_bytes / 1e9:g}"
+    )

@@ -50,6 +50,8 @@ class WorkerOptions:
     started_again: bool = False
     """Who started it does so again unless it ends with 0: it then ends with 75 while cases are
     left."""
+    away_s: float | None = None
+    """Without an answer for so long, and with nothing in hand, it leaves; None: it waits [s]."""
     walltime_s: float | None = None
     """The allocation ends so long after the start [s]; None: no end is known."""
     memory_gb: float | None = None

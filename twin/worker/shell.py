@@ -12,6 +12,7 @@ import subprocess
 import sys
 import threading
 import time
+import traceback
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -34,7 +35,10 @@ from schemas.wire.site_name import host_at
 from twin.base.errors import (
     EXIT_PASS,
     EXIT_UNFINISHED,
+    InfrastructureError,
     TwinError,
+    UnfinishedError,
+    UnreachableError,
     UsageError,
     storage_error,
 )
@@ -78,6 +82,7 @@ from twin.worker.effects import (
     StartRig,
     StopRig,
 )
+from twin.worker.held import Silence
 from twin.worker.options import WorkerOptions, fitting, lacking_recorder
 from twin.worker.protection import lacking_sandbox
 from twin.worker.resources_log import ResourceLog, work_of
@@ -110,6 +115,18 @@ class _Answered:
 @dataclass(frozen=True, slots=True)
 class _Undeliverable:
     error: str
+
+
+@dataclass(frozen=True, slots=True)
+class _Mistaken:
+    """The thread that speaks with the conductor has ended by a mistake of the program."""
+
+    error: str
+
+
+@dataclass(frozen=True, slots=True)
+class _Heard:
+    """The conductor has answered a heartbeat while a request waits for something else."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,7 +186,7 @@ class Worker:
         """Why the store does not take results just now; empty: it does."""
         self._compiling: subprocess.Popen[bytes] | None = None
         self._asked_s = 0.0
-        self._error = ""
+        self._error = self._silent = self._mistake = ""
         self._left = False
         self._memory_at_ns = 0
         host = host_at(socket.gethostname(), options.site)
@@ -203,6 +220,7 @@ class Worker:
             walltime_end_ns=_walltime_end_ns(options.walltime_s),
             memory_max_bytes=memory_bytes,
             fitting=partial(fitting, options.device, options.slots) if options.fit else None,
+            silence=Silence(None if options.away_s is None else int(options.away_s * SECOND_NS)),
         )
 
     def serve(self) -> int:
@@ -213,8 +231,17 @@ class Worker:
                 self._turn()
         finally:
             self._shutdown()
+        if self._mistake:
+            raise InfrastructureError(
+                f"requests to the conductor ended by a mistake of this program: {self._mistake}; "
+                "its cases run elsewhere, please report what stands above"
+            )
         if self._error:
             raise UsageError(f"conductor refuses this worker: {self._error}")
+        if self._silent and self._options.started_again:
+            raise UnfinishedError(f"{self._silent}; whoever started this may start it again")
+        if self._silent:
+            raise UnreachableError(f"{self._silent}; check that the conductor runs")
         unfinished = self._options.started_again and self._core.cases_left
         return EXIT_UNFINISHED if unfinished else EXIT_PASS
 
@@ -273,6 +300,10 @@ class Worker:
                     self._recordings.join(self._storing.store)
             except (TwinError, OSError) as error:
                 self._inbox.put(_Undeliverable(str(error)))
+                return
+            except Exception as error:  # a mistake of ours, or a library's: nobody asks any more
+                traceback.print_exc()
+                self._inbox.put(_Mistaken(repr(error)))
                 return
             self._inbox.put(_Answered(request, reply))
 
@@ -334,8 +365,8 @@ class Worker:
         return structs.replace(request, sealed=self._storing.with_files(request.sealed))
 
     def _beat_if_due(self, beat: Beat) -> None:
-        if time.monotonic() - self._asked_s > BEAT_S:
-            self._ask(beat)
+        if time.monotonic() - self._asked_s > BEAT_S and self._ask(beat) is not None:
+            self._inbox.put(_Heard())
 
     def _ask(self, request: Request) -> Reply | None:
         reply = self._request(request)
@@ -388,6 +419,12 @@ class Worker:
                 return core.on_reply(request, reply, now)
             case _Undeliverable(error):
                 return [Leave(error)]
+            case _Mistaken(error):
+                self._mistake, self._left = error, True
+                return []
+            case _Heard():
+                core.silence.heard()
+                return []
             case _PortFree():
                 return core.on_port_free(now)
             case _Signalled(name):
@@ -540,8 +577,8 @@ class Worker:
                         _log(f"{storage_error(error, 'spool')}; results wait in memory")
                 case SpoolForget(token):
                     self._spool.forget(token)
-                case Leave(error):
-                    self._error = error
+                case Leave(error, silent):
+                    self._error, self._silent = error, silent
                     self._left = True
 
 

@@ -237,11 +237,16 @@ class Tunnel:
                 self._end()
                 raise self._shut()
             for _ in range(NOISE_LINES_MAX):
-                line = child.stdout.readline()
+                try:
+                    line = child.stdout.readline()
+                except ValueError:  # it was closed meanwhile, by whoever closed the tunnel
+                    raise self._shut() from None
                 if READY.encode() in line:
                     break
                 if not line:
                     child.wait()
+                    if self._closed:
+                        raise self._shut()
                     log.seek(0)
                     raise self._failed(log.read().decode("utf-8", "replace"))
         self._to, self._stood = conductor.endpoint, True

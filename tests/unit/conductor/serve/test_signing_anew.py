@@ -6,6 +6,7 @@ import errno
 import threading
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from conductor_bench import V, hello, next_of, result, secret, submit
@@ -203,6 +204,42 @@ def test_a_late_result_is_signed_along(served: Conductor, tmp_path: Path) -> Non
 
     wait_for(both, "the signature with the late result")
     assert require_fit(folder).manifest is not None
+
+
+@pytest.mark.usefixtures("signing")
+def test_a_mistake_while_one_is_signed_leaves_the_others(
+    served: Conductor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: Any
+) -> None:
+    """Neither an error that nobody foresaw, nor one of looking what is due, ends the thread."""
+    to_sign, looked = served.to_sign, []
+
+    def look(*, last: bool = False) -> dict[Path, int]:
+        looked.append(last)
+        if len(looked) <= 3:
+            raise RuntimeError("nobody foresaw this")
+        return to_sign(last=last)
+
+    def sign(path: Path, *arguments: Any) -> object:
+        if path.name == "first":
+            raise ValueError("nor this")
+        return sign_run(path, *arguments)
+
+    monkeypatch.setattr(served, "to_sign", look)
+    monkeypatch.setattr(command, "sign_run", sign)
+    reply = served.request(submit("first", cases=1, out=str(tmp_path / "first"), simulator="noop"))
+    assert not reply.error
+    assert not served.request(
+        submit("second", cases=1, out=str(tmp_path / "second"), simulator="noop")
+    ).error
+    served.request(hello("w1", software=software_digest()))
+    leases = served.request(next_of(worker="w1", seq=1, k=9)).leases
+    done = [result(lease, kpi="0") for lease in leases]
+    assert not served.request(next_of(worker="w1", seq=2, k=0, results=done)).error
+    wait_for((tmp_path / "second" / RUN_FILE).exists, "the signature of the other")
+    line = f"{tmp_path / 'first'} is not signed: ValueError('nor this')"
+    wait_for(lambda: line in caplog.messages, "the mistake")
+    assert caplog.messages.count("nothing is signed now: RuntimeError('nobody foresaw this')") == 1
+    assert not (tmp_path / "first" / RUN_FILE).exists()
 
 
 def test_it_is_not_signed_before_recordings_have_had_their_time(

@@ -80,6 +80,18 @@ REQUESTS = {
         allocation="pool-4",
         **PLACE,
     ),
+    "joining_with_a_store": JobRequest(
+        campaign="aeb-demo",
+        out="/home/me/runs/aeb-demo/sites/pool-5",
+        workers=1,
+        directives=(IMAGE, "--store-secret=bucket", "--store-network=10.9.0.0/16"),
+        join="/home/me/runs/aeb-demo/sites/pool-5/worker.key",
+        connect="tls/10.1.2.3:7447",
+        store="s3://results/night/aeb-demo-0a1b2c3d",
+        site="pool",
+        allocation="pool-5",
+        **PLACE,
+    ),
 }
 CAMPAIGN = {"gpus_with_everything": "campaign: night\nmatrix: {repeat: [0, 1]}\n"}
 
@@ -136,7 +148,7 @@ def test_schemas_notice_a_field_that_is_none():
 
 def test_policy():
     specs = pod_specs()
-    assert len(specs) == 7
+    assert len(specs) == 8
     assert {name: violations(spec) for name, spec in specs.items() if violations(spec)} == {}
 
 

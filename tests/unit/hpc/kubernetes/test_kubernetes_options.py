@@ -102,7 +102,12 @@ def test_a_bad_directive(directive, said):
         ({"address": "10.1.2.3"}, "--address: pods meet at a Service"),
         ({"nodes": 2}, "--nodes: the cluster places pods"),
         ({"remote_stacks": True}, "autonomy.placement: node"),
-        ({"records": True}, "workers here share no disk with the conductor"),
+        (
+            {"records": True},
+            "recordings (view: record): workers here share no disk with the conduct",
+        ),
+        ({"records": True}, "give --directive=--store=URL, or take them out of the campaign"),
+        ({"records": True, "drive_records": True}, "recording.drive: workers here share no disk"),
         ({"own_files": ("nets/mine.onnx",)}, "names nets/mine.onnx, which pods do not see"),
         ({"own_paths": ("/home/me/stack",)}, "/home/me/stack: a path of this machine"),
         ({"history": "/home/me/runs/old"}, "--history: pods see no run of this machine"),
@@ -175,3 +180,30 @@ def test_labels_have_a_limit():
 )
 def test_images(image):
     assert options_of(replace(REQUEST, directives=(f"--image={image}",))).image == image
+
+
+@pytest.mark.parametrize(
+    ("directives", "store", "said"),
+    [
+        ((), "s3://bucket/runs", "also give --store-secret=NAME"),
+        (("--store-secret=bucket",), "", "belongs to --store=URL"),
+        (("--store-secret=bucket",), "sftp://host/runs", "pods reach no other store than"),
+        (
+            ("--store-secret=bucket", "--durable=store"),
+            "s3://bucket/runs",
+            "--durable: the conduct",
+        ),
+    ],
+)
+def test_workers_of_a_conductor_elsewhere_that_has_a_store(directives, store, said):
+    joining = {"join": "/o/worker.key", "connect": "tls/a:1", "store": store}
+    with pytest.raises(UsageError) as caught:
+        options_of(given(*directives, **joining))
+    assert said in str(caught.value)
+    assert len(str(caught.value).splitlines()) == 1
+
+
+def test_their_store_is_that_of_the_conductor():
+    joining = {"join": "/o/worker.key", "connect": "tls/a:1", "store": "s3://bucket/runs/x"}
+    found = options_of(given("--store-secret=bucket", **joining))
+    assert (found.store, found.store_secret) == ("s3://bucket/runs/x", "bucket")

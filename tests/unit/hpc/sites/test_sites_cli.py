@@ -2,12 +2,13 @@
 
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from waiting import PATIENCE_S
 
 from hpc.campaigns import CampaignFacts
-from hpc.sites.requests import check_campaign
+from hpc.sites.requests import check_campaign, store_of
 from twin.base.errors import UsageError
 
 SITES = """\
@@ -73,7 +74,8 @@ def test_one_line(tmp_path, words, code, said):
     ("change", "said"),
     [
         ({"remote_stacks": True}, "autonomy.placement: node"),
-        ({"records": True}, "recordings"),
+        ({"records": True}, r"recordings \(view: record\).* name a store in the sites file"),
+        ({"records": True, "drive_records": True}, "recording.drive: .* no store has such"),
         ({"files": ("a.onnx", "b.yaml")}, "names a.onnx, b.yaml, which other sites do not see"),
     ],
 )
@@ -82,3 +84,19 @@ def test_campaigns_that_need_a_shared_disk(change, said):
     check_campaign(CampaignFacts(**facts))
     with pytest.raises(UsageError, match=said):
         check_campaign(CampaignFacts(**{**facts, **change}))
+
+
+def test_recordings_go_where_a_store_takes_them():
+    facts = {"name": "mine", "cases": ("a",), "deadline_s": 60.0, "remote_stacks": False}
+    check_campaign(CampaignFacts(**facts, records=True), "s3://bucket/night")
+    with pytest.raises(UsageError, match="no store has such"):
+        check_campaign(CampaignFacts(**facts, records=True, drive_records=True), "s3://bucket/x")
+
+
+def test_each_run_has_a_store_of_its_own():
+    """A store has one run; the same folder is the same run."""
+    one, two = (store_of("s3://bucket/night/", Path(f"/r/{name}/aeb")) for name in "ab")
+    assert one.startswith("s3://bucket/night/aeb-")
+    assert one != two
+    assert store_of("s3://bucket/night", Path("/r/a/aeb")) == one
+    assert store_of("", Path("/r/a/aeb")) == ""

@@ -77,6 +77,27 @@ def test_mistakes(tmp_path, entry, said):
         load(tmp_path, f"sites: {{north: {entry}}}")
 
 
+@pytest.mark.parametrize(
+    ("store", "said"),
+    [
+        ("/shared/results", "expected a URL that every site reaches, e.g. s3://BUCKET/PREFIX"),
+        ("file:///shared/results", "expected a URL that every site reaches"),
+        ("s3://key:hidden@bucket/night", "credentials in a URL"),
+        ("ftp://host/night", "no store of this scheme"),
+        ("s3://", "names no bucket"),
+        ("s3://b/\\e[2J", "expected a URL"),
+    ],
+)
+def test_a_store_that_sites_do_not_reach(tmp_path, store, said):
+    with pytest.raises(UsageError) as caught:
+        load(tmp_path, f'store: "{store}"\n{GOOD}')
+    (line,) = str(caught.value).splitlines()
+    assert line.startswith(f"{tmp_path}/sites.yaml: store ")
+    assert said in line
+    assert "hidden" not in line
+    assert line.isprintable()
+
+
 @pytest.mark.parametrize("name", ["a b", "a/b", "-a", "a" * 33, "a.b", "a;b"])
 def test_names(tmp_path, name):
     with pytest.raises(UsageError, match="1 to 32 letters"):

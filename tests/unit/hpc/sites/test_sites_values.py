@@ -53,6 +53,7 @@ PODS = {
 """The same, where the site is a Kubernetes."""
 FILE = {
     "listen": ("listen: tcp/0.0.0.0:1\nsites: {}\n", "listen: given 'tcp/0.0.0.0:1'"),
+    "store": ("store: /shared\nsites: {}\n", "store /shared: expected a URL that every site"),
     "sites": ("sites: []\n", "sites: given"),
 }
 

@@ -280,13 +280,50 @@ def test_a_worker_that_leaves_gives_up_what_does_not_come(side: Side) -> None:
     assert any(line.startswith("1 recording not in the store: ") for line in side.lines)
 
 
+class Away(FolderStore):
+    """A store that takes nothing just now."""
+
+    def put(self, name: str, data: bytes) -> None:
+        """Not now."""
+        raise StoreError("away")
+
+
+@pytest.mark.parametrize(("more", "kept"), [(0, 2), (-1, 1)])
+def test_only_so_many_bytes_wait(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, more: int, kept: int
+) -> None:
+    """The limit is exact, and the latest stay."""
+    limit = 2 * len(CONTENT) + more
+    monkeypatch.setattr(recordings_module, "WAITING_BYTES_MAX", limit)
+    side = Side(tmp_path, Away(tmp_path / "store"), cases=4)
+    for lease in side.leases:
+        side.record(lease)
+    assert side.commit(side.leases[0]) == []
+    free = side.commit(*side.leases[1:])
+    assert len(free) == 4 - kept
+    assert side.leases[0].token in free
+    line = f"its recording is not in the store: more than {limit} bytes wait for the store"
+    assert sum(line in said for said in side.lines) == 4 - kept
+    side.uploads.finish(0.0)
+    assert any(line.startswith(f"{kept} recording") for line in side.lines)
+
+
+def test_bytes_that_a_recorder_writes_later_count_too(
+    side: Side, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(recordings_module, "WAITING_BYTES_MAX", len(CONTENT))
+    one, two = side.leases
+    assert side.commit(one, two) == [], "nothing is written yet"
+    for lease in (one, two):
+        (side.folder(lease) / RECORDING_FILE).write_bytes(CONTENT)
+    wait_for(freed(side, one), "the end of the older one")
+    side.record(two)
+    wait_for(freed(side, two), "the recording")
+    assert (side.named(one), side.store.get(NAME)) == (None, CONTENT)
+
+
 def test_only_so_many_wait(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(recordings_module, "WAITING_MAX", 2)
-
-    class Away(FolderStore):
-        def put(self, name: str, data: bytes) -> None:
-            raise StoreError("away")
-
     side = Side(tmp_path, Away(tmp_path / "store"), cases=4)
     for lease in side.leases:
         side.record(lease, CONTENT + lease.case.id.encode())

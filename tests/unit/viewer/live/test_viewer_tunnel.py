@@ -1,5 +1,6 @@
 """The tunnel with a stand-in for ssh that forwards for real."""
 
+import io
 import json
 import os
 import signal
@@ -205,6 +206,47 @@ def test_a_tunnel_that_is_closed_while_it_is_dug_leaves_no_ssh(opened, calls, po
     monkeypatch.setattr(native, "free_port", late)
     with pytest.raises(UnreachableError, match="the tunnel to me@login is closed"):
         way.target()
+    assert all(gone(call["pid"]) for call in calls())
+
+
+class ClosedBefore:
+    """Output of a child; the tunnel is closed just before it is read."""
+
+    def __init__(self, output, way):
+        self._output, self._way = output, way
+
+    def readline(self):
+        self._way.close()
+        return self._output.readline()
+
+    def close(self):
+        self._output.close()
+
+
+class ClosedAfter(ClosedBefore):
+    """The same, when the read has begun, and ends with the child."""
+
+    def readline(self):
+        output, self._output = self._output, io.BytesIO()
+        self._way.close()
+        output.close()
+        return b""
+
+
+@pytest.mark.parametrize("kind", [ClosedBefore, ClosedAfter])
+def test_a_tunnel_that_is_closed_while_the_far_end_speaks(opened, calls, port, monkeypatch, kind):
+    way = dig(opened, connect=f"tcp/127.0.0.1:{port}")
+    popen = subprocess.Popen
+
+    def started(*words, **options):
+        child = popen(*words, **options)
+        child.stdout = kind(child.stdout, way)
+        return child
+
+    monkeypatch.setattr(tunnel.subprocess, "Popen", started)
+    with pytest.raises(UnreachableError, match="the tunnel to me@login is closed"):
+        way.target()
+    monkeypatch.undo()
     assert all(gone(call["pid"]) for call in calls())
 
 
