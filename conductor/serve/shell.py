@@ -106,8 +106,8 @@ class Conductor:
         folder: state folder; created if missing.
         listen: endpoint; with port 0 the port of a predecessor that crashed is taken if free.
         namespace: prefix of every key.
-        key: the conductor's key; if there is none and it listens with TLS, the folder's own is
-            taken from the user's own folder, or made with those of the other roles.
+        key: the conductor's; without one a TLS listener takes the folder's from the user's own
+            folder, or makes it with those of the other roles.
         config: limits and options; its ``folder`` is replaced.
         bus_factory: opens the session; tests pass an in-memory one.
         store: result store beside the folder; None: there is none.
@@ -126,13 +126,11 @@ class Conductor:
         store: StoreOptions | None = None,
         history: Path | None = None,
     ) -> None:
-        self.folder = folder.absolute()
-        self.namespace = namespace
+        self.folder, self.namespace = folder.absolute(), namespace
         self.endpoint = ""
         """Endpoint at which it listens, once started."""
-        self.started = threading.Event()
-        self.ended = threading.Event()
-        """Set when a campaign has no case left; who waits for it clears it."""
+        self.started, self.ended = threading.Event(), threading.Event()
+        """``ended``: set when a campaign has no case left; who waits for it clears it."""
         self.key = key
         """The conductor's key, once started; None: plain TCP."""
         self.fabric = ""

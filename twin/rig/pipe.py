@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import queue
 import struct
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import BinaryIO
 
 from msgspec import Struct
@@ -17,6 +18,8 @@ from schemas.wire.control import Lease, Result, Touch
 from schemas.wire.interventions import RecordedAction
 
 _LENGTH = struct.Struct("<I")
+BUILD_BEAT_S, BUILD_MAX_S = 1.0, 900.0
+"""A simulator that builds its engine says so this often, and no longer than this [s]."""
 
 
 class BuildRig(Struct, frozen=True, tag_field="kind", tag="build"):
@@ -91,6 +94,10 @@ class RefusedPeer(Struct, frozen=True, tag_field="kind", tag="refused"):
     line: str
 
 
+class Building(Struct, frozen=True, tag_field="kind", tag="building"):
+    """The engine is being built: kernels that nobody has compiled here yet take minutes."""
+
+
 class Built(Struct, frozen=True, tag_field="kind", tag="built"):
     """Engine built and stack connected."""
 
@@ -149,6 +156,7 @@ Downward = BuildRig | Assign | Abandon | Fail | Close | Drain
 Upward = (
     Listening
     | RefusedPeer
+    | Building
     | Built
     | Progress
     | Intervened
@@ -202,6 +210,25 @@ class Upstream:
         with self._lock:
             while data:  # an unbuffered pipe may take less than all of it
                 data = data[self._stream.write(data) :]
+
+    @contextlib.contextmanager
+    def building(self) -> Iterator[None]:
+        """Say :class:`Building` again and again while the block runs."""
+        built = threading.Event()
+
+        def say() -> None:
+            for _ in range(round(BUILD_MAX_S / BUILD_BEAT_S)):
+                if built.wait(BUILD_BEAT_S):
+                    return
+                self.send(Building())
+
+        beats = threading.Thread(target=say, name="building", daemon=True)
+        beats.start()
+        try:
+            yield
+        finally:
+            built.set()
+            beats.join()
 
 
 class Orders:

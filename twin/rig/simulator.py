@@ -179,7 +179,8 @@ class Simulator:
         buffers = {}
         if frames is not None:
             buffers = {c.name: frames.array(c, offsets[c.name]) for c in channels}
-        self._engine = Engine(case, slots, self._device, buffers, self._log.watch)
+        with self._upward.building():
+            self._engine = Engine(case, slots, self._device, buffers, self._log.watch)
         if case.rig.placement == "inline":
             from twin.rig.inline import InlineStack
 

@@ -167,8 +167,8 @@ class Core:
         self.rig.ready = True
         return [AssignLease(held.lease) for held in self.held.values()]
 
-    def on_fetching(self, now_ns: int) -> list[Effect]:
-        """The files of the stack are being fetched and built: that is no time of any case."""
+    def on_preparing(self, now_ns: int) -> list[Effect]:
+        """Files of the stack are fetched, or kernels are compiled: that is no time of any case."""
         for held in self.held.values():
             held.moved_ns = now_ns
         return []

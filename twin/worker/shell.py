@@ -52,6 +52,7 @@ from twin.fabric.zenoh_bus import open_bus
 from twin.rig.attempt_log import failure, write_failure, write_log
 from twin.rig.pipe import (
     Broken,
+    Building,
     Built,
     CaseDone,
     Faulted,
@@ -405,7 +406,7 @@ class Worker:
             and not rig.ready
             and self._rig.is_fetching(now)
         ):
-            self._carry_out(self._core.on_fetching(now))
+            self._carry_out(self._core.on_preparing(now))
         self._carry_out(self._core.on_time(now, self._stack_words))
         leases = (held.lease for held in self._core.held.values())
         self._resources.work = work_of(
@@ -439,6 +440,8 @@ class Worker:
             case (_, RecorderEnded(detail, endpoint)):
                 _log(f"recorder ended: {detail}; {self._record_on(endpoint)}")
                 return []
+            case (_, Building()):
+                return core.on_preparing(now)
             case (_, Built(transport, notes)):
                 _log("\n".join([f"rig ready, frames by {transport}", *notes]))
                 return core.on_rig_ready()

@@ -54,6 +54,8 @@ class RadarUnit:
         self._weather = np.zeros(slots, np.bool_)
         self._active = np.zeros(slots, np.bool_)
         self._sensors: dict[str, RadarSensor] = {}
+        # Compiled while the rig is built, which is no time of a case.
+        self._sensor(mount.case.variation.sensors.radar.profile)
 
     def reset(self, slot: int, case: Case) -> None:
         """Begin a case."""

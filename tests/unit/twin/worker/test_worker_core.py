@@ -376,9 +376,9 @@ def test_progress_without_movement_does_not_move_the_deadline():
     assert StopRig() in core.on_time(5 * SECOND_NS)
 
 
-def test_fetching_a_stack_is_no_time_of_a_case():
+def test_preparing_a_rig_is_no_time_of_a_case():
     core = working(slots=1, tokens=(1,))
-    core.on_fetching(4 * SECOND_NS)
+    core.on_preparing(4 * SECOND_NS)
     assert StopRig() not in core.on_time(9 * SECOND_NS - 1)
     assert StopRig() in core.on_time(9 * SECOND_NS)
 
