@@ -159,6 +159,16 @@ def test_pictures_show_the_decisive_moment(run):
     assert columns == [pytest.approx(shade, abs=8) for shade in (10, 120, 230)]
 
 
+def test_a_false_braking_opens_at_the_trigger_and_not_where_it_stands(tmp_path):
+    said = {"verdict": "false_braking", "outcome": "verdict"}
+    run = a_run(tmp_path / "demo", **{CASES[1].replace("-", "__"): said})
+    for case in CASES[:2]:
+        kpi(run / "cases" / case / "attempt-1", dtc_m=(9.0, 8.0, 7.0))
+    site = site_of(run)
+    found = [read(site, f"runs/demo/cases/{case}/case.json")["moment"] for case in CASES[:2]]
+    assert found == [{"t": 0.1, "what": "closest"}, {"t": 0.05, "what": "trigger"}]
+
+
 def test_a_damaged_recording_is_a_case_without_pictures(run):
     (run / "cases" / CASES[0] / "attempt-1" / "recording.rrd").write_bytes(b"RRF2" + bytes(50))
     site = site_of(run)
