@@ -8,6 +8,7 @@ from typing import NamedTuple
 import msgspec
 from msgspec import UNSET
 
+from conductor.core.facts import Committed
 from conductor.core.searching.record import unpacked
 from conductor.core.state import CampaignState
 from schemas.files.json_text import JsonError, decode_json
@@ -24,6 +25,7 @@ from schemas.files.search_result import (
 )
 from schemas.kinds.sampler import sampler_kinds
 from schemas.sections.search import Search, Value, name_of, rows_of
+from schemas.verdict import IMPACT
 from twin.base.errors import InfrastructureError, UsageError
 
 SEARCH_BYTES_MAX = 256 << 20
@@ -105,7 +107,14 @@ def _clusters(search: Search, campaign: CampaignState) -> list[SearchCluster]:
     assert record is not None
     if search.objective.goal is not UNSET:
         return []
-    return clusters(search, Closed(record.u[: len(record.results)], record.results))
+
+    def impact_mps(name: str) -> float:
+        end = campaign.cases[name].end
+        speed = end.result.scalars.get(IMPACT) if isinstance(end, Committed) else None
+        return float(speed or 0.0)
+
+    closed = Closed(record.u[: len(record.results)], record.results)
+    return clusters(search, closed, impact_mps)
 
 
 class _Further(NamedTuple):

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import functools
 import importlib.metadata
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -162,11 +162,23 @@ def _estimate(
     return replace(mean_of(search.chains, list(latest.values())), settled=one.settled), known
 
 
-def clusters(search: Search, closed: Closed) -> list[SearchCluster]:
+def _no_impact(_: str) -> float:
+    return 0.0
+
+
+def clusters(
+    search: Search, closed: Closed, impact_mps: Callable[[str], float] = _no_impact
+) -> list[SearchCluster]:
     """The failures by cluster, the largest cluster first.
 
     From the mildest failure to the worst, each joins the cluster whose mildest failure is nearest,
-    if it is near enough, or begins one.
+    if it is near enough, or begins one. Of failures with equal KPIs, as all collisions have by
+    their distance, the slower impact is milder; of equal ones the case that was proposed first.
+
+    Args:
+        search: the section.
+        closed: its closed generations.
+        impact_mps: impact speed of a case by its name [m/s]; 0: it had no impact.
     """
     history = closed_history(search, closed)
     if not history.g:
@@ -174,7 +186,8 @@ def clusters(search: Search, closed: Closed) -> list[SearchCluster]:
     names = case_names(history)
     g, u = np.concatenate(history.g), np.concatenate(history.u)
     kpis = [value for results in closed.results for value in results]
-    failed = [int(i) for i in np.argsort(-g, kind="stable") if g[i] < 0 and kpis[i] is not None]
+    failed = [i for i in range(len(g)) if g[i] < 0 and kpis[i] is not None]
+    failed.sort(key=lambda i: (-g[i], impact_mps(names[i])))
     reach = REACH * float(np.sqrt(u.shape[1]))
     groups: list[list[int]] = []
     for index in failed:

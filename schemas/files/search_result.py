@@ -58,7 +58,7 @@ class SearchCluster(Struct, frozen=True, kw_only=True):
     """Failures that lie beside each other."""
 
     mildest: str
-    """The case whose KPI is nearest to the limit."""
+    """The case whose KPI is nearest to the limit; of equal ones the slowest impact."""
     kpi: float
     """Its KPI."""
     values: list[Value]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import os
 import re
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -227,6 +228,47 @@ def test_what_a_search_a_rulebook_and_a_comparison_found_leads_to_cases(pages, s
     expect(changed.get_by_role("link", name="yolov2-w25-1300-clear")).to_have_attribute(
         "href", f"#/run/{RUN}/case/yolov2-w25-1300-clear/beside/later/yolov2-w25-1300-clear"
     )
+
+
+def test_cases_of_a_search_that_fail_are_crosses_in_another_colour(pages, site, tmp_path):
+    """Numbered from 0, as their names and the report do; of equal values the fastest is worst."""
+    copy = tmp_path / "site"
+    shutil.copytree(site, copy)
+    slow, fast = sorted(COLLISIONS[:2], key=lambda case: case.impact_mps or 0)
+    found = read(copy / "data", f"runs/{RUN}/search.json")
+    generation = found["generations"][0]
+    generation["cases"][1:3] = [slow.name, fast.name]
+    generation["results"][1:3] = [0.0, 0.0]
+    write(copy / "data", f"runs/{RUN}/search.json", found)
+    page = pages.open(address(copy, VIEWS["search"]))
+    ready(page, "search")
+    worst = page.get_by_role("region", name="The worst cases").get_by_role("link")
+    expect(worst.first).to_have_text(fast.name)
+    expect(worst.nth(1)).to_have_text(slow.name)
+    trace = page.locator(".plot > div").first.evaluate("""plot => {
+        const { x, marker } = plot.data[0];
+        return { x, symbol: marker.symbol, colors: new Set(marker.color).size };
+    }""")
+    assert trace["x"] == list(range(16))
+    assert [at for at, symbol in enumerate(trace["symbol"]) if symbol == "x"] == [1, 2]
+    assert trace["colors"] == 2
+
+
+def test_the_wall_of_a_run_that_was_not_recorded_says_so(pages, site, axe, tmp_path):
+    says = "No pictures: this run was not recorded. Run it with --view record."
+    page = pages.open(address(site, VIEWS["heat"]))
+    ready(page, "heat")
+    expect(page.locator(".frame")).to_have_attribute("data-loading", "0")
+    expect(page.get_by_text(says)).to_have_count(0)
+    copy = tmp_path / "site"
+    shutil.copytree(site, copy)
+    atlas = read(copy / "data", f"runs/{RUN}/pictures/atlas.json")
+    nothing = {**atlas, "has": [False] * COUNT}
+    write(copy / "data", f"runs/{RUN}/pictures/atlas.json", nothing)
+    page = pages.open(address(copy, f"#/run/{RUN}/wall?zoom=70"))
+    ready(page, "wall")
+    expect(page.get_by_text(says)).to_be_visible()
+    assert findings(page, axe) == []
 
 
 def test_a_report_is_shown_in_a_frame_that_reaches_nothing(browser, site):

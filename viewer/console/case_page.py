@@ -182,6 +182,7 @@ def _attempts(attempt: RecordedAttempt, ending: CaseEnding) -> dict[str, Any]:
         "folders": attempt.attempts,
         "charges": [escape(charge) for charge in ending.charges],
         "steered": [escape(touch) for touch in ending.steered],
+        "doubles": attempt.run.doubles(attempt.case) if ending.attempts > 1 else [],
         "worker": ending.worker or None,
         "device_class": ending.device_class or None,
         "wall_s": _finite(ending.wall_s) if ending.attempt else None,

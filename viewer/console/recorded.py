@@ -31,6 +31,8 @@ class RecordedAttempt:
     case: str
     committed: str = ""
     """Name of the committed attempt's folder; empty: none yet."""
+    verdict: str = ""
+    """Its verdict, which has a say in what is decisive; empty: none."""
 
     @cached_property
     def found(self) -> FoundRecording | None:
@@ -76,7 +78,7 @@ class RecordedAttempt:
     def moment(self) -> DecisiveMoment | None:
         """Decisive moment of the case; None: it left neither rows nor a recording."""
         if (columns := self._deciding()) is not None:
-            return decisive(*(columns[name] for name in COLUMNS))
+            return decisive(*(columns[name] for name in COLUMNS), self.verdict)
         if self.recording is None or not self.recording.frames:
             return None
         frames = self.recording.frames
@@ -87,6 +89,7 @@ class RecordedAttempt:
             [frame.dtc_m for frame in frames],
             nothing,
             [frame.aeb for frame in frames],
+            self.verdict,
         )
 
     @cached_property

@@ -156,7 +156,7 @@ class RemoteAttempt(RecordedAttempt):
         if not (rows := self.rows):
             return None
         nothing = [None] * len(rows["sim_time_ns"])
-        return decisive(*(rows.get(name, nothing) for name in COLUMNS))
+        return decisive(*(rows.get(name, nothing) for name in COLUMNS), self.verdict)
 
     def log(self) -> tuple[str, bool] | None:
         """The end of its log, and whether something stands before it; None: it left none."""

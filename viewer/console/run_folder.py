@@ -5,7 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar, cast
@@ -13,6 +13,7 @@ from typing import Any, TypeVar, cast
 import msgspec
 from msgspec import Struct
 
+from schemas.escape import escape
 from schemas.files.json_text import JsonError, decode_json
 from schemas.files.regular_file import RUN_FILE_BYTES_MAX, open_below
 from schemas.points import Point
@@ -82,6 +83,9 @@ class RunTimes:
 class _Event(Struct):
     at_s: float
     worker: str = ""
+    event: str = ""
+    case: str = ""
+    token: int = 0
 
 
 class RunFolder:
@@ -141,6 +145,10 @@ class RunFolder:
             if self._times is None or self._times[0] != version:
                 self._times = version, self._read_times()
             return self._times[1]
+
+    def doubles(self, case: str) -> list[str]:
+        """Which workers began a case while another one had it, as the log of leases says."""
+        return self.once("doubles", TIMELINE_FILE, self._read_doubles).get(case, [])
 
     def once(self, name: str, file: str, make: Callable[[], T]) -> T:
         """What is made of a file, kept as ``name`` until the file changes; while there is no such
@@ -204,22 +212,43 @@ class RunFolder:
         return CampaignEnding(campaign=self.id, cases={name: CaseEnding() for name in names})
 
     def _read_times(self) -> RunTimes:
-        try:
-            data = self.read(TIMELINE_FILE, TIMELINE_BYTES_MAX)
-        except OSError:
-            return RunTimes()
         first, last, workers = None, None, set()
-        decoder = msgspec.json.Decoder(_Event)
-        for line in data.splitlines():
-            try:
-                event = decoder.decode(line)
-            except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
-                continue  # torn by a kill, or damaged
+        for event in self._timeline():
             first = event.at_s if first is None else first
             last = event.at_s
             if event.worker:
                 workers.add(event.worker)
         return RunTimes(first, last, len(workers) or None)
+
+    def _read_doubles(self) -> dict[str, list[str]]:
+        held: dict[str, dict[int, str]] = {}
+        doubles: dict[str, list[str]] = {}
+        for event in self._timeline():
+            leases = held.setdefault(event.case, {})
+            if event.event == "leased":
+                if leases:
+                    had = " and ".join(leases.values())
+                    words = f"{event.worker} was idle and began it as well, while {had} had it"
+                    doubles.setdefault(event.case, []).append(escape(words))
+                leases[event.token] = event.worker
+            elif event.event in ("committed", "case_ended"):
+                leases.clear()
+            else:
+                leases.pop(event.token, None)
+        return doubles
+
+    def _timeline(self) -> Iterator[_Event]:
+        """Events of the log of leases; none: it is not there, or too long."""
+        try:
+            data = self.read(TIMELINE_FILE, TIMELINE_BYTES_MAX)
+        except OSError:
+            return
+        decoder = msgspec.json.Decoder(_Event)
+        for line in data.splitlines():
+            try:
+                yield decoder.decode(line)
+            except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
+                continue  # torn by a kill, or damaged
 
 
 def find_runs(folder: Path) -> list[RunFolder]:

@@ -207,12 +207,13 @@ class ShownRun:
         """What a case left, kept for as long as it is looked at; raises UsageError: no such
         case."""
         self.index(case)
-        committed = Path(self.ending(case).attempt_dir).name
+        ending = self.ending(case)
+        committed = Path(ending.attempt_dir).name
         with self._lock:
             key = (case, committed)
             # Of one that runs the files grow, so nothing is kept.
             if key not in self._attempts or not committed:
-                self._attempts[key] = self._left_by(case, committed)
+                self._attempts[key] = self._left_by(case, committed, ending.status)
             self._attempts.move_to_end(key)
             while len(self._attempts) > ATTEMPTS_MAX:
                 self._attempts.popitem(last=False)
@@ -223,10 +224,10 @@ class ShownRun:
         with self._lock:
             self._attempts.clear()
 
-    def _left_by(self, case: str, committed: str) -> RecordedAttempt:
+    def _left_by(self, case: str, committed: str, status: str) -> RecordedAttempt:
         if self.files is None:
-            return RecordedAttempt(self.run, case, committed)
-        return RemoteAttempt(self.run, case, committed, self.files, self.campaign)
+            return RecordedAttempt(self.run, case, committed, status)
+        return RemoteAttempt(self.run, case, committed, status, self.files, self.campaign)
 
     def recorded(self) -> list[bool]:
         """Whether there is a picture of each case."""
@@ -254,16 +255,15 @@ class ShownRun:
         if not ending.outcome and latest is not None:
             return latest.jpeg
         committed = Path(ending.attempt_dir).name
-        attempt = RecordedAttempt(self.run, case, committed)
+        attempt = RecordedAttempt(self.run, case, committed, ending.status)
         if attempt.found is None:
             if latest is not None:
                 return latest.jpeg
             raise UsageError(f"{case}: not recorded; run the campaign with --view record")
         path = attempt.found.path
         status = path.stat()
-        key = (
-            f"moment {MOMENT_SIZE} {case} {path.parent.name} {status.st_mtime_ns} {status.st_size}"
-        )
+        written = f"{status.st_mtime_ns} {status.st_size} {ending.status}"
+        key = f"moment {MOMENT_SIZE} {case} {path.parent.name} {written}"
 
         def make() -> bytes:
             moment = attempt.moment

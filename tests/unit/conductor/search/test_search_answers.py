@@ -144,6 +144,21 @@ def test_failures_on_two_sides_are_two_clusters() -> None:
     assert found[0].kpi == -0.1
 
 
+def test_of_equal_failures_the_slowest_impact_is_the_mildest() -> None:
+    search = msgspec.convert(section(), Search)
+    u = [[[3.0, 0.0], [3.2, 0.1], [3.1, -0.2]], [[3.0, 0.3], [-3.0, 0.0], [-3.1, 0.0]]]
+    speeds = {"g0000-0000": 9.0, "g0000-0002": 0.5, "g0001-0000": 4.0, "g0001-0001": 7.0}
+    closed = Closed(u, [[-1.0, -0.5, -1.0], [-1.0, -1.0, -1.0]])
+    found = clusters(search, closed, lambda name: speeds.get(name, 2.0))
+    assert [cluster.cases for cluster in found] == [
+        ["g0000-0001", "g0000-0002", "g0001-0000", "g0000-0000"],
+        ["g0001-0002", "g0001-0001"],
+    ]
+    alike = clusters(search, closed, lambda _: 3.0)
+    assert alike == clusters(search, closed), "the first proposed of equal ones"
+    assert alike[1].mildest == "g0001-0001"
+
+
 def test_a_step_depends_on_its_arguments_alone() -> None:
     search = msgspec.convert(section("cma_es", objective={"kpi": KPI, "goal": "least"}), Search)
     begun = first(search, "c", 4)

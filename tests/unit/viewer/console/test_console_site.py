@@ -159,6 +159,38 @@ def test_pictures_show_the_decisive_moment(run):
     assert columns == [pytest.approx(shade, abs=8) for shade in (10, 120, 230)]
 
 
+def test_a_false_braking_opens_at_the_trigger_and_not_where_it_stands(tmp_path):
+    said = {"verdict": "false_braking", "outcome": "verdict"}
+    run = a_run(tmp_path / "demo", **{CASES[1].replace("-", "__"): said})
+    for case in CASES[:2]:
+        kpi(run / "cases" / case / "attempt-1", dtc_m=(9.0, 8.0, 7.0))
+    site = site_of(run)
+    found = [read(site, f"runs/demo/cases/{case}/case.json")["moment"] for case in CASES[:2]]
+    assert found == [{"t": 0.1, "what": "closest"}, {"t": 0.05, "what": "trigger"}]
+
+
+def test_a_second_attempt_of_an_idle_worker_is_said(tmp_path):
+    names = {case.replace("-", "__"): {"attempts": 2} for case in CASES[:3]}
+    run = a_run(tmp_path / "demo", **names)
+    events = [
+        ("leased", CASES[0], 1, "w1"),
+        ("leased", CASES[1], 2, "w2<"),
+        ("leased", CASES[1], 3, "w1"),
+        ("committed", CASES[1], 3, "w1"),
+        ("late", CASES[1], 2, "w2<"),
+        ("lost", CASES[0], 1, ""),
+        ("leased", CASES[0], 4, "w2"),  # the first one was lost before: its charge says so
+    ]
+    keys = ("event", "case", "token", "worker")
+    lines = [json.dumps({"at_s": 1.0, **dict(zip(keys, event, strict=True))}) for event in events]
+    (run / "timeline.jsonl").write_text("\n".join([*lines[:3], '{"torn', "[]", *lines[3:]]))
+    site = site_of(run)
+    found = [read(site, f"runs/demo/cases/{case}/case.json")["attempts"] for case in CASES[:3]]
+    said = ["w1 was idle and began it as well, while w2< had it"]
+    assert [attempts["doubles"] for attempts in found] == [[], said, []]
+    assert [attempts["count"] for attempts in found] == [2, 2, 2]
+
+
 def test_a_damaged_recording_is_a_case_without_pictures(run):
     (run / "cases" / CASES[0] / "attempt-1" / "recording.rrd").write_bytes(b"RRF2" + bytes(50))
     site = site_of(run)

@@ -364,7 +364,7 @@ function Neighbour({ run, info, to, sign, axis }: { run: string; info: CaseInfo;
 }
 
 function Attempts({ info }: { info: CaseInfo }): JSX.Element | null {
-  const { count: number, charges, steered, worker, device_class: device, wall_s: wall } = info.attempts;
+  const { count: number, charges, steered, doubles = [], worker, device_class: device, wall_s: wall } = info.attempts;
   if (!number) return null;
   return (
     <Figure title="Attempts">
@@ -374,9 +374,9 @@ function Attempts({ info }: { info: CaseInfo }): JSX.Element | null {
         {device && ` (${device})`}
         {wall !== null && ` for ${text(wall)} s`}.
       </p>
-      {charges.length + steered.length > 0 && (
+      {charges.length + steered.length + doubles.length > 0 && (
         <ul class="plain">
-          {[...charges, ...steered].map((words, place) => (
+          {[...charges, ...steered, ...doubles].map((words, place) => (
             <li key={place}>{words}</li>
           ))}
         </ul>

@@ -114,6 +114,8 @@ export interface CaseInfo {
     committed: number | null;
     charges: string[];
     steered: string[];
+    /** Workers that began it while another one had it. */
+    doubles?: string[];
     worker: string | null;
     device_class: string | null;
     wall_s: number | null;

@@ -7,6 +7,7 @@ import { Figure, Icon, Waiting, wordsOf } from "./parts";
 import { Plot } from "./plots";
 import { toBeside, toCase, toRun } from "./route";
 import { axisTitle } from "./table";
+import { useTable } from "./tables";
 import { color, colors } from "./theme";
 import { called, capital, count, number, plain, text } from "./words";
 
@@ -251,11 +252,16 @@ function Results({ run, data, kpi, names }: { run: string; data: Search; kpi: st
   const theme = useSignal(colors, "change");
   const limit = data.fails_below ?? data.fails_above;
   const sign = data.fails_above !== null ? -1 : 1;
-  const worst = closed.filter((one) => one.kpi !== null).sort((a, b) => sign * (a.kpi! - b.kpi!)).slice(0, 20);
+  const { table } = useTable(run);
+  const impact = (name: string): number => Number(table?.value("impact_speed_mps", table.index(name)) ?? 0);
+  // Every collision has the same distance: of equal values the fastest impact is the worst.
+  const worst = closed.filter((one) => one.kpi !== null).sort((a, b) => sign * (a.kpi! - b.kpi!) || impact(b.name) - impact(a.name)).slice(0, 20);
   const { order, over } = useMemo(() => {
+    const fails = closed.map((one) => one.kpi !== null && limit !== null && sign * (one.kpi - limit) < 0);
+    const marker = { size: 7, color: fails.map((failed) => color(failed ? "alarm" : "plot")), symbol: fails.map((failed) => (failed ? "x" : "circle")) };
     const scatter = (x: Value[], title: string): { data: unknown[]; layout: Record<string, unknown> } => ({
       data: [{
-        x, y: closed.map((one) => one.kpi), text: closed.map((one) => one.name), mode: "markers", marker: { size: 7, color: color("plot") },
+        x, y: closed.map((one) => one.kpi), text: closed.map((one) => one.name), mode: "markers", marker, cliponaxis: false,
         hovertemplate: "%{text}: %{y:.4g}<extra></extra>",
       }],
       layout: {
@@ -266,14 +272,14 @@ function Results({ run, data, kpi, names }: { run: string; data: Search; kpi: st
       },
     });
     return {
-      order: scatter(closed.map((_, at) => at + 1), "case, in the order in which they were proposed"),
+      order: scatter(closed.map((_, at) => at), "case, in the order in which they were proposed"),
       over: names.slice(0, PARAMETERS_MAX).map((name, at) => scatter(closed.map((one) => one.values[at] ?? null), name)),
     };
   }, [closed, kpi, names.join(), theme]);
   return (
     <>
       <Figure title="Cases as they were proposed">
-        {limit !== null && <p class="dim">A case {data.fails_above !== null ? "above" : "below"} the dashed line fails.</p>}
+        {limit !== null && <p class="dim">A case {data.fails_above !== null ? "above" : "below"} the dashed line fails, and is a red cross.</p>}
         <Plot data={order.data} layout={order.layout} label={`${kpi} of ${count(closed.length, "case")}`} height={300} />
       </Figure>
       <Figure title="Over each parameter">

@@ -9,6 +9,8 @@ import { plain } from "./words";
 /** Narrower tiles have their shape, wider ones a sign for the verdict [px]. */
 const SIGN_MIN = 11;
 const NAME_MIN = 150;
+/** Wider tiles without a picture say the verdict in words [px]. */
+const WORDS_MIN = 80;
 
 export interface Scene {
   layout: Layout;
@@ -158,8 +160,10 @@ function paintTile(
   context.fillStyle = ink.panel;
   const piece = thumbs.piece(index);
   context.imageSmoothingQuality = width * ratio > 160 ? "high" : "low";
-  if (piece === null) context.fillRect(x + rim, y + rim, width - 2 * rim, height - 2 * rim);
-  else {
+  if (piece === null) {
+    context.fillRect(x + rim, y + rim, width - 2 * rim, height - 2 * rim);
+    if (width >= WORDS_MIN && thumbs.without(index)) paintWords(context, wordsOf(verdict), x + width / 2, y + height / 2, width - 2 * rim - 8, ink);
+  } else {
     const { image } = piece;
     context.drawImage(image, piece.x, piece.y, piece.width, piece.height, x + rim, y + rim, width - 2 * rim, height - 2 * rim);
   }
@@ -175,6 +179,15 @@ function paintTile(
   context.textBaseline = "middle";
   const room = width - 2 * rim - 10;
   context.fillText(fitted(context, table.cases[index] ?? "", room), x + rim + 5, y + height - rim - bar / 2);
+}
+
+/** What stands in place of a picture that there is not. */
+function paintWords(context: CanvasRenderingContext2D, words: string, x: number, y: number, room: number, ink: Ink): void {
+  context.fillStyle = ink.ink;
+  context.font = '12px system-ui, "DejaVu Sans", sans-serif';
+  context.textAlign = "center";
+  context.textBaseline = "middle";
+  context.fillText(fitted(context, words, room), x, y);
 }
 
 /** A name that is too long loses its middle: cases differ at the end. */

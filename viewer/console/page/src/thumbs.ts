@@ -81,6 +81,11 @@ export class Thumbs {
     return this.versions.has(index);
   }
 
+  /** Whether it is known that there is no picture of a case. */
+  without(index: number): boolean {
+    return this.atlas !== null && !this.atlas.has[index] && !this.heard(index);
+  }
+
   /** Begin a drawing of tiles `width` px of the screen wide. */
   begin(width: number, indices: number[]): void {
     this.drawing++;

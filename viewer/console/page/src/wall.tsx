@@ -121,6 +121,17 @@ function Wall({ run, query, info, table, version }: WallInputs): JSX.Element {
           No case passes the filter. <button type="button" onClick={() => requery({ filter: "" })}>Clear it</button>
         </p>
       )}
+      {!asRows && order.length > 0 && info.state === "finished" && table.cases.every((_, index) => thumbs.without(index)) && (
+        <p class="box notice" role="status">
+          {info.away ? (
+            "No pictures: the files of the campaign are not here."
+          ) : (
+            <>
+              No pictures: this run was not recorded. Run it with <code>--view record</code>.
+            </>
+          )}
+        </p>
+      )}
       {late(lag) && (
         <p class="box notice lag" role="status">
           {lagWords(lag)}
