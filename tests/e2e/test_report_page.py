@@ -207,6 +207,18 @@ def test_interactions_of_any_two_axes_and_numbers(page: Any) -> None:
     assert page.locator("#interactions").inner_text().count("Min DTC [m], median") == 1
 
 
+def test_one_axis_and_one_system_are_drawn_from_the_start(browser: Any, tmp_path: Path) -> None:
+    data = campaign_data()
+    data["matrix"] = {"model": ["yolov3"], "time_of_day": ["13:00"], "weather": ["clear", "cloudy"]}
+    make_campaign(tmp_path, data)
+    with looked_at(browser, make_report(tmp_path, plots=False).page) as page:
+        await_drawn(page, "#curves", "#heat", "#interactions")
+        assert page.input_value("#effect-x") == "weather"
+        assert page.input_value("#effect-by") == ""
+        assert page.input_value("#pick-model") == "yolov3"
+        assert page.locator("#curves .subplot").count() == 6
+
+
 def test_buttons_of_cases_lead_to_their_curves(page: Any) -> None:
     page.locator("#highlights button.case").first.click()
     assert page.input_value("#pick-case")

@@ -186,10 +186,10 @@ class CaseConverter:
             if controls.detections and not self._seen:
                 self._seen = True
                 first = controls.detections[0]
-                detection = f"{first.label} {first.confidence:.2f}{_at(sample)}"
+                detection = f"{first.label} {first.confidence:.2f}{self._at(sample)}"
                 rows.append(_event(*at, f"first detection: {detection}", "INFO", ORANGE))
             if braking and not self._aeb:
-                text = f"AEB triggered{_at(sample)}, {sample.speed_mps:.1f} m/s"
+                text = f"AEB triggered{self._at(sample)}, {sample.speed_mps:.1f} m/s"
                 if (cause := triggering(controls)) is not None:
                     text += f", by {cause.label} {cause.confidence:.2f}"
                 rows.append(_event(*at, text, "WARN", RED))
@@ -202,6 +202,15 @@ class CaseConverter:
             self._planner = state
             rows.append(rows_at(naming.PLANNER, [sample], rr.StateChange.columns(state=[state])))
         return rows
+
+    def _at(self, sample: StateSample) -> str:
+        """`` (obstacle 12.3 m ahead)``, where something stands in the lane: how far that is, not
+        what a detection takes for it."""
+        if sample.dtc_m is None:
+            return ""
+        if self._start.stage.obstacle_center_m:
+            return f" (obstacle {sample.dtc_m:.1f} m ahead)"
+        return f" (distance to collision {sample.dtc_m:.1f} m)"
 
     def _detections(self, asked: list[tuple[StateSample, Controls]]) -> list[EntityRows]:
         """Near and far ones apart: labels of far ones would hide each other."""
@@ -250,11 +259,6 @@ class CaseConverter:
                 labels=[f"{dtc_m:.1f} m" for _, dtc_m in measured],
             )
         )
-
-
-def _at(sample: StateSample) -> str:
-    """`` at 12.3 m``, where something stands in the lane."""
-    return "" if sample.dtc_m is None else f" at {sample.dtc_m:.1f} m"
 
 
 def triggering(controls: Controls) -> Detection | None:

@@ -154,8 +154,8 @@ function pick(id, scroll) {
 
 option(at("pick-model"), "", `all (${data.models.length})`);
 data.models.forEach((model) => option(at("pick-model"), model, data.names[model]));
-// Thousands of lines take long to draw: begin with one system under test.
-if (data.cases.length > GRID_CASES_MAX || NARROW.matches) at("pick-model").value = data.models[0];
+// The only system is drawn large; thousands of lines take long to draw: begin with one, too.
+if (data.models.length === 1 || data.cases.length > GRID_CASES_MAX || NARROW.matches) at("pick-model").value = data.models[0];
 data.groups.forEach((group, index) => option(at("pick-group"), String(index), group.label));
 option(at("pick-case"), "", "no case");
 data.cases.forEach((c) => option(at("pick-case"), c.id, `${c.id}: ${c.status.replaceAll("_", " ")}`));

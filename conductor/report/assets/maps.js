@@ -139,6 +139,8 @@ all.measures.forEach((m, i) => option(at("effect-measure"), String(i), m.label))
 AXES.forEach((axis) => option(at("effect-x"), axis, all.axes[axis].label));
 option(at("effect-by"), "", "no axis");
 AXES.forEach((axis) => option(at("effect-by"), axis, all.axes[axis].label));
-at("effect-x").value = data.heat.y;
-at("effect-by").value = AXES.includes("model") && data.heat.y !== "model" ? "model" : data.heat.x;
+const varies = (axis) => AXES.includes(axis) && all.axes[axis].values.length > 1;
+const over = varies(data.heat.y) || !varies(data.heat.x) ? data.heat.y : data.heat.x;
+at("effect-x").value = over;
+at("effect-by").value = ["model", data.heat.x, data.heat.y].find((axis) => axis !== over && varies(axis)) ?? "";
 for (const id of ["effect-measure", "effect-x", "effect-by"]) at(id).addEventListener("change", drawInteractions);

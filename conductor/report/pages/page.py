@@ -21,7 +21,13 @@ from conductor.report.analysis.highlights import highlights
 from conductor.report.analysis.perception_cost import perception_costs
 from conductor.report.pages.case_data import case_data, map_axes
 from conductor.report.pages.content import Content, first_screen
-from conductor.report.pages.tables import case_columns, statuses, verdict_table, without_verdict
+from conductor.report.pages.tables import (
+    case_axes,
+    case_columns,
+    statuses,
+    verdict_table,
+    without_verdict,
+)
 from conductor.report.pages.templates import ASSETS, environment
 from conductor.report.plots.figures import GRID_ROWS_MAX, curve_frame, grid_frame
 from conductor.report.plots.leases_figure import SPANS_MAX, leases_figure
@@ -32,7 +38,6 @@ from conductor.report.reading.axes import (
     axis_label,
     axis_value,
     axis_values,
-    further_axes,
     heat_axes,
     varied_axes,
 )
@@ -101,7 +106,8 @@ def render(content: Content, failures: list[Failure]) -> str:
         columns=_columns(content),
         repeated=any(row.end.attempts > 1 for row in content.shown),
         spread=bool(data["spread"]),
-        further=[(axis, axis_label(axis)) for axis in further_axes(dossier.campaign)],
+        case_axes=case_axes(dossier),
+        reasoned=any(row.end.reasons for row in content.shown),
         axis_value=axis_value,
         color=status_color,
         symbol=status_symbol,
@@ -118,11 +124,8 @@ def render(content: Content, failures: list[Failure]) -> str:
 
 
 def _columns(content: Content) -> list[tuple[str, str]]:
-    """Numbers of the case table; without those that imported logs do not hold."""
-    columns = case_columns(content.dossier)
-    if content.dossier.imported is None:
-        return columns
-    rows = content.shown
+    """Numbers of the case table; a column of dashes alone would look like cases without a value."""
+    columns, rows = case_columns(content.dossier), content.shown
     return [(title, n) for title, n in columns if any(row.scalar(n) is not None for row in rows)]
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import msgspec
 
 from conductor.report.analysis.statistics import wilson
-from conductor.report.reading.axes import axis_value, further_axes
+from conductor.report.reading.axes import axis_label, axis_value, further_axes, varied_axes
 from conductor.report.reading.curves import time_label
 from conductor.report.reading.dossier import NOT_ENDED, CaseRow, Dossier
 from conductor.report.reading.systems import system_name, system_text
@@ -115,21 +115,21 @@ def _spread(values: list[float | int | None]) -> tuple[float, float, float] | No
 
 
 def case_columns(dossier: Dossier) -> list[tuple[str, str]]:
-    """Title and scalar of the numbers in the case table."""
+    """Title and scalar of the numbers that the case table may have."""
     known = scalars_by_name()
     labels = {name: known[name].label for name in dossier.scenario.report.table}
-    columns = [
+    return [
         (time_label(dossier) if name == "sim_time_s" else label, name)
         for name, label in labels.items()
     ]
-    if dossier.imported is None:
-        return columns
-    # Logs never hold some of them, and a column of dashes looks like cases without a value.
-    return [
-        (title, name)
-        for title, name in columns
-        if any(row.scalar(name) is not None for row in dossier.rows)
-    ]
+
+
+def case_axes(dossier: Dossier) -> list[tuple[str, str]]:
+    """Axes of the case table with their titles, those that vary first."""
+    plain = [("model", "Model"), ("weather", "Weather"), ("time_of_day", "Time of day")]
+    further = [(axis, axis_label(axis)) for axis in further_axes(dossier.campaign)]
+    varied = varied_axes(dossier)
+    return sorted([*plain, *further], key=lambda axis: axis[0] not in varied)
 
 
 def case_record(dossier: Dossier, row: CaseRow) -> dict[str, Any]:

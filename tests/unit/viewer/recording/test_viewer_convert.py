@@ -120,11 +120,13 @@ def test_events_come_once():
         for tick, (aeb, seen) in enumerate([(0, 0), (0, 1), (1, 1), (1, 1), (0, 1), (1, 1)])
     ]
     texts = [text for [text] in converted(*samples)[naming.EVENTS]["text"]]
-    assert [text.split(" at ")[0].split(":")[0] for text in texts] == [
+    assert [text.split(" (")[0].split(":")[0] for text in texts] == [
         "first detection",
         "AEB triggered",
         "AEB triggered",
     ]
+    # Whose distance it is: a detection may be of something else.
+    assert texts[0].endswith("(obstacle 19.0 m ahead)")
 
 
 def test_far_boxes_have_no_labels_and_aeb_is_red():
@@ -155,7 +157,7 @@ def test_the_box_that_triggered_is_marked_until_the_next_frame():
     assert [len(row) for row in shown[naming.TRIGGER]["half_sizes"]] == [1, 0]
     assert shown[naming.TRIGGER]["half_sizes"][0] == [[10.0, 4.0]]
     said = [text for [text] in shown[naming.EVENTS]["text"] if text.startswith("AEB")]
-    assert said == ["AEB triggered at 19.0 m, 9.0 m/s, by car 0.90"]
+    assert said == ["AEB triggered (obstacle 19.0 m ahead), 9.0 m/s, by car 0.90"]
     # Messages come one by one to a live viewer.
     converter = CaseConverter(start())
     alone = [values(converter.states([s])).get(naming.TRIGGER) for s in samples]
@@ -172,7 +174,7 @@ def test_the_box_that_triggered_is_marked_until_the_next_frame():
 def test_a_stack_that_does_not_say_what_triggered_gets_no_mark(trigger):
     shown = converted(state(0, controls=controls(True, [detection()], trigger)))
     assert naming.TRIGGER not in shown
-    assert shown[naming.EVENTS]["text"][-1] == ["AEB triggered at 20.0 m, 9.0 m/s"]
+    assert shown[naming.EVENTS]["text"][-1] == ["AEB triggered (obstacle 20.0 m ahead), 9.0 m/s"]
 
 
 def test_no_detections_clear_the_boxes():

@@ -10,6 +10,7 @@ from functools import partial
 from schemas.validation import suggest
 from twin.scenario.storyboard.native.bodies import WALKERS
 from twin.scenario.storyboard.native.curves import curve_trajectory, curve_way, place_after
+from twin.scenario.storyboard.native.footing import footed
 from twin.scenario.storyboard.native.ground import NativeMistakes, ScenarioGround, SpotError
 from twin.scenario.storyboard.native.orders import ActorOrders, ArriveOrder, KeepOrder, LampOrders
 from twin.scenario.storyboard.native.recorded import recorded_trajectory, start_speed_mps
@@ -308,7 +309,7 @@ class ActionCompiler:
             words = "is on its way before: a line begins where an actor stands"
             raise SpotError("", f"'{name}' {words}; leave its speed at 0 until then")
         points = line_points(place, orders, self.ground, course.at)
-        self.trajectories.append(line_trajectory(path, points))
+        self.trajectories.append(line_trajectory(path, footed(points, self.ground)))
         number = len(self.trajectories) - 1
         course.path, course.at = line_way(points, number), points[-1]
         return _follow(number)

@@ -57,6 +57,39 @@ def test_the_page_tells_the_result_and_stands_alone(tmp_path: Path) -> None:
     assert data["groups"][0]["axis"] == "weather"
 
 
+def table_heads(page: str) -> list[str]:
+    """Titles of the columns of the case table."""
+    head = page.split('<table id="cases">')[1].split("</thead>")[0]
+    return re.findall(r"<button[^>]*>(.*?)</button>", head)
+
+
+def test_the_case_table_begins_with_what_varies_and_leaves_out_what_nothing_is_in(
+    tmp_path: Path,
+) -> None:
+    data = campaign_data(scenario={"duration_s": 20})
+    data["matrix"] = {"model": ["yolov3"], "weather": ["clear"], "time_of_day": ["13:00"]}
+    data["matrix"]["scenario.ego_start_m"] = [60, 70]
+
+    def change(case, end):
+        return replace(end, reasons=[], scalars={**end.scalars, "aeb_ttc_s": None})
+
+    make_campaign(tmp_path / "one", data, change)
+    page = page_of(tmp_path / "one")
+    heads = table_heads(page)
+    order = ["Case", "Ego start [m]", "Model", "Weather", "Time of day", "Outcome", "Min DTC [m]"]
+    assert heads[: len(order)] == order
+    assert not [head for head in heads if head in ("Reasons", "AEB TTC [s]")]
+    rows = page.split('<table id="cases">')[1].split("</table>")[0].split("<tr ")[1:]
+    assert [row.count("</td>") for row in rows] == [len(heads)] * 2
+
+    # One case has a reason and a number: both columns are there, in all rows.
+    def one_of_two(case, end):
+        return replace(end, reasons=["late"]) if case.id.endswith("60") else change(case, end)
+
+    make_campaign(tmp_path / "other", data, one_of_two)
+    assert {"Reasons", "AEB TTC [s]"} <= set(table_heads(page_of(tmp_path / "other")))
+
+
 def test_json_holds_the_tables(tmp_path: Path) -> None:
     make_campaign(tmp_path)
     found = json.loads(json.dumps(report_json(tmp_path)))
@@ -256,11 +289,16 @@ def test_an_incomplete_campaign_says_so(tmp_path: Path) -> None:
 
 
 def test_missing_numbers_are_dashes_and_gaps(tmp_path: Path) -> None:
-    make_campaign(tmp_path, change=lambda c, e: replace(e, scalars={}))
+    only = "yolov3-0500-clear"
+    make_campaign(tmp_path, change=lambda c, e: e if c.id == only else replace(e, scalars={}))
     page = make_report(tmp_path, plots=False).page.read_text()
     rows = re.findall(r"<tr data-case=.*?</tr>", page, re.S)
     assert len(rows) == 8
-    assert all(row.count('data-sort="">–') == 8 for row in rows)
+    head = page.split('<table id="cases">')[1].split("</thead>")[0]
+    numbers = head.count('class="n"')
+    assert numbers > 3
+    bare = [row for row in rows if only not in row]
+    assert [row.count('data-sort="">–') for row in bare] == [numbers] * 7
 
 
 @pytest.mark.parametrize("damage", ["corrupt", "missing", "other values", "outside"])

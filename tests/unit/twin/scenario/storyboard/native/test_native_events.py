@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import bisect
 import math
 
 import pytest
@@ -10,6 +11,7 @@ pytest.importorskip("lxml", reason="lxml is not installed")
 
 from native_scenarios import actions_of, event_elements, mistakes_of, program_of, scenario_text
 
+from twin.road.opendrive.road_map import RoadMap
 from twin.scenario.storyboard.program import actions as act
 from twin.scenario.storyboard.program import conditions as when
 from twin.scenario.storyboard.program.actions import (
@@ -129,9 +131,9 @@ def test_a_way_across_the_street(tmp_path):
     text = scenario_text(WALKER, "go: {at_s: 1, do: {walker: {cross_to: left}}}", **more)
     program = program_of(tmp_path, text)
     (line,) = program.trajectories
-    (piece,) = line.pieces
+    piece = line.pieces[0]
     assert (piece.x[0], piece.y[0]) == pytest.approx((60.0, -6.5))
-    assert piece.length_m == pytest.approx(13.0)
+    assert sum(piece.length_m for piece in line.pieces) == pytest.approx(13.0)
     assert (piece.x[1], piece.y[1]) == pytest.approx((0.0, 1.0))
     assert piece.heading[0] == pytest.approx(0.5 * math.pi)
     # The body faces where it will go, and stops there.
@@ -143,6 +145,52 @@ def test_a_way_across_the_street(tmp_path):
     assert actions_of(program, "walker go stops") == [
         act.SpeedAction(dynamics("STEP", "TIME", 0.0), -1, 0.0)
     ]
+
+
+def heights_along(trajectory, steps_m: list[float]) -> list[float]:
+    """Heights at distances from the beginning of a trajectory."""
+    starts = [piece.start_s_m for piece in trajectory.pieces]
+    pieces = [trajectory.pieces[bisect.bisect_right(starts, s) - 1] for s in steps_m]
+    return [
+        sum(factor * (s - piece.start_s_m) ** power for power, factor in enumerate(piece.z))
+        for piece, s in zip(pieces, steps_m, strict=True)
+    ]
+
+
+@pytest.mark.parametrize("kind", ["pedestrian", "child", "bicycle", "animal"])
+def test_who_leaves_a_footway_comes_down_from_its_kerb(tmp_path, kind):
+    actor = f"walker: {{kind: {kind}, footway: right, s_m: 60}}"
+    text = scenario_text(actor, "go: {do: {walker: {cross_to: left}}}", ego=WALK_EGO, road="street")
+    (line,) = program_of(tmp_path, text).trajectories
+    # Footways are 2 m wide, behind kerbs of 12 cm, and the way begins in the middle of one.
+    heights = heights_along(line, [0.0, 0.5, 1.5, 4.0, 6.5, 9.0, 11.5, 12.5, 13.0])
+    assert heights == pytest.approx([0.12, 0.12, 0, 0, 0, 0, 0, 0.12, 0.12], abs=0.006)
+    rise = [abs(piece.z[1]) for piece in line.pieces]
+    assert max(rise) < 0.3, "it steps down within half a metre, not at once"
+
+
+def test_a_line_over_level_ground_is_one_piece(tmp_path):
+    actor = "walker: {kind: pedestrian, lateral_m: -3, s_m: 60}"
+    text = scenario_text(
+        actor, "go: {do: {walker: {path: [[60, 3]]}}}", ego=WALK_EGO, road="street"
+    )
+    (line,) = program_of(tmp_path, text).trajectories
+    (piece,) = line.pieces
+    assert piece.z == (0.0, 0.0, 0.0, 0.0)
+
+
+def test_a_path_follows_a_hill(tmp_path):
+    """A straight line between two places of a road that rises and falls would cut through it."""
+    actor = "walker: {kind: pedestrian, lateral_m: -3, s_m: 100}"
+    go = "go: {do: {walker: {path: [[200, -3]], speed_mps: 1}}}"
+    ego = "{lane: 1, s_m: 20, speed_mps: 5}"
+    program = program_of(tmp_path, scenario_text(actor, go, ego=ego, road="rural"))
+    (line,) = program.trajectories
+    frame = next(iter(RoadMap(program.network).frames.values()))
+    piece_ends = [(p.start_s_m, p.x[0], p.y[0], p.z[0]) for p in line.pieces]
+    under = [frame.locate(x, y) for _, x, y, _ in piece_ends]
+    ground = [float(frame.pose(float(u.s_m), float(u.t_m)).z_m) for u in under]
+    assert [z for *_, z in piece_ends] == pytest.approx(ground, abs=0.02)
 
 
 def test_a_given_heading_stays(tmp_path):
@@ -160,7 +208,8 @@ def test_a_path_goes_on_where_the_one_before_ended(tmp_path):
     )
     program = program_of(tmp_path, scenario_text(WALKER, events, ego=WALK_EGO, road="street"))
     first, second = program.trajectories
-    assert [piece.length_m for piece in first.pieces] == pytest.approx([4.5, math.sqrt(8.0)])
+    *across, last = (piece.length_m for piece in first.pieces)
+    assert (sum(across), last) == pytest.approx((4.5, math.sqrt(8.0)))
     assert (second.pieces[0].x[0], second.pieces[0].y[0]) == pytest.approx((62.0, 0.0))
     assert "walker on stops" not in event_elements(program)
 
