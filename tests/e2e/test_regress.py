@@ -129,7 +129,7 @@ def test_commands_of_a_report_leave_the_run_as_it_was_signed(home, searched, mar
     monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}:{os.environ['PATH']}")
     page = (searched / "report.html").read_text()
     found = f"that holds <code>{searched.name}</code>, where its stack blind_stack:Blind is found"
-    assert page.count(found) >= 2  # of the search, and to reproduce
+    assert page.count(found) == 3
     blocks = re.findall(r"<pre><code>((?:conductor|viewer) [^<]*)</code></pre>", page)
     commands = [line for block in blocks for line in html.unescape(block).splitlines()]
     mildest = read_search(searched).clusters[0].mildest

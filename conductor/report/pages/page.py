@@ -78,7 +78,7 @@ def render(content: Content, failures: list[Failure]) -> str:
         unfilmed=book is not None and any(case not in films for case in book.worst_lost),
         replay=lambda failure: "\n".join(_replay(failure, dossier.folder)),
         keep=_kept(content, dossier.folder),
-        run=run_name(dossier.folder),
+        run_name=run_name(dossier.folder),
         run_word=shlex.quote(run_name(dossier.folder)),
         found_there=found_where(dossier),
         notices=first_screen(content.dossier),

@@ -35,7 +35,7 @@ def _around(found: SearchFile) -> dict[str, Any]:
     return {
         "failures": [],
         "drawn": {"searched", "covered"},
-        "run": "kerb",
+        "run_name": "kerb",
         "found_there": ", where its stack is",
         "keep": ["first command", "second command"],
         "declared": True,
