@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import html
 import os
+import re
+import sys
 from pathlib import Path
 
 import pytest
@@ -119,6 +122,32 @@ def test_every_cluster_becomes_a_case_with_the_same_kpis(home, searched, marked)
     twice = home / "twice.yaml"
     assert regress(home / "run-kept", [f"hunt-3-{other}"], twice) == [f"hunt-3-{other}"]
     assert load_yaml(twice)["cases"][0]["drawn_as"] == f"hunt/3/{other}"
+
+
+def test_commands_of_a_report_leave_the_run_as_it_was_signed(home, searched, marked, monkeypatch):
+    """As they stand on the page: typed in the folder that holds the run's, with its stack found."""
+    monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}:{os.environ['PATH']}")
+    page = (searched / "report.html").read_text()
+    found = f"that holds <code>{searched.name}</code>, where its stack blind_stack:Blind is found"
+    assert page.count(found) == 3
+    blocks = re.findall(r"<pre><code>((?:conductor|viewer) [^<]*)</code></pre>", page)
+    commands = [line for block in blocks for line in html.unescape(block).splitlines()]
+    mildest = read_search(searched).clusters[0].mildest
+    first = f"conductor run {searched.name}/campaign.yaml --case {mildest} --out again-{mildest}"
+    assert commands[0] == first
+    assert commands[1] == f"conductor regress {searched.name} --into kept.yaml"
+    (home / "kept.yaml").unlink(missing_ok=True)
+    last = [line for line in commands if line.startswith("conductor fingerprint ")]
+    said = []
+    for command in [*commands[:2], *commands[-3:]]:
+        child = marked.start(prefix=("bash", "-c", command), folder=home)
+        out, err = child.communicate()
+        assert child.returncode in (0, 1), f"{command}\n{out}\n{err}"
+        said.append(out)
+    assert len(last) == 2
+    assert said[-1].split()[0] == said[-2].split()[0]  # of the run and of its repetition
+    done = marked.run("conductor", "verify", str(searched))
+    assert done.returncode == 0, done.stdout + done.stderr
 
 
 def _refused(*arguments) -> str:

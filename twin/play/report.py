@@ -67,7 +67,10 @@ def end_line(play: NamedPlay, step_s: float) -> str:
     end_s = f"{played.steps * step_s:.3f} s"
     if not played.finished:
         return f"still running at {end_s}"
-    return f"ended at {end_s}" + (f": {played.ended_by}" if played.ended_by else "")
+    why = played.ended_by
+    if why == f"{played.steps * step_s:g} s":  # a condition on time is named after it
+        why = "its time is up"
+    return f"ended at {end_s}" + (f": {why}" if why else "")
 
 
 def summary_table(plays: Sequence[NamedPlay], step_s: float) -> Table:

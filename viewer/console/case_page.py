@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-import shlex
 from typing import Any
 
 from schemas.escape import escape
 from twin.base.errors import UsageError
 from twin.base.process import last_frames
+from twin.records.repeating import repeat_command
 from viewer.console.pictures import FILM_FRAMES, film_size, pixels_of
 from viewer.console.recorded import RecordedAttempt
 from viewer.console.run_folder import CaseEnding
@@ -48,7 +48,7 @@ def case_page(
         "moment": moment.as_json() if moment else None,
         "events": _events(attempt),
         "neighbours": neighbours(table, index),
-        "repeat": repeat_command(campaign, attempt.case),
+        "repeat": repeat_command(campaign, attempt.case, case=attempt.case, record=True),
         "log": _log(attempt),
         "attempts": _attempts(attempt, ending),
         "film": film_of(attempt),
@@ -89,13 +89,6 @@ def neighbours(table: ConsoleTable, index: int) -> dict[str, dict[str, Any]]:
 def _neighbour(table: ConsoleTable, row: int, value: Any) -> dict[str, Any]:
     cells = {name: table.columns[name][row] for name in ("state", "verdict")}
     return {"case": table.cases[row], "value": value, "index": row, **cells}
-
-
-def repeat_command(campaign: str, case: str) -> str:
-    """The command that runs a case of a campaign file again and records it."""
-    out = shlex.quote(f"again-{case}")
-    file, name = shlex.quote(campaign), shlex.quote(case)
-    return f"conductor run {file} --case {name} --view record --out {out}"
 
 
 def film_of(attempt: RecordedAttempt) -> dict[str, Any] | None:

@@ -8,6 +8,7 @@ import json
 import shlex
 from collections.abc import Iterator
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import jinja2
@@ -43,15 +44,16 @@ from conductor.report.reading.axes import (
 )
 from conductor.report.reading.curves import LOOKS, Floats, drawn, overview, time_label
 from conductor.report.reading.dossier import Dossier
-from conductor.report.reading.evidence import commands, versions
+from conductor.report.reading.evidence import commands, found_where, versions
 from conductor.report.reading.films import film_addresses
 from conductor.report.reading.provenance import built_of, file_digests
 from conductor.report.reading.recorded import Failure
 from conductor.report.reading.systems import system_names
 from conductor.report.rulebook.figure import residual_figure
 from conductor.report.rulebook.shown import RULE, rulebook_shown
-from conductor.report.searching.section import covered_lines, search_figures, search_shown
+from conductor.report.searching.section import covered_lines, mildest, search_figures, search_shown
 from schemas.kinds.kpi import scalars_by_name
+from twin.records.repeating import again_folder, campaign_of, repeat_command, run_name
 
 _SCRIPTS = ("shared.js", "maps.js", "curves.js", "figures.js", "cases.js", "print.js")
 """Parts of one script, in this order."""
@@ -79,7 +81,11 @@ def render(content: Content, failures: list[Failure]) -> str:
         failures=failures,
         films=films,
         unfilmed=book is not None and any(case not in films for case in book.worst_lost),
-        replay=lambda failure: "\n".join(_replay(failure)),
+        replay=lambda failure: "\n".join(_replay(failure, dossier.folder)),
+        keep=_kept(content, dossier.folder),
+        run_name=run_name(dossier.folder),
+        run_word=shlex.quote(run_name(dossier.folder)),
+        found_there=found_where(dossier),
         notices=first_screen(content.dossier),
         time_label=time_label(dossier),
         highlights=highlights(dossier, content.rests_m),
@@ -99,6 +105,7 @@ def render(content: Content, failures: list[Failure]) -> str:
         residual=data["residual"] is not None,
         found=search_shown(content.search),
         covered=covered_lines(content.coverage),
+        declared=bool(dossier.campaign.search and dossier.campaign.search.domain),
         drawn={name for name, figure in data["search"].items() if figure},
         trouble=without_verdict(dossier),
         lines_max=LINES_MAX,
@@ -215,15 +222,25 @@ def _ranges(content: Content, names: tuple[str, ...]) -> dict[str, tuple[float, 
     return ranges
 
 
-def _replay(failure: Failure) -> list[str]:
-    """Commands that show a case, from the campaign folder."""
-    name = shlex.quote(failure.row.case.id)
+def _replay(failure: Failure, folder: Path) -> list[str]:
+    """Commands that show a case, from the folder that holds the run's."""
+    case = failure.row.case.id
     if failure.recorded:
-        return [f"viewer replay . {name}"]
-    out = shlex.quote(f"again/{failure.row.case.id}")
+        return [shlex.join(["viewer", "replay", run_name(folder), case])]
     return [
-        f"conductor run campaign.yaml --case {name} --view record --out {out}",
-        f"viewer replay {out} {name}",
+        repeat_command(campaign_of(folder), case, case=case, record=True),
+        shlex.join(["viewer", "replay", again_folder(case), case]),
+    ]
+
+
+def _kept(content: Content, folder: Path) -> list[str]:
+    """Commands that run the mildest failure of a search again and keep one of each cluster, from
+    the folder that holds the run's."""
+    if not (case := next(iter(mildest(content.search)), "")):
+        return []
+    return [
+        repeat_command(campaign_of(folder), case, case=case),
+        shlex.join(["conductor", "regress", run_name(folder), "--into", "kept.yaml"]),
     ]
 
 

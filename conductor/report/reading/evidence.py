@@ -13,8 +13,11 @@ from conductor.records.realtime import too_slow
 from conductor.report.reading.dossier import Dossier
 from schemas.identity import DIGESTS
 from schemas.words import unended
+from twin.records.repeating import again_folder, campaign_of, repeat_command, run_name
 
 _PACKAGES = ("drivetwin", "numpy", "warp-lang", "opencv-python-headless", "pyarrow", "plotly")
+_SHIPPED = ("devkit",)
+"""Packages whose stacks are found wherever the commands are."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,20 +82,27 @@ def versions() -> dict[str, str]:
 
 
 def commands(dossier: Dossier) -> list[str]:
-    """Shell commands that run the campaign again and compare, from the campaign folder."""
+    """Shell commands that run the campaign again and compare, from the folder that holds the run's
+    (:mod:`twin.records.repeating`)."""
+    name = run_name(dossier.folder)
+    again = again_folder(name)
     if dossier.imported is not None:
-        logs = shlex.quote(f"../{dossier.imported.source}")
-        return [
-            f"conductor report --import-autodrive {logs} --out repeat",
-            "conductor fingerprint repeat",
-            "conductor fingerprint .",
-        ]
-    on_gpu = any(name.startswith("cuda") for name in dossier.outcomes.ran_on)
-    return [
-        f"conductor run campaign.yaml --out repeat{' --device cuda:0' if on_gpu else ''}",
-        "conductor fingerprint repeat",
-        "conductor fingerprint .",
-    ]
+        words = ["conductor", "report", "--import-autodrive", dossier.imported.source]
+        first = shlex.join([*words, "--out", again])
+    else:
+        on_gpu = any(name.startswith("cuda") for name in dossier.outcomes.ran_on)
+        device = "cuda:0" if on_gpu else ""
+        first = repeat_command(campaign_of(dossier.folder), name, device=device)
+    return [first, *(shlex.join(["conductor", "fingerprint", run]) for run in (again, name))]
+
+
+def found_where(dossier: Dossier) -> str:
+    """What else a repetition needs, in words that follow "in the folder ..."; empty: nothing."""
+    autonomy = dossier.campaign.autonomy
+    shipped = autonomy.stack.partition(":")[0].partition(".")[0] in _SHIPPED
+    if autonomy.command or shipped or dossier.imported is not None:
+        return ""
+    return f", where its stack {autonomy.stack} is found (PYTHONPATH)"
 
 
 def _missing(dossier: Dossier) -> str:

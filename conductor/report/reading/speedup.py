@@ -5,6 +5,7 @@ Everything here is wall clock: it differs from run to run, and no result depends
 
 from __future__ import annotations
 
+import shlex
 import statistics
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,8 +15,7 @@ from conductor.report.reading.dossier import CaseRow, Dossier, open_dossier
 from conductor.report.reading.leases import Leases, read_leases
 from schemas.words import unended
 from twin.base.errors import UsageError
-
-SERIAL_HINT = "conductor run campaign.yaml --workers 1 --slots 1 --out serial"
+from twin.records.repeating import campaign_of, run_name
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,8 +80,14 @@ def speed_up(dossier: Dossier, leases: Leases, serial: Path | None) -> SpeedUp:
         return SpeedUp(run, _serial_pace(dossier, serial), serial.name, _missing(dossier, run))
     if run.at_once == 1 and dossier.outcomes.complete:
         return SpeedUp(run, run, "", "")
-    return SpeedUp(
-        run, None, "", f"no run with one slot was given; {SERIAL_HINT}, then --serial serial"
+    return SpeedUp(run, None, "", f"no run with one slot was given; {_serial_hint(dossier.folder)}")
+
+
+def _serial_hint(folder: Path) -> str:
+    command = shlex.join(["conductor", "run", campaign_of(folder), "--workers", "1"])
+    return (
+        f"in the folder that holds {run_name(folder)}: {command} --slots 1 --out serial, then "
+        "--serial serial"
     )
 
 

@@ -114,7 +114,7 @@ def test_of_a_file_written_by_hand_events_are_told_and_why_it_ended() -> None:
     (answer,) = json.loads(_play("cut-in", "--output", "json").stdout)
     assert answer["ended_by"] == "ego has touched something (+1 s)"
     assert {"act", "maneuver", "event"} < {row["kind"] for row in answer["transitions"]}
-    assert _play("free-traffic").output.splitlines()[-1] == "ended at 30.000 s: 30 s"
+    assert _play("free-traffic").output.splitlines()[-1] == "ended at 30.000 s: its time is up"
 
 
 def test_it_ends_when_told(scenario: Path) -> None:

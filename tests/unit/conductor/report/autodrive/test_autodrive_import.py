@@ -71,11 +71,16 @@ def test_logs_become_a_campaign_with_one_report(tmp_path: Path) -> None:
     assert "nothing was simulated here" in page
     assert said in page
     assert "<code>batch_2/aeb_metrics_sim_inst_3.csv</code>" in page
-    assert "conductor run campaign.yaml" not in page  # there is nothing to run
+    assert "campaign.yaml --out" not in page  # there is nothing to run
     text = write_result_page(tmp_path / "run", tmp_path / "page.md").read_text()
-    assert "conductor report --import-autodrive ../logs --out repeat" in text
-    again = import_autodrive(tmp_path / "logs", tmp_path / "again")
-    assert again == found
+    again = (
+        "conductor report --import-autodrive logs --out again-run\nconductor fingerprint again-run"
+    )
+    assert again in text
+    assert f"{again}\nconductor fingerprint run" in page
+    assert "in the folder that holds both" in page
+    repeated = import_autodrive(tmp_path / "logs", tmp_path / "again")
+    assert repeated == found
     assert fingerprint(tmp_path / "again") == fingerprint(tmp_path / "run")
 
 

@@ -198,7 +198,11 @@ def test_failures_come_with_the_command_that_shows_them(tmp_path: Path) -> None:
     make_campaign(tmp_path, change=lambda c, e: replace(e, verdict="collision", reasons=["hit"]))
     text = without_scripts(page_of(tmp_path))
     assert text.count('<article class="failure">') == 8
-    assert "conductor run campaign.yaml --case yolov3-0500-clear --view record" in text
+    name, case = tmp_path.name, "yolov3-0500-clear"
+    command = f"conductor run {name}/campaign.yaml --case {case} --view record --out again-{case}"
+    assert f"{command}\nviewer replay again-{case} {case}\n" in f"{text}\n".replace("<", "\n<")
+    assert f"To reproduce, in the folder that holds <code>{name}</code>; equal" in text
+    assert f"The commands are for the folder that holds <code>{name}</code>." in text
     assert "the case was not recorded" in text
 
 

@@ -54,7 +54,7 @@ def test_films_are_made_of_what_was_recorded_and_linked(tmp_path: Path) -> None:
     made_run(tmp_path, SLOW, FAST)
     page = make_report(tmp_path, plots=False).page.read_text()
     assert not LINK.findall(page)
-    assert "conductor report . --films failures" in page
+    assert f"conductor report {tmp_path.name} --films failures" in page
     done = CliRunner().invoke(app, ["report", str(tmp_path), "--films", "failures"])
     assert done.exit_code == EXIT_FAILED
     assert f"{tmp_path}/films" in done.output

@@ -65,7 +65,7 @@ def test_a_recorded_failure_has_a_strip_that_is_made_once(
     (strip,) = strips(page)
     picture = cv2.imdecode(np.frombuffer(base64.b64decode(strip), np.uint8), cv2.IMREAD_COLOR)
     assert picture.shape[1] % WIDTH_PX == 0, "one picture: the recording is shorter than the steps"
-    assert f"viewer replay . {CASE}" in page
+    assert f"viewer replay {tmp_path.name} {CASE}" in page
     assert "the case was not recorded; run it again as below to see it" in page
     assert asked == [CASE]
     assert strips(make_report(tmp_path, plots=False).page.read_text()) == [strip]

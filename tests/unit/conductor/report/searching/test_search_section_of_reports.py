@@ -35,6 +35,10 @@ def _around(found: SearchFile) -> dict[str, Any]:
     return {
         "failures": [],
         "drawn": {"searched", "covered"},
+        "run_name": "kerb",
+        "found_there": ", where its stack is",
+        "keep": ["first command", "second command"],
+        "declared": True,
         "content": SimpleNamespace(coverage=found.coverage),
         "covered": covered_lines(found.coverage),
     }
@@ -72,8 +76,12 @@ def test_the_page_tells_answer_and_clusters(found: SearchFile) -> None:
     first = shown.clusters[0]
     assert f"<code>{first.cluster.mildest}</code> film of {first.cluster.mildest}" in page
     assert mildest(found)[0] == first.cluster.mildest
-    assert f"conductor run campaign.yaml --case {first.cluster.mildest} --out again/" in page
-    assert "conductor regress . --into kept.yaml" in page
+    assert "In the folder that holds <code>kerb</code>, where its stack is, the first" in page
+    assert "<pre><code>first command\nsecond command</code></pre>" in page
+    assert "Cells of the declared operational domain (<code>search.domain</code>)" in page
+    undeclared = template.render(found=shown, **{**_around(found), "declared": False})
+    assert "operational domain" not in undeclared
+    assert "Cells of the parameters" in undeclared
     assert len(first.cluster.cases) > 1
     assert f'<small class="dim">{first.spans[0]}</small>' in page
     values = {
