@@ -18,7 +18,7 @@ from schemas.wire.control import Lease, Result, Touch
 from schemas.wire.interventions import RecordedAction
 
 _LENGTH = struct.Struct("<I")
-BUILD_BEAT_S, BUILD_MAX_S = 1.0, 900.0
+BUILD_BEAT_S, BUILD_MAX_S = 1.0, 900
 """A simulator that builds its engine says so this often, and no longer than this [s]."""
 
 

@@ -183,7 +183,10 @@ export function RunView({ run, runs }: { run: string; runs: Runs }): JSX.Element
         <Facts run={summary} />
         <p class="line">
           <a class="button" href={toWall(run)}>
-            Open the wall: all {count(summary.cases, "case")} as pictures, worst first
+            Open the wall:{" "}
+            {summary.cases === 1
+              ? "its case as a picture"
+              : `all ${count(summary.cases, "case")} as pictures, worst first`}
           </a>
         </p>
       </div>
