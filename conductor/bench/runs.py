@@ -55,7 +55,7 @@ def bench_run(
     """
     if cases % len(WEATHERS):
         raise UsageError(f"--cases {cases}: give a multiple of {len(WEATHERS)}")
-    if against is not None and not os.access(against, os.X_OK):
+    if against is not None and not (against.is_file() and os.access(against, os.X_OK)):
         raise UsageError(f"--against {against}: not a program; give a Python interpreter")
     pythons = {"here": Path(sys.executable), **({"against": against} if against else {})}
     folder.mkdir(parents=True, exist_ok=True)
@@ -96,7 +96,8 @@ def _campaign(cases: int) -> bytes:
 
 
 def _measure(python: Path, scratch: Path, name: str) -> RunCost:
-    environment = {key: value for key, value in os.environ.items() if key != _KEEPS_NOTHING}
+    left_out = {_KEEPS_NOTHING} if str(python) == sys.executable else {_KEEPS_NOTHING, "PYTHONPATH"}
+    environment = {key: value for key, value in os.environ.items() if key not in left_out}
     words = [*("-m", "conductor", "run", "campaign.yaml"), *("--workers", "1", "--out", name)]
     with tempfile.TemporaryFile() as log:
         began_s = time.perf_counter()
@@ -108,7 +109,12 @@ def _measure(python: Path, scratch: Path, name: str) -> RunCost:
             stdout=subprocess.DEVNULL,
             stderr=log,
         )
-        _, status, usage = os.wait4(child.pid, 0)
+        try:
+            _, status, usage = os.wait4(child.pid, 0)
+        except BaseException:
+            child.terminate()  # it drains; its workers end with it
+            child.wait()
+            raise
         wall_s = time.perf_counter() - began_s
         child.returncode = os.waitstatus_to_exitcode(status)
         if child.returncode:

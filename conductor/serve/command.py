@@ -26,7 +26,7 @@ from schemas.sections.view_mode import ViewMode
 from schemas.wire.status import counts_of
 from schemas.words import counted
 from twin.base.errors import EXIT_INTERRUPTED, InfrastructureError, TwinError
-from twin.base.process import end, how_it_ended, raised_in, spawn
+from twin.base.process import end, give_freed_memory_back, how_it_ended, raised_in, spawn
 from twin.fabric.endpoint import is_loopback, is_tls
 from twin.fabric.keys.key_file import MemberKey, shared
 
@@ -66,6 +66,7 @@ def serve_folder(
         history: folder of an earlier run, whose longest cases begin first; None: of none.
     """
     logging.basicConfig(level=logging.INFO, format="%(levelname)s %(message)s")
+    give_freed_memory_back()
     # Workers that join from anywhere have a device each, as a rule.
     config = Config(by_batch=by_batch, view=view, spread=True, lengths_s=_lengths(history))
     if not (is_loopback(listen) or allow_unprotected):

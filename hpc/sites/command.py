@@ -153,6 +153,7 @@ def scale(
     if is_complete(out):
         say("every case has ended")
         return EXIT_PASS
+    common = replace(common, store=store_of(file.store, out))
     for site in sites:  # before anybody is asked anything
         _try(site, out.name, out, site.entry.connect or file.listen, common)
     if key is None and not out.is_dir():
@@ -160,7 +161,6 @@ def scale(
             f"{out}: no such run folder; `hpc submit CAMPAIGN --on ...` makes one, --key names a "
             "conductor elsewhere"
         )
-    common = replace(common, store=store_of(file.store, out))
     look = partial(_served, out) if key is None else partial(conductor.target_of, key)
     served = look()
     with alone(out):

@@ -21,12 +21,12 @@ def compiled_before() -> Path:
     return Path(wp.config.kernel_cache_dir)
 
 
-def all_but_one(folder: Path, left_out: str = LEFT_OUT) -> Path:
+def all_but_one(folder: Path) -> Path:
     """Fill ``folder`` with links to the kernels, except one module; Warp's place in it."""
     place = folder / wp.config.version
     place.mkdir(parents=True)
     for path in compiled_before().iterdir():
-        if not path.name.startswith(left_out):
+        if not path.name.startswith(LEFT_OUT):
             (place / path.name).symlink_to(path)
     return place
 

@@ -128,18 +128,6 @@ def test_no_write_access_to_the_kernel_cache(marked, quiet, read_only, tmp_path)
     shutil.rmtree(own)
 
 
-def test_compiling_is_no_time_of_a_case(marked, tmp_path):
-    """Here the kernels of vehicles are compiled first, which takes longer than a case may stand."""
-    kernels = tmp_path / "kernels"
-    place = all_but_one(kernels, "wp_twin.vehicle.kernel_")
-    folder = tmp_path / "c"
-    options = ("--workers", "1", "--case", HIT, "--set", "deadline_s=4")
-    done = run(marked, folder, *options, variables={"WARP_CACHE_PATH": str(kernels)})
-    assert len(compiled_in(place)) == 1
-    assert "deadline" not in done.stderr
-    assert outcomes(folder)[HIT]["attempts"] == 1
-
-
 def test_no_write_access_as_another_user(marked, tmp_path):
     """An ordinary user and a folder of root's."""
     if os.geteuid() != 0 or shutil.which("setpriv") is None:

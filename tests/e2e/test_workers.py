@@ -123,7 +123,7 @@ def test_a_worker_whose_conductor_has_gone_leaves(marked, tmp_path):
     """It waits until its walltime unless it is told otherwise; its processor is not its own."""
     state = tmp_path / "state"
     conductor = serve(marked, state)
-    words = ("twin", "worker", "--state", str(state), "--until-done", "--away-s", "0.5")
+    words = ("twin", "worker", "--state", str(state), "--away-s", "0.5")
     ends = {}
     for code, more in ((3, ()), (75, ("--started-again",))):
         log = tmp_path / f"{code}.log"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 import warp as wp
@@ -93,6 +95,15 @@ def test_equal_fractions_are_the_same_argument(line: Line) -> None:
         again(shifted_kernel, 2, [shift * line.at(1)[0]], [out])  # another object each time
         assert out.numpy().tolist() == [shift] * 2
     assert line.packed == 1 + 3
+
+
+def test_zero_and_minus_zero_are_two_arguments() -> None:
+    again = Relaunch(wp.get_device("cpu"))
+    out = wp.zeros(2, dtype=wp.float64, device="cpu")
+    for shift in (0.0, -0.0, 0.0):
+        out.fill_(-0.0)
+        again(shifted_kernel, 2, [shift], [out])
+        assert np.signbit(out.numpy()).tolist() == [math.copysign(1.0, shift) < 0.0] * 2
 
 
 def test_other_numbers_sizes_and_arrays_are_other_launches(line: Line) -> None:

@@ -11,6 +11,7 @@ import typer
 from typer.main import get_command_name
 from typer.models import CommandInfo
 
+from twin.base.command import SECONDS_MAX
 from twin.base.software import own_version
 
 EXIT_CODES = (
@@ -29,9 +30,6 @@ class Output(StrEnum):
 
 
 OutputOption = Annotated[Output, typer.Option("--output", help="Format on standard output.")]
-
-SECONDS_MAX = 1e9
-"""Longest duration that an option takes, 32 years; without a limit ``inf`` and ``nan`` pass [s]."""
 
 
 def duration(text: str, *, least: float = 0.0, most: float = SECONDS_MAX, **more: Any) -> Any:

@@ -32,6 +32,8 @@ def is_command() -> bool:
     return _is_command
 
 
+SECONDS_MAX = 1e9
+"""Longest duration that anybody gives, 32 years; without a limit ``inf`` and ``nan`` pass [s]."""
 _AGAIN = "run the same command again to go on"
 
 

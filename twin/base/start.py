@@ -1,7 +1,7 @@
 """Import this first: Ctrl-C and SIGTERM while modules are still loading end the process, without a
 traceback, and they load without being searched for garbage again and again.
 
-:func:`twin.base.cli.run` takes the signals over when everything is there.
+:func:`twin.base.command.run` takes the signals over when everything is there.
 """
 
 import atexit

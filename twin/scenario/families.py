@@ -12,7 +12,7 @@ from schemas.case import Case
 from schemas.kinds.registry import implementation
 from schemas.kinds.scenario import kind_of
 from schemas.sections.scenario import Scenario
-from twin.scenario.protocol import ObservesTogether, Rows, ScenarioFamily, ScenarioRun
+from twin.scenario.protocol import Rows, ScenarioFamily, ScenarioRun
 from twin.scenario.surroundings import Surroundings
 
 if TYPE_CHECKING:
@@ -80,9 +80,10 @@ def observe_all(runs: Sequence[ScenarioRun], x_m: np.ndarray, y_m: np.ndarray) -
     """The next place of the ego of each of ``runs``, world [runs] [m]."""
     for family in {type(run): None for run in runs}:
         own = [number for number, run in enumerate(runs) if type(run) is family]
-        if issubclass(family, ObservesTogether):
-            together: list[Any] = [runs[number] for number in own]
-            family.observe_together(together, x_m[own], y_m[own])
+        # Its own, not that of a family which it extends: that knows nothing of its `observe`.
+        if "observe_together" in vars(family):
+            kind: Any = family
+            kind.observe_together([runs[number] for number in own], x_m[own], y_m[own])
         else:
             for number in own:
                 runs[number].observe(x_m[number : number + 1], y_m[number : number + 1])

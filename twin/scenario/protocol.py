@@ -62,9 +62,9 @@ class ScenarioRun(Protocol):
         perhaps between two rows only."""
 
 
-@runtime_checkable
 class ObservesTogether(Protocol):
-    """A run whose class takes the next places of many runs in one call."""
+    """A run whose class takes the next places of many runs in one call; a class that extends it has
+    to say so anew."""
 
     @classmethod
     def observe_together(cls, runs: Sequence[Self], x_m: np.ndarray, y_m: np.ndarray) -> None:

@@ -7,6 +7,7 @@ import os
 import re
 
 from schemas.escape import escape
+from twin.base.command import SECONDS_MAX
 from twin.base.errors import UsageError
 
 WALLTIME_VARIABLE = "TWIN_WALLTIME_S"
@@ -17,7 +18,7 @@ def walltime_s() -> float | None:
     """What :data:`WALLTIME_VARIABLE` says; None: nothing [s].
 
     Raises:
-        UsageError: it is no finite number.
+        UsageError: it is no such number.
     """
     text = os.environ.get(WALLTIME_VARIABLE, "")
     if not text:
@@ -26,10 +27,10 @@ def walltime_s() -> float | None:
         seconds = float(text)
     except ValueError:
         seconds = math.nan
-    if not math.isfinite(seconds):
+    if not abs(seconds) <= SECONDS_MAX:
         raise UsageError(
             f"environment variable {WALLTIME_VARIABLE}: given '{escape(text, 80)}', allowed: a "
-            "number of seconds"
+            f"number of seconds up to {SECONDS_MAX:g}"
         )
     return seconds
 

@@ -43,7 +43,10 @@ class Relaunch:
             block_dim=block_dim,
         )
         # A command keeps its arguments, so nothing else gets their identities.
-        given = (one if type(one) in (int, float) else id(one) for one in inputs)
+        given = (
+            one if type(one) is int else one.hex() if type(one) is float else id(one)
+            for one in inputs
+        )
         key = (kernel, dim, block_dim, *given, *map(id, outputs))
         if key not in self._commands:
             if len(self._commands) >= COMMANDS_MAX:

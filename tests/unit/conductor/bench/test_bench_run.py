@@ -43,6 +43,7 @@ def test_an_installation_that_takes_as_long_misses_the_target(tmp_path, monkeypa
     [
         (["--cases", "9"], "--cases 9: give a multiple of 8"),
         (["--against", "/dev/null"], "--against /dev/null: not a program"),
+        (["--against", "/usr/bin"], "--against /usr/bin: not a program"),
     ],
 )
 def test_bad_options_are_one_line(tmp_path, options, words):

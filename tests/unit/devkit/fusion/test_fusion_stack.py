@@ -129,7 +129,7 @@ def test_a_pedestrian_who_will_cross_is_braked_for_before_he_is_in_the_path():
 def test_commands_do_not_depend_on_the_number_of_slots_or_the_neighbours():
     def case(n: int) -> MadeUpCase:
         things = [Thing(40.0 + 3.0 * n, 0.1 * n - 0.3), Thing(15.0 + n, -2.6), Thing(50.0, 3.4)]
-        return MadeUpCase(n + 1, things, speed_mps=5.0 + 0.5 * n, fog_per_m=0.002 * n)
+        return MadeUpCase(n + 1, things, speed_mps=5.0 + 0.5 * n, fog_per_m=0.002 * n, radar=True)
 
     alone = of_slot(drive([case(3)], 80), 0)
     many = [case(n % 8) if n % 5 else None for n in range(16)]

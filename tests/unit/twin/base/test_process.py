@@ -1,8 +1,11 @@
 """Logs of children: bounded on the disk while they are written, whatever is printed."""
 
 import os
+import subprocess
 import sys
 import tempfile
+
+import pytest
 
 from twin.base.process import bound_log, end, last_lines, spawn
 
@@ -53,3 +56,32 @@ def test_a_small_log_stays_as_it_is():
         log.flush()
         bound_log(log)
         assert last_lines(log) == "one | two"
+
+
+FREED = """
+import sys
+from pathlib import Path
+from twin.base.process import give_freed_memory_back
+
+def pages():
+    return int(Path("/proc/self/statm").read_text().split()[1])
+
+print(sys.argv[1] == "as usual" or give_freed_memory_back())
+bytearray(b"x") * (30 << 20)  # from then on glibc keeps what is smaller
+before = pages()
+blocks = [bytearray(b"x") * (1 << 20) for _ in range(24)]
+del blocks
+print((pages() - before) * 4096 >> 20)
+"""
+
+
+def test_freed_memory_goes_back_to_the_system():
+    kept_mb = []
+    for how in ("as usual", "given back"):
+        done = subprocess.run([sys.executable, "-c", FREED, how], capture_output=True, text=True)
+        known, kept = done.stdout.split()
+        if known == "False":
+            pytest.skip("needs glibc")
+        kept_mb.append(int(kept))
+    assert kept_mb[0] >= 20
+    assert kept_mb[1] <= 4

@@ -14,7 +14,7 @@ from twin.base.errors import UsageError
 from twin.base.gpu import cuda
 from twin.fabric.drive import StackEnd
 from twin.fabric.memory_bus import MemoryHub
-from twin.worker.allocation import parse_cores
+from twin.worker.allocation import WALLTIME_VARIABLE, parse_cores, walltime_s
 
 
 def test_lists_of_cores():
@@ -26,6 +26,23 @@ def test_lists_of_cores():
 def test_other_lists_are_refused(text):
     with pytest.raises(UsageError, match="expected numbers and ranges"):
         parse_cores(text)
+
+
+@pytest.mark.parametrize("text", ["soon", "nan", "inf", "1e301", "-1e301"])
+def test_a_walltime_that_is_no_duration_is_refused(monkeypatch, text):
+    monkeypatch.setenv(WALLTIME_VARIABLE, "90.5")
+    assert walltime_s() == 90.5
+    monkeypatch.setenv(WALLTIME_VARIABLE, text)
+    with pytest.raises(UsageError, match="a number of seconds up to 1e"):
+        walltime_s()
+
+
+def test_a_worker_that_a_run_starts_reads_no_command_line():
+    """What it loads for that takes longer than anything else at its start."""
+    modules = "twin.worker.preload, twin.worker.shell, twin.fabric.discovery"
+    told = f"import sys, {modules}; print({{'typer', 'rich', 'yaml'}} & {{*sys.modules}})"
+    done = subprocess.run([sys.executable, "-c", told], capture_output=True, text=True)
+    assert done.stdout == "set()\n", done.stderr
 
 
 def twin(*arguments):

@@ -7,6 +7,8 @@ import pytest
 import twin.worker.shell
 from twin.base.errors import InfrastructureError
 from twin.fabric.memory_bus import MemoryBus
+from twin.rig.pipe import Building
+from twin.worker.held import Held
 from twin.worker.options import WorkerOptions
 from twin.worker.shell import Abilities, Worker
 
@@ -35,3 +37,13 @@ def test_a_mistake_beside_the_main_loop_ends_the_worker(hub, monkeypatch, capfd)
     (line,) = str(caught.value).splitlines()
     assert "ended by a mistake of this program: ValueError('no such thing')" in line
     assert "Traceback" in capfd.readouterr().err
+
+
+def test_while_a_rig_is_built_the_time_of_its_cases_stands_still():
+    worker = Worker(WorkerOptions("tcp/127.0.0.1:1"), abilities=Abilities("software", {}, {}))
+    rig = worker._rig = object()
+    held = worker._core.held[1] = Held(None)
+    worker._handle((rig, Building()), 7)
+    assert held.moved_ns == 7
+    worker._handle((object(), Building()), 9)  # of a rig that was stopped
+    assert held.moved_ns == 7
