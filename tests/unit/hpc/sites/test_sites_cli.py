@@ -16,6 +16,15 @@ sites:
   north: {scheduler: slurm, workers: 1}
   south: {scheduler: pbs, workers: 1, ssh: login.south, folder: /home/me, bin: /opt/bin}
 """
+STORED = """\
+store: s3://results/runs
+sites:
+  pool:
+    scheduler: kubernetes
+    connect: tls/node:7447
+    workers: 1
+    directives: [--image=registry/drivetwin:1, --store-secret=bucket]
+"""
 ONE = "--target 0:1 --on slurm:north --sites sites.yaml"
 
 
@@ -68,6 +77,14 @@ def test_one_line(tmp_path, words, code, said):
     assert said in done.stderr
     assert len(done.stderr.splitlines()) == 1, done.stderr
     assert not (tmp_path / "runs").exists(), "nothing is left behind"
+
+
+def test_sites_whose_workers_put_into_a_store_are_scaled(tmp_path):
+    (tmp_path / "sites.yaml").write_text(STORED)
+    (tmp_path / "sites.yaml").chmod(0o600)
+    words = "scale runs/x --target 0:1 --on k8s:pool --sites sites.yaml --time 1:00"
+    done = hpc(*words.split(), folder=tmp_path)
+    assert "no such run folder" in done.stderr, done.stderr
 
 
 @pytest.mark.parametrize(
