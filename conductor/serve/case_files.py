@@ -50,6 +50,7 @@ class CaseFiles:
         """
         self._engine, self._lock = engine, lock
         self._given = Bucket(BYTES_PER_S)
+        self._closing = False
         self._channel: BoundedChannel[tuple[bytes, Respond] | None] = BoundedChannel(WAITING_MAX)
         self._thread = threading.Thread(target=self._run, name="case files", daemon=True)
         self._thread.start()
@@ -63,12 +64,15 @@ class CaseFiles:
             respond(encode(_none("busy: too many requests are waiting", retry=True)))
 
     def close(self) -> None:
-        """Answer what is waiting, and end."""
-        self._channel.put(None)
+        """End; what is waiting has no answer, since the session with whoever asked has ended."""
+        self._closing = True
+        self._channel.offer(None, 0)
         self._thread.join()
 
     def _run(self) -> None:
         while (item := self._channel.take()) is not None:
+            if self._closing:
+                continue
             payload, respond = item
             try:
                 answer = self.handle(payload, time.monotonic())
@@ -84,42 +88,46 @@ class CaseFiles:
             request: CaseFileRequest = decode(payload, CaseFileRequest, REQUEST_BYTES_MAX)
         except WireError as error:
             return _none(str(error))
-        if not self._given.has(ASKED_BYTES + PIECE_BYTES_MAX, now_s):
-            return _none("busy: more is asked for than is given at once", retry=True)
-        piece = self._piece(request)
-        # What was set aside for a whole piece and not given is there for the next.
-        self._given.take(len(piece.data) - PIECE_BYTES_MAX, now_s)
-        return piece
-
-    def _piece(self, request: CaseFileRequest) -> CaseFilePiece:
         with self._lock:
             campaign = self._engine.state.campaigns.get(request.campaign)
             case = campaign.cases.get(request.case) if campaign else None
             end = case.end if case else None
             out = campaign.out if campaign else ""
+        # Who asks for what is not here costs the others nothing.
         if case is None:
             what = escape(f"{request.campaign}/{request.case}", ASKED_BYTES)
             return _none(f"no case '{what}' here; ask for one that the status has")
         if not isinstance(end, Committed):
             return _none(f"{case.case.id}: no result of it is committed; ask when it has ended")
+        if not self._given.has(ASKED_BYTES + PIECE_BYTES_MAX, now_s):
+            return _none("busy: more is asked for than is given at once", retry=True)
         # The names are the journal's; no path of it comes from whoever asks or whoever committed.
         name = f"cases/{case.case.id}/attempt-{end.attempt}/{request.file}"
-        try:
-            with open_below(Path(out), name) as file:
-                size = file.seek(0, 2)
-                first = request.first if request.first >= 0 else max(0, size + request.first)
-                file.seek(min(first, size))
-                data = file.read(PIECE_BYTES_MAX)
-        except OSError as error:
-            return _none(f"{name}: {error.strerror or 'cannot be read'}")
-        return CaseFilePiece(
-            v=SCHEMA_VERSION,
-            data=data,
-            first=min(first, size),
-            size=size,
-            attempt=end.attempt,
-            kpi_sha256=end.result.kpi_sha256,
-        )
+        piece = _read(Path(out), name, request.first, end)
+        # What was set aside for a whole piece and not given is there for the next.
+        self._given.take(len(piece.data) - PIECE_BYTES_MAX, now_s)
+        return piece
+
+
+def _read(out: Path, name: str, asked: int, end: Committed) -> CaseFilePiece:
+    """The piece of file ``name`` of campaign folder ``out`` from byte ``asked`` on; if negative, as
+    many bytes before its end."""
+    try:
+        with open_below(out, name) as file:
+            size = file.seek(0, 2)
+            first = asked if asked >= 0 else max(0, size + asked)
+            file.seek(min(first, size))
+            data = file.read(PIECE_BYTES_MAX)
+    except OSError as error:
+        return _none(f"{name}: {error.strerror or 'cannot be read'}")
+    return CaseFilePiece(
+        v=SCHEMA_VERSION,
+        data=data,
+        first=min(first, size),
+        size=size,
+        attempt=end.attempt,
+        kpi_sha256=end.result.kpi_sha256,
+    )
 
 
 def _none(error: str, *, retry: bool = False) -> CaseFilePiece:

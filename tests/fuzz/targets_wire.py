@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import struct
+import tempfile
 from collections.abc import Callable
 from functools import cache
+from pathlib import Path
 from threading import Lock
 from types import SimpleNamespace
 from typing import Any
 
 from fuzz_target import Target
 
+from conductor.core.facts import Committed
 from conductor.serve.case_files import CaseFiles
 from conductor.serve.deliveries import Deliveries
 from devkit.bridges.autodrive.socketio import SocketClient, SocketError
@@ -113,14 +117,27 @@ def _delivery(data: bytes) -> object:
     return _deliveries().handle(data)
 
 
+_FOLDER = tempfile.TemporaryDirectory(prefix="fuzz-")
+_SECONDS = itertools.count()
+"""As many may be asked for as come: a message a second."""
+
+
 @cache
 def _case_files() -> CaseFiles:
-    nobody: Any = SimpleNamespace(state=SimpleNamespace(campaigns={}))
-    return CaseFiles(nobody, Lock())
+    """Of one campaign with one case, which has left a log."""
+    attempt = Path(_FOLDER.name) / "cases/c1/attempt-1"
+    attempt.mkdir(parents=True)
+    (attempt / "log.txt").write_bytes(b"log")
+    result: Any = SimpleNamespace(kpi_sha256="0" * 64)
+    end = Committed(result=result, worker="w", device_class="cpu", attempt=1)
+    case = SimpleNamespace(case=SimpleNamespace(id="c1"), end=end)
+    campaign = SimpleNamespace(cases={"c1": case}, out=_FOLDER.name)
+    engine: Any = SimpleNamespace(state=SimpleNamespace(campaigns={"c": campaign}))
+    return CaseFiles(engine, Lock())
 
 
 def _case_file(data: bytes) -> object:
-    return _case_files().handle(data, 0.0)
+    return _case_files().handle(data, float(next(_SECONDS)))
 
 
 def _case_piece(data: bytes) -> object:

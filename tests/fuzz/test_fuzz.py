@@ -30,6 +30,14 @@ def test_every_seed_is_a_value_or_a_line(name: str) -> None:
     assert any(accepted), f"no seed of {name} is accepted: fuzzing begins with nothing"
 
 
+def test_a_case_file_is_given_however_often_it_is_asked_for() -> None:
+    """Of a target that answers "busy" fuzzing learns nothing."""
+    (seed,) = (SEEDS / "wire-case-file").glob("log*")
+    target = TARGETS["wire-case-file"]
+    answers = [target.run(seed.read_bytes()) for _ in range(5_000)]
+    assert {getattr(answer, "data", None) for answer in answers} == {b"log"}
+
+
 def test_every_folder_of_seeds_has_its_target() -> None:
     assert {path.name for path in SEEDS.iterdir()} <= set(TARGETS)
 

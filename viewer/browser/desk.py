@@ -129,6 +129,7 @@ class Desk:
         """
         data = self.session().request(topics.CASE_FILES.key, encode(request), ASK_S)
         if data is None:
+            self._drop()  # it may have moved
             return None
         try:
             piece: CaseFilePiece = decode(data, CaseFilePiece)

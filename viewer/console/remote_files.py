@@ -19,8 +19,9 @@ import msgspec
 import pyarrow as pa
 
 from schemas import SCHEMA_VERSION
+from schemas.kinds.kpi import columns_by_name
 from schemas.wire.case_files import PIECE_BYTES_MAX, CaseFileName, CaseFilePiece, CaseFileRequest
-from twin.base.errors import TwinError
+from twin.base.errors import EXIT_USAGE, TwinError
 from twin.base.process import PARENT_VARIABLE
 from twin.records.kpi_file import kpi_sha256, read_kpi
 from viewer.console.moments import COLUMNS, DecisiveMoment, decisive
@@ -33,6 +34,8 @@ KPI_ROWS_MAX = 60_000
 """Most rows that it may have."""
 READ_S = 60.0
 """Longest time that reading it may take [s]."""
+READ_TRIES = 3
+"""How often the process that reads it may end without an answer: then it has none of use."""
 READINGS_MAX = 2
 """KPI files that are read at the same time; further ones wait."""
 _READING = threading.BoundedSemaphore(READINGS_MAX)
@@ -47,6 +50,10 @@ and a page should not wait for each."""
 
 class SilentError(Exception):
     """The conductor does not answer, or gives no files: nothing is known about the file."""
+
+
+class _UnreadError(SilentError):
+    """The process that should read a file was stopped, or ended without an answer."""
 
 
 AskConductor = Callable[[CaseFileRequest], CaseFilePiece | None]
@@ -64,10 +71,10 @@ class RemoteFiles:
     def whole(
         self, campaign: str, case: str, file: CaseFileName, most: int
     ) -> CaseFilePiece | None:
-        """A file as one piece; None: there is none, or it is larger than ``most`` bytes.
+        """A file as one piece; None: it is larger than ``most`` bytes.
 
         Raises:
-            SilentError: nobody knows.
+            SilentError: nobody knows, or it is not there, perhaps not yet.
         """
         first = self._piece(campaign, case, file, 0)
         if first is None or first.size > most:
@@ -94,10 +101,10 @@ class RemoteFiles:
     def end_of(
         self, campaign: str, case: str, file: CaseFileName, most: int
     ) -> CaseFilePiece | None:
-        """The last ``most`` bytes of a file, at most a piece; None: there is none.
+        """The last ``most`` bytes of a file, at most a piece; None: it is of no use.
 
         Raises:
-            SilentError: nobody knows.
+            SilentError: nobody knows, or it is not there, perhaps not yet.
         """
         return self._piece(campaign, case, file, -min(most, PIECE_BYTES_MAX))
 
@@ -117,8 +124,10 @@ class RemoteFiles:
             if piece is None:
                 self._silent_until_s = time.monotonic() + UNANSWERED_S
                 raise SilentError
+            if piece.error and not piece.retry:
+                raise SilentError  # after a takeover files come back one by one: it may be later
             if not piece.retry:
-                return None if piece.error or len(piece.data) > PIECE_BYTES_MAX else piece
+                return piece if len(piece.data) <= PIECE_BYTES_MAX else None
             self._wait(BUSY_S)
         raise SilentError
 
@@ -132,7 +141,12 @@ class RemoteAttempt(RecordedAttempt):
     campaign: str = ""
     """Its campaign, for the conductor."""
     _known: dict[str, Any] = field(default_factory=dict, compare=False)
-    _lock: threading.Lock = field(default_factory=threading.Lock, compare=False)
+    _unread: list[_UnreadError] = field(default_factory=list, compare=False)
+    _locks: dict[str, threading.Lock] = field(
+        default_factory=lambda: {n: threading.Lock() for n in (naming.KPI_FILE, LOG_FILE)},
+        compare=False,
+    )
+    """One per file: a log does not wait until rows are read."""
 
     @cached_property
     def found(self) -> None:
@@ -146,7 +160,8 @@ class RemoteAttempt(RecordedAttempt):
 
     @property
     def rows(self) -> dict[str, list[Any]] | None:  # type: ignore[override]
-        """KPI rows by column; None: there are none, or not those that were committed."""
+        """KPI rows by column, without detections; None: there are none, or not those that were
+        committed."""
         rows: dict[str, list[Any]] | None = self._once(naming.KPI_FILE, self._read_rows)
         return rows
 
@@ -164,7 +179,7 @@ class RemoteAttempt(RecordedAttempt):
         return log
 
     def _once(self, name: str, read: Callable[[], Any]) -> Any:
-        with self._lock:
+        with self._locks[name]:
             if name not in self._known:
                 try:
                     self._known[name] = read() if self.committed else None
@@ -184,14 +199,27 @@ class RemoteAttempt(RecordedAttempt):
         file = self.files.whole(self.campaign, self.case, "kpi.parquet", KPI_BYTES_MAX)
         if file is None or not self._is_committed(file):
             return None
-        table = _read_apart(file.data)
+        try:
+            table = _read_apart(file.data)
+        except _UnreadError as error:
+            self._unread.append(error)
+            if len(self._unread) < READ_TRIES:
+                raise
+            return None
         if table is None or kpi_sha256(table) != file.kpi_sha256:
             return None  # not what the verdict is about
-        rows: dict[str, list[Any]] = table.to_pydict()
+        rows: dict[str, list[Any]] = table.select(_shown(table)).to_pydict()
         return rows
 
     def _is_committed(self, piece: CaseFilePiece) -> bool:
         return self.committed == f"attempt-{piece.attempt}"
+
+
+def _shown(table: pa.Table) -> list[str]:
+    """Columns that a page may show. Not detections: of these a small file can hold so many that
+    they fill the memory as values of Python, and pages take them from recordings."""
+    kinds = columns_by_name()
+    return [name for name in table.column_names if kinds[name].type != "detections"]
 
 
 def _read_apart(data: bytes) -> pa.Table | None:
@@ -199,11 +227,14 @@ def _read_apart(data: bytes) -> pa.Table | None:
 
     Parquet is a format for a large library, so a process in the sandbox of stacks reads it. None:
     it is no KPI file, or has too many rows.
+
+    Raises:
+        SilentError: there was no room for it, or no process.
     """
-    with tempfile.TemporaryDirectory(prefix="console-") as folder, _READING:
-        given, wanted = (Path(folder) / name for name in ("given.parquet", "read.parquet"))
-        given.write_bytes(data)
-        try:
+    try:
+        with tempfile.TemporaryDirectory(prefix="console-") as folder, _READING:
+            given, wanted = (Path(folder) / name for name in ("given.parquet", "read.parquet"))
+            given.write_bytes(data)
             done = subprocess.run(
                 [sys.executable, "-m", "twin.kpi.foreign"],
                 input=msgspec.json.encode([(str(given), str(wanted))]),
@@ -212,9 +243,13 @@ def _read_apart(data: bytes) -> pa.Table | None:
                 check=False,
                 env={**os.environ, PARENT_VARIABLE: str(os.getpid())},  # it ends with us
             )
-            if done.returncode != 0:
+            if done.returncode == EXIT_USAGE:
                 return None
+            if done.returncode != 0:
+                raise _UnreadError
             table = read_kpi(wanted)
-        except (subprocess.TimeoutExpired, TwinError):
-            return None
+    except OSError as error:
+        raise SilentError from error
+    except (subprocess.TimeoutExpired, TwinError) as error:
+        raise _UnreadError from error
     return table if table.num_rows <= KPI_ROWS_MAX else None

@@ -10,8 +10,9 @@ from types import SimpleNamespace
 import msgpack
 import pytest
 from committed_cases import COMMITTED, LEASED, LOG, CommittedCase, one_committed
-from waiting import PATIENCE_S
+from waiting import PATIENCE_S, wait_for
 
+from conductor.core.facts import Committed
 from conductor.serve import case_files
 from conductor.serve.case_files import BYTES_PER_S, WAITING_MAX, CaseFiles
 from schemas import SCHEMA_VERSION as V
@@ -127,10 +128,21 @@ def test_a_file_that_is_none_is_refused(served: CommittedCase, tmp_path, evil):
     assert not served.piece("kpi.parquet").error or evil is link_on_the_way
 
 
+def one_case(out: Path) -> SimpleNamespace:
+    """What a conductor knows of campaign ``demo`` with case ``c``, which left an empty folder."""
+    result = SimpleNamespace(kpi_sha256="0" * 64)
+    end = Committed(result=result, worker="w", device_class="cpu", attempt=1)
+    case = SimpleNamespace(case=SimpleNamespace(id="c"), end=end)
+    demo = SimpleNamespace(cases={"c": case}, out=str(out))
+    return SimpleNamespace(state=SimpleNamespace(campaigns={"demo": demo}))
+
+
 def test_more_than_is_given_in_a_second_is_put_off(tmp_path):
-    """By the time that it is told, not by a clock."""
-    nobody = SimpleNamespace(state=SimpleNamespace(campaigns={}))
-    files = CaseFiles(nobody, threading.Lock())
+    """By the time that it is told, not by a clock. What is not here costs the others nothing."""
+    files = CaseFiles(one_case(tmp_path), threading.Lock())
+    none = encode(CaseFileRequest(v=V, campaign="demo", case="nobody", file="log.txt"))
+    for _ in range(2 * int(BURST_S * BYTES_PER_S) // case_files.ASKED_BYTES):
+        assert "no case" in files.handle(none, 100.0).error
     asked = encode(CaseFileRequest(v=V, campaign="demo", case="c", file="log.txt"))
     burst = int(BURST_S * BYTES_PER_S)
     answers = [files.handle(asked, 100.0) for _ in range(burst // case_files.ASKED_BYTES + 1)]
@@ -139,6 +151,7 @@ def test_more_than_is_given_in_a_second_is_put_off(tmp_path):
     assert len(given) > (burst - PIECE_BYTES_MAX) // case_files.ASKED_BYTES - 2
     assert "busy" in answers[-1].error
     assert files.handle(asked, 100.0).retry
+    assert "no case" in files.handle(none, 100.0).error
     assert not files.handle(asked, 101.0).retry
     files.close()
 
@@ -154,9 +167,27 @@ def test_too_many_at_once_are_put_off_and_the_others_answered(tmp_path):
             files.receive(asked, answers.append)
         assert answers
         assert all(decode(answer, CaseFilePiece).retry for answer in answers)
+    wait_for(lambda: len(answers) == WAITING_MAX + 2, "all answered")
     files.close()
-    assert len(answers) == WAITING_MAX + 2
     files = CaseFiles(nobody, lock)
     files.receive(bytes(REQUEST_BYTES_MAX + 1), answers.append)
     files.close()
     assert "at most 4096 are accepted" in decode(answers[-1], CaseFilePiece).error
+
+
+def test_a_conductor_that_ends_reads_nothing_more():
+    """Its sessions have ended before: nobody hears an answer."""
+    nobody = SimpleNamespace(state=SimpleNamespace(campaigns={}))
+    lock = threading.Lock()
+    files = CaseFiles(nobody, lock)
+    asked = encode(CaseFileRequest(v=V, campaign="demo", case="c", file="log.txt"))
+    answers: list[bytes] = []
+    with lock:
+        for _ in range(WAITING_MAX):
+            files.receive(asked, answers.append)
+        closing = threading.Thread(target=files.close)
+        closing.start()
+        wait_for(lambda: files._closing, "it ends")
+    closing.join(PATIENCE_S)
+    assert not closing.is_alive()
+    assert len(answers) <= 1, "of the one that was taken already"

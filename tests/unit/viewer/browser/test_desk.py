@@ -7,8 +7,11 @@ import pytest
 from free_ports import reserved_port
 from waiting import PATIENCE_S
 
+from schemas import SCHEMA_VERSION as V
+from schemas.wire.case_files import CaseFileRequest
 from twin.fabric.discovery import Target
 from twin.fabric.zenoh_bus import open_bus
+from viewer.browser import desk as desk_module
 from viewer.browser.desk import Desk
 
 
@@ -46,4 +49,16 @@ def test_a_conductor_that_has_moved_gets_another_session(opened, port, another_p
     opened.append(desk)
     first = desk.session()
     assert desk.session() is first
+    assert desk.session() is not first
+
+
+def test_a_conductor_that_gives_no_file_is_looked_for_anew(opened, port, monkeypatch):
+    """Nobody answers there: the next question has another session."""
+    monkeypatch.setattr(desk_module, "ASK_S", 0.01)
+    opened.append(open_bus("router", listen=[f"tcp/127.0.0.1:{port}"]))
+    desk = Desk(lambda: target(port))
+    opened.append(desk)
+    first = desk.session()
+    request = CaseFileRequest(v=V, campaign="demo", case="c", file="log.txt")
+    assert desk.case_file(request) is None
     assert desk.session() is not first

@@ -3,21 +3,32 @@
 from __future__ import annotations
 
 import os
+import tempfile
+import threading
 
 import msgspec
 import pytest
 from committed_cases import COMMITTED, LEASED, LOG, one_committed
 from unit.viewer.console.console_runs import kpi
 from unit.viewer.console.test_console_watch import Heard
+from waiting import PATIENCE_S
 
 from schemas import SCHEMA_VERSION as V
+from schemas.kinds.kpi import shipped
 from schemas.wire.case_files import CaseFilePiece, CaseFileRequest
 from twin.base.errors import UnreachableError
 from twin.records import kpi_file
 from viewer.console import remote_files
 from viewer.console.case_page import LINE_CHARS_MAX
 from viewer.console.recorded import LOG_BYTES_MAX
-from viewer.console.remote_files import BUSY_TRIES, RemoteFiles, SilentError
+from viewer.console.remote_files import (
+    BUSY_TRIES,
+    READ_TRIES,
+    RemoteAttempt,
+    RemoteFiles,
+    SilentError,
+)
+from viewer.recording.naming import KPI_FILE
 
 
 class Far:
@@ -44,6 +55,11 @@ class Far:
 
     def _wait(self, time_s):
         self.waited_s += time_s
+
+
+def attempt_of(files):
+    """The committed attempt, without a page around it."""
+    return RemoteAttempt(None, COMMITTED, "attempt-1", files=files, campaign="demo")
 
 
 @pytest.fixture
@@ -111,9 +127,73 @@ def test_rows_that_are_too_many_or_too_large_are_not_shown(served, monkeypatch):
     assert len(far.asked) == 1, "its length says enough"
 
 
-def test_a_file_that_takes_too_long_to_read_is_none(served, monkeypatch):
+def test_a_file_that_takes_too_long_to_read_is_tried_again_some_times(served, monkeypatch):
+    far, slow = Far(served.ask), Far(served.ask)
     monkeypatch.setattr(remote_files, "READ_S", 0.001)
-    assert Far(served.ask).series()["t"] == []
+    assert far.series()["t"] == []
+    for _ in range(READ_TRIES):
+        assert slow.series()["t"] == []
+    monkeypatch.undo()
+    assert len(far.series()["t"]) == 3
+    assert slow.series()["t"] == [], "it is too much for its reader"
+    assert len(slow.asked) == READ_TRIES
+
+
+def test_no_room_to_read_it_says_nothing_about_a_file(served, tmp_path, monkeypatch):
+    far = Far(served.ask)
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "gone"))
+    for _ in range(READ_TRIES):
+        assert far.series()["t"] == []
+    monkeypatch.undo()
+    assert len(far.series()["t"]) == 3
+
+
+def test_files_that_are_still_on_their_way_are_shown_when_they_come(served):
+    """As after a takeover, when a conductor fetches what its predecessor left in the store."""
+    away = served.attempt.with_name("away")
+    served.attempt.rename(away)
+    far = Far(served.ask)
+    assert far.page()["log"] is None
+    assert far.series()["t"] == []
+    away.rename(served.attempt)
+    assert far.page()["log"] is not None
+    assert len(far.series()["t"]) == 3
+
+
+def test_detections_of_a_small_file_are_no_values_of_the_console(tmp_path, hub):
+    """There may be a hundred thousand; the digest is that of all columns nevertheless."""
+    count = 2_000
+    seen = {"label": "car", **dict.fromkeys(kpi_file.DETECTION_FIELDS[1:], 1.0)}
+    columns = {kind.name: [0] * count for kind in shipped("column") if not kind.nullable}
+    columns |= {"tick": [*range(count)], "detections": [[seen] * 50] * count}
+    table = kpi_file.kpi_table(columns)
+    with one_committed(tmp_path / "state", hub, sha256=kpi_file.kpi_sha256(table)) as served:
+        kpi_file.write_kpi(table, served.attempt / KPI_FILE)
+        assert (served.attempt / KPI_FILE).stat().st_size < 100_000
+        rows = attempt_of(RemoteFiles(served.ask)).rows
+    assert rows is not None
+    assert rows["tick"] == columns["tick"]
+    assert [*rows] == [name for name in table.column_names if name != "detections"]
+
+
+def test_a_log_does_not_wait_for_rows(served):
+    reading, read = threading.Event(), threading.Event()
+    in_time = []
+
+    def ask(request):
+        if request.file == "kpi.parquet":
+            reading.set()
+            in_time.append(read.wait(PATIENCE_S / 4))
+        return served.ask(request)
+
+    attempt = attempt_of(RemoteFiles(ask))
+    rows = threading.Thread(target=lambda: attempt.rows)
+    rows.start()
+    assert reading.wait(PATIENCE_S)
+    assert attempt.log() is not None
+    read.set()
+    rows.join(PATIENCE_S)
+    assert in_time == [True]
 
 
 def test_no_foreign_file_is_read_in_the_consoles_own_process(served, monkeypatch):
@@ -167,6 +247,7 @@ def test_a_busy_conductor_is_waited_for_some_time(served):
     assert far.waited_s > 0
     far = Far(lambda _: busy)
     assert far.page()["log"] is None
+    assert far.asked
     assert len(far.asked) % BUSY_TRIES == 0
 
 
