@@ -128,10 +128,11 @@ def _sign_ended(conductor: Conductor, over: threading.Event) -> None:
         try:
             due = conductor.to_sign(last=last)
         except Exception as error:  # a mistake of ours; it may not come again
-            if repr(error) != said:
+            if last or repr(error) != said:
                 said = repr(error)
                 _log.error("nothing is signed now: %s", said)
             continue
+        said = ""
         for path, before in due.items():
             if path in failed and not last:
                 continue

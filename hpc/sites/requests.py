@@ -5,6 +5,8 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+import re
+import secrets
 import socket
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,12 +17,16 @@ from hpc.request import JobRequest, parse_walltime
 from hpc.script import job_name
 from hpc.sites.file import NamedSite
 from hpc.software.container import BIN_FOLDER
-from twin.base.errors import UsageError
+from schemas.files.regular_file import read_regular
+from twin.base.errors import UsageError, storage_error
+from twin.base.files import write_atomic
 
 FOLDER_NAME = "sites"
 """Folder in the run folder for what sites without one of their own need."""
 JOIN_KEY = "worker.key"
 """Name of the key beside a job script."""
+STORE_ID = "store.id"
+"""File of a run folder that names it in its result store, as the conductor reads it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -124,10 +130,30 @@ def remote_folder(folder: str, out: Path, run: str) -> str:
     return f"{folder.rstrip('/')}/{job_name(out.name)}-{mark}"
 
 
-def store_of(store: str, out: Path) -> str:
+def store_of(store: str, out: Path, mark: str) -> str:
     """Result store of a run below the one of the sites file: a store has one run; empty: none."""
-    mark = hashlib.sha256(f"{socket.gethostname()}:{out}".encode()).hexdigest()[:8]
     return f"{store.rstrip('/')}/{job_name(out.name)}-{mark}" if store else ""
+
+
+def mark_of(out: Path) -> str:
+    """What tells the store of this run folder from others: the same from each host that sees the
+    folder, another one when the folder is removed and used again. It is in the file by which a
+    conductor's claim of a store names the folder, which is made here if there is none.
+
+    Raises:
+        InfrastructureError: the folder cannot be read or written.
+        UsageError: the file is damaged.
+    """
+    path = out / STORE_ID
+    try:
+        if not path.exists():
+            write_atomic(path, secrets.token_hex(16).encode() + b"\n")
+        text = read_regular(path, 64).decode("ascii", "replace").strip()
+    except OSError as error:
+        raise storage_error(error, str(path)) from None
+    if not re.fullmatch(r"[0-9a-f]{32}", text):
+        raise UsageError(f"{path}: damaged; remove it and give an empty --out folder")
+    return text[:8]
 
 
 def check_campaign(facts: CampaignFacts, store: str = "") -> None:

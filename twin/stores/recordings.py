@@ -252,17 +252,25 @@ class RecordingUploads:
         return True
 
     def _bound(self) -> None:
-        """Leave the oldest out while too many wait, or too many bytes."""
+        """Leave out what can never be put, then the oldest while too many wait, or too many bytes;
+        last of all what is in the store, and only waits for the conductor to hear of it."""
         sizes = {token: size_in(_folder(item.lease)) for token, item in self._waiting.items()}
-        bytes_left = sum(sizes.values())
         for token, size in sizes.items():
+            if size > RECORDING_BYTES_MAX and self._waiting[token].stored is None:
+                self._drop(token, _size_words(size))
+        # By age: those that failed have gone behind the others.
+        oldest = sorted(
+            self._waiting.items(), key=lambda entry: (entry[1].stored is not None, entry[1].until_s)
+        )
+        bytes_left = sum(sizes[token] for token in self._waiting)
+        for token, _ in oldest:
             if len(self._waiting) > WAITING_MAX:
                 self._drop(token, f"more than {WAITING_MAX} wait for the store")
             elif bytes_left > WAITING_BYTES_MAX:
                 self._drop(token, f"more than {WAITING_BYTES_MAX} bytes wait for the store")
             else:
                 return
-            bytes_left -= size
+            bytes_left -= sizes[token]
 
     def _drop(self, token: int, why: str) -> None:
         item = self._waiting.pop(token, None)
@@ -282,10 +290,14 @@ def _folder(lease: Lease) -> Path:
     return Path(lease.out) / "cases" / lease.case.id / f"attempt-{lease.attempt}"
 
 
+def _size_words(size: int) -> str:
+    return f"it has {size} bytes, allowed: 1 to {RECORDING_BYTES_MAX}"
+
+
 def _read(folder: Path) -> bytes:
     """The recording; a link that somebody has put in its place is not followed."""
     with open_below(folder, RECORDING_FILE) as file:
         size = os.fstat(file.fileno()).st_size
         if not 0 < size <= RECORDING_BYTES_MAX:
-            raise _LostRecordingError(f"it has {size} bytes, allowed: 1 to {RECORDING_BYTES_MAX}")
+            raise _LostRecordingError(_size_words(size))
         return file.read(size)

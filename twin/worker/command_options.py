@@ -64,7 +64,8 @@ AwaySOption = Annotated[
     float | None,
     duration(
         "Leave when no conductor has answered for so long and no case runs; results are waited "
-        "for as long again as their cases took; default: wait for it [s].",
+        "for as long again as their cases took, from their end; a conductor may be silent for 2 s "
+        "between heartbeats; default: wait for it [s].",
     ),
 ]
 DrainSOption = Annotated[float, duration("After SIGTERM, running cases may go on this long [s].")]

@@ -205,7 +205,7 @@ class Core:
         """A case ended; its result waits for the next request, which is due now."""
         if (held := self.held.pop(result.token, None)) is None:
             return []  # abandoned meanwhile
-        self.silence.ran(result.token, now_ns - held.began_ns)
+        self.silence.ran(result.token, held.began_ns, now_ns)
         self.results.append(result)
         self.broken = 0
         self.ask_at_ns = now_ns
@@ -339,7 +339,7 @@ class Core:
         if self.phase in ("draining", "left"):
             return []
         if self.phase == "joining":
-            return [*self._end_all("released", detail), *self._leave()]
+            return [*self._end_all("released", detail), *self.leave()]
         if self.phase == "finishing":
             return self._release(now_ns)
         self.phase = "finishing"
@@ -397,7 +397,7 @@ class Core:
             return []
         return self.on_drain("conductor asked to drain", now_ns)
 
-    def _leave(self, error: str = "", silent: str = "") -> list[Effect]:
+    def leave(self, error: str = "", silent: str = "") -> list[Effect]:
         """Leave without a goodbye; what was not delivered waits in the spool."""
         self.phase = "left"
         return [*self._spool(self.results), Leave(error, silent)]
@@ -474,7 +474,7 @@ class Core:
             self.ask_at_ns = now_ns + max(int(reply.retry_after_s * SECOND_NS), IDLE_NS)
             return [Say(f"conductor: {reply.error}")]
         if reply.error:
-            return [*self._end_all("released", reply.error), *self._leave(reply.error)]
+            return [*self._end_all("released", reply.error), *self.leave(reply.error)]
         if self.phase == "joining":
             self.phase = "working"
         self.ttl_ns = max(SECOND_NS // 10, int(reply.ttl_s * SECOND_NS))
@@ -491,16 +491,16 @@ class Core:
         if self.phase == "draining":
             self.refused += 1
             if self.refused >= GOODBYE_TRIES:
-                return effects + self._leave()
+                return effects + self.leave()
         return effects
 
     def _unanswered(self, now_ns: int) -> list[Effect]:
         self.unanswered += 1
         self.ask_at_ns = now_ns + RETRY_NS
         if self.phase == "draining" and self.unanswered >= GOODBYE_TRIES:
-            return self._leave()
+            return self.leave()
         if (line := self.silence.is_over(now_ns)) and not self.held:
-            return self._leave(silent=line)
+            return self.leave(silent=line)
         if self.reachable and self.unanswered > 1:
             self.reachable = False
             line = Say("conductor does not answer; cases go on, results wait")
@@ -532,7 +532,7 @@ class Core:
                 f"the conductor leases cases of version {max(strange)}, this worker reads version "
                 f"{CASE_VERSION}; install the same release on both sides"
             )
-            return [*effects, *self._end_all("released", why), *self._leave(why)]
+            return [*effects, *self._end_all("released", why), *self.leave(why)]
         if self._free() and not reply.leases:
             self.ask_at_ns = now_ns + int(max(reply.retry_after_s * SECOND_NS, IDLE_NS))
         return effects + self._accept(reply.leases, now_ns)

@@ -59,39 +59,38 @@ class Silence:
     [ns]."""
     since_ns: int | None = None
     """First request without an answer; None: the conductor answers [ns]."""
-    took_ns: dict[int, int] = field(default_factory=dict)
-    """Token -> how long a case ran whose result waits [ns]."""
+    until_ns: dict[int, int] = field(default_factory=dict)
+    """Token -> time until which the result of a case is waited for [ns]."""
 
     def heard(self) -> None:
         """The conductor has answered something."""
         self.since_ns = None
 
-    def ran(self, token: int, took_ns: int) -> None:
-        """A case has ended after ``took_ns``, with a result."""
-        self.took_ns[token] = took_ns
+    def ran(self, token: int, began_ns: int, now_ns: int) -> None:
+        """A case that began at ``began_ns`` has ended now, with a result."""
+        self.until_ns[token] = now_ns + (now_ns - began_ns)
 
     def settled(self, results: Iterable[Result]) -> None:
         """The conductor has these results."""
         for result in results:
-            self.took_ns.pop(result.token, None)
+            self.until_ns.pop(result.token, None)
 
     def is_over(self, now_ns: int) -> str:
         """Why nobody is waited for any longer, in a line; empty: a request without an answer is
         repeated.
 
-        Results in hand are waited for as long as it took to make them, on top: afterwards it costs
-        less to run their cases again, on this processor or another.
+        A result in hand is waited for, from the end of its case, as long as it took to make it:
+        afterwards it costs less to run the case again, on this processor or another.
         """
         if self.since_ns is None:
             self.since_ns = now_ns
-        silent_ns = now_ns - self.since_ns
-        if self.limit_ns is None or silent_ns < self.limit_ns + max(
-            self.took_ns.values(), default=0
-        ):
+        if self.limit_ns is None:
             return ""
-        left = len(self.took_ns)
+        if now_ns < max([self.since_ns + self.limit_ns, *self.until_ns.values()]):
+            return ""
+        left = len(self.until_ns)
         lost = f"; {counted(left, 'result')} not delivered" if left else ""
-        return f"no conductor has answered for {silent_ns / 1e9:.0f} s{lost}"
+        return f"no conductor has answered for {(now_ns - self.since_ns) / 1e9:.0f} s{lost}"
 
 
 def over_memory(used: dict[str, int], limit_bytes: int | None) -> str:

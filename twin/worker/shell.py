@@ -281,6 +281,7 @@ class Worker:
         if self._loading is not None:
             self._loading.discard()
         self._requests.put(None)
+        self._recordings.finish(0.0)  # without a goodbye nobody has said what is lost
         if self._bus is not None:
             self._bus.close()
         if self._delivery is not None:
@@ -419,10 +420,10 @@ class Worker:
             case _Answered(request, reply):
                 return core.on_reply(request, reply, now)
             case _Undeliverable(error):
-                return [Leave(error)]
+                return core.leave(error)
             case _Mistaken(error):
-                self._mistake, self._left = error, True
-                return []
+                self._mistake = error
+                return core.leave()
             case _Heard():
                 core.silence.heard()
                 return []

@@ -252,3 +252,39 @@ def test_it_is_not_signed_before_recordings_have_had_their_time(
     assert served.to_sign() == {}
     monkeypatch.setattr(conductor.serve.shell, "RECORDINGS_S", 0.0)
     wait_for(lambda: list(served.to_sign()) == [folder], "the outcomes on disk")
+
+
+class Mistaken:
+    """A conductor that cannot say what is to be signed, but for some passes in between."""
+
+    def __init__(self, passes: list[bool], over: threading.Event) -> None:
+        self.passes, self.over = passes, over
+
+    def to_sign(self, *, last: bool) -> dict[Path, int]:
+        """Fails where the list says so; before the last one it is over."""
+        fails = self.passes.pop(0)
+        if len(self.passes) == 1:
+            self.over.set()
+        if fails:
+            raise RuntimeError("a mistake")
+        return {}
+
+
+@pytest.mark.parametrize(
+    ("passes", "said"),
+    [
+        ([True, True, True, False], 1),  # the same again is no news
+        ([True, False, True, False], 2),  # it had passed meanwhile
+        ([True, True, True], 2),  # after the last pass nothing is signed any more
+    ],
+)
+def test_a_mistake_is_said_when_it_comes_and_in_the_last_pass(
+    passes: list[bool],
+    said: int,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    monkeypatch.setattr(command, "SIGN_PERIOD_S", 0.0)
+    over = threading.Event()
+    _sign_ended(Mistaken([*passes], over), over)  # type: ignore[arg-type]
+    assert caplog.text.count("nothing is signed now: RuntimeError('a mistake')") == said

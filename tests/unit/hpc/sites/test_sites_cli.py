@@ -1,14 +1,15 @@
 """``hpc submit --on`` and ``hpc scale`` as a user who mistypes meets them."""
 
+import shutil
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 from waiting import PATIENCE_S
 
+from conductor.stored.link import StoreLink, StoreOptions
 from hpc.campaigns import CampaignFacts
-from hpc.sites.requests import check_campaign, store_of
+from hpc.sites.requests import check_campaign, mark_of, store_of
 from twin.base.errors import UsageError
 
 SITES = """\
@@ -110,10 +111,27 @@ def test_recordings_go_where_a_store_takes_them():
         check_campaign(CampaignFacts(**facts, records=True, drive_records=True), "s3://bucket/x")
 
 
-def test_each_run_has_a_store_of_its_own():
-    """A store has one run; the same folder is the same run."""
-    one, two = (store_of("s3://bucket/night/", Path(f"/r/{name}/aeb")) for name in "ab")
+def test_each_run_has_a_store_of_its_own(tmp_path, monkeypatch):
+    """From each host that sees the folder; removed and used again, it is another run."""
+    out = tmp_path / "aeb"
+
+    def url():
+        out.mkdir(exist_ok=True)
+        return store_of("s3://bucket/night/", out, mark_of(out))
+
+    one = url()
     assert one.startswith("s3://bucket/night/aeb-")
-    assert one != two
-    assert store_of("s3://bucket/night", Path("/r/a/aeb")) == one
-    assert store_of("", Path("/r/a/aeb")) == ""
+    monkeypatch.setattr("socket.gethostname", lambda: "login2")
+    assert url() == one
+    shutil.rmtree(out)
+    assert url() != one
+    assert store_of("", out, "0") == ""
+    (out / "store.id").write_text("torn")
+    with pytest.raises(UsageError, match="damaged"):
+        mark_of(out)
+
+
+def test_a_conductor_takes_the_mark_of_a_run_for_its_claim(tmp_path):
+    mark = mark_of(tmp_path)
+    link = StoreLink(StoreOptions(str(tmp_path / "store")), tmp_path, None)
+    assert link._lease()[:8] == mark

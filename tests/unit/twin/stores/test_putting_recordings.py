@@ -156,8 +156,7 @@ def test_a_file_that_is_too_large_or_has_changed_is_said_and_left_out(
     with monkeypatch.context() as smaller:
         smaller.setattr(recordings_module, "RECORDING_BYTES_MAX", len(CONTENT) - 1)
         side.record(one)
-        side.commit(one)
-        wait_for(freed(side, one), "the first attempt")
+        assert side.commit(one) == [one.token]
     side.record(two, sha256="ab" * 32)
     side.commit(two)
     wait_for(freed(side, two), "the second attempt")
@@ -331,6 +330,67 @@ def test_only_so_many_wait(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     assert len(free) == 2, "their files are not kept for ever"
     assert sum("more than 2 wait for the store" in line for line in side.lines) == 2
     side.uploads.finish(0.0)
+
+
+def test_the_oldest_is_left_out_also_after_it_was_tried(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What failed lets others go first, and is the oldest all the same."""
+    monkeypatch.setattr(recordings_module, "WAITING_MAX", 2)
+    monkeypatch.setattr(recordings_module, "LOOK_S", 0.01)
+    monkeypatch.setattr(recordings_module, "AGAIN_MAX_S", 0.02)
+    tries: list[str] = []
+    may = threading.Semaphore(0)
+
+    class Gate(Away):
+        def put(self, name: str, data: bytes) -> None:
+            tries.append(name)
+            assert may.acquire(timeout=PATIENCE_S)
+            super().put(name, data)
+
+    side = Side(tmp_path, Gate(tmp_path / "store"), cases=3)
+    one, two, three = side.leases
+    for lease in side.leases:
+        side.record(lease, CONTENT + lease.case.id.encode())
+    side.commit(one)
+    wait_for(lambda: len(tries) == 1, "the first try")
+    assert side.commit(two) == []
+    may.release()  # the first one goes behind the second
+    wait_for(lambda: len(tries) == 2, "the second try")
+    assert tries[0] != tries[1]
+    assert side.commit(three) == [one.token]
+    may.release(99)
+    side.uploads.finish(0.0)
+
+
+def test_one_that_is_too_large_costs_no_other(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(recordings_module, "RECORDING_BYTES_MAX", 2 * len(CONTENT))
+    monkeypatch.setattr(recordings_module, "WAITING_BYTES_MAX", 2 * len(CONTENT))
+    side = Side(tmp_path, Away(tmp_path / "store"))
+    one, two = side.leases
+    side.record(one)
+    side.record(two, 2 * CONTENT + b".")
+    assert side.commit(one, two) == [two.token]
+    (line,) = (line for line in side.lines if line.startswith(two.case.id))
+    assert f"it has {2 * len(CONTENT) + 1} bytes" in line
+    side.uploads.finish(0.0)
+
+
+def test_what_is_in_the_store_is_left_out_last(side: Side, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Only the conductor has to hear of it."""
+    one, two = side.leases
+    side.answering.clear()
+    side.record(one)
+    side.commit(one)
+    wait_for(lambda: side.asked, "a question")
+    monkeypatch.setattr(recordings_module, "WAITING_MAX", 1)
+    assert side.commit(two) == [two.token]
+    side.bench.restart()
+    side.answering.set()
+    wait_for(freed(side, one), "the recording")
+    assert side.named(one) is not None
 
 
 def test_results_are_settled_while_a_recording_is_put(side: Side) -> None:

@@ -2,15 +2,22 @@
 
 import signal
 
+import msgspec
 import pytest
+from test_worker_core import lease, result
 
 import twin.worker.shell
-from twin.base.errors import InfrastructureError
+from schemas.files.recording import RECORDING_FILE
+from schemas.sections.view_mode import ViewMode
+from twin.base.errors import InfrastructureError, UsageError
 from twin.fabric.memory_bus import MemoryBus
 from twin.rig.pipe import Building
+from twin.stores.folder import FolderStore
 from twin.worker.held import Held
 from twin.worker.options import WorkerOptions
 from twin.worker.shell import Abilities, Worker
+from twin.worker.spool import unpack
+from twin.worker.spool_folder import SpoolFolder
 
 SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGUSR1)
 
@@ -24,14 +31,21 @@ def _own_signals():
         signal.signal(number, handler)
 
 
-@pytest.mark.usefixtures("_own_signals")
-def test_a_mistake_beside_the_main_loop_ends_the_worker(hub, monkeypatch, capfd):
+def mistaken(hub, monkeypatch, error, **options):
+    """A worker none of whose requests leaves its program."""
+
     class Mistaken(MemoryBus):
         def request(self, key, payload, timeout_s):
-            raise ValueError("no such thing")
+            raise error
 
     monkeypatch.setattr(twin.worker.shell, "open_bus", lambda *_, **__: Mistaken(hub))
-    worker = Worker(WorkerOptions("tcp/127.0.0.1:1"), abilities=Abilities("software", {}, {}))
+    chosen = WorkerOptions("tcp/127.0.0.1:1", **options)
+    return Worker(chosen, abilities=Abilities("software", {}, {}))
+
+
+@pytest.mark.usefixtures("_own_signals")
+def test_a_mistake_beside_the_main_loop_ends_the_worker(hub, monkeypatch, capfd):
+    worker = mistaken(hub, monkeypatch, ValueError("no such thing"))
     with pytest.raises(InfrastructureError) as caught:
         worker.serve()
     (line,) = str(caught.value).splitlines()
@@ -47,3 +61,35 @@ def test_while_a_rig_is_built_the_time_of_its_cases_stands_still():
     assert held.moved_ns == 7
     worker._handle((object(), Building()), 9)  # of a rig that was stopped
     assert held.moved_ns == 7
+
+
+@pytest.mark.usefixtures("_own_signals")
+@pytest.mark.parametrize(
+    ("error", "raised"),
+    [(ValueError("no such thing"), InfrastructureError), (UsageError("too large"), UsageError)],
+)
+def test_what_it_has_in_hand_lies_in_the_spool(hub, monkeypatch, tmp_path, error, raised):
+    worker = mistaken(hub, monkeypatch, error, spool=tmp_path / "spool")
+    worker._core.results.append(result(7))
+    with pytest.raises(raised):
+        worker.serve()
+    (sealed,) = map(unpack, SpoolFolder(tmp_path / "spool").read())
+    assert sealed.token == 7
+
+
+@pytest.mark.usefixtures("_own_signals")
+def test_a_worker_that_leaves_without_a_goodbye_counts_its_recordings(
+    hub, monkeypatch, tmp_path, capfd
+):
+    worker = mistaken(hub, monkeypatch, ValueError("no such thing"), view=ViewMode.record)
+    granted = msgspec.structs.replace(lease(7), out=str(tmp_path))
+    folder = tmp_path / "cases" / granted.case.id / f"attempt-{granted.attempt}"
+    folder.mkdir(parents=True)
+    (folder / RECORDING_FILE).write_bytes(b"a recorder writes it")
+    worker._recordings.join(FolderStore(tmp_path / "store"))
+    worker._recordings.look(granted)
+    done = msgspec.structs.replace(result(7), attempt_dir="cases/a/attempt-0")
+    worker._recordings.settle([7], [done], [])
+    with pytest.raises(InfrastructureError):
+        worker.serve()
+    assert "1 recording not in the store: the worker leaves" in capfd.readouterr().err

@@ -72,37 +72,40 @@ def test_a_conductor_that_answers_heartbeats_is_there_though_a_store_is_not():
 
 
 def test_a_running_case_goes_on_and_its_result_is_waited_for_as_long_as_it_took():
+    """From its end, also where the silence began long before."""
     core = impatient(working(tokens=(1,)))
     (ask,) = core.on_time(15 * SECOND_NS // 4)
+    began = core.held[1].began_ns
     assert silent(core, ask.request, 0, 9 * LIMIT_NS) == [TOLD]
     core.on_done(result(1), 9 * LIMIT_NS)
     (ask,) = core.on_time(9 * LIMIT_NS)
-    assert silent(core, ask.request, 10 * LIMIT_NS - 1) == []
-    assert silent(core, ask.request, 10 * LIMIT_NS) == [
-        Leave(silent="no conductor has answered for 1200 s; 1 result not delivered")
+    until = 18 * LIMIT_NS - began
+    assert silent(core, ask.request, 10 * LIMIT_NS, until - 1) == []
+    assert silent(core, ask.request, until) == [
+        Leave(silent=f"no conductor has answered for {until / 1e9:.0f} s; 1 result not delivered")
     ]
 
 
 def test_what_it_leaves_with_lies_in_the_spool():
+    """It waits for the longest of its results."""
     core = impatient(working(tokens=(1, 2)))
-    core.on_done(result(1), 5 * SECOND_NS)
-    core.on_done(result(2), 3 * SECOND_NS)
-    (ask,) = core.on_time(5 * SECOND_NS)
-    begun = 6 * SECOND_NS
-    effects = silent(core, ask.request, begun, begun + LIMIT_NS + 5 * SECOND_NS - 1)
+    core.on_done(result(1), 300 * SECOND_NS)
+    core.on_done(result(2), 301 * SECOND_NS)
+    (ask,) = core.on_time(301 * SECOND_NS)
+    effects = silent(core, ask.request, 302 * SECOND_NS, 602 * SECOND_NS - 1)
     assert [type(effect) for effect in effects] == [Say, SpoolWrite, SpoolWrite]
     assert effects[1] == SpoolWrite(1, pack(result(1), hello()))
-    (end,) = silent(core, ask.request, begun + LIMIT_NS + 5 * SECOND_NS)
-    assert end.silent.endswith("for 125 s; 2 results not delivered")
+    (end,) = silent(core, ask.request, 602 * SECOND_NS)
+    assert end.silent.endswith("for 300 s; 2 results not delivered")
 
 
 def test_results_that_were_delivered_are_not_waited_for():
     core = impatient(working(tokens=(1,)))
-    core.on_done(result(1), 50 * SECOND_NS)
-    (ask,) = core.on_time(50 * SECOND_NS)
-    core.on_reply(ask.request, reply(seq=2), 50 * SECOND_NS)
-    (ask,) = core.on_time(60 * SECOND_NS)
-    begun = 60 * SECOND_NS
+    core.on_done(result(1), 500 * SECOND_NS)
+    (ask,) = core.on_time(500 * SECOND_NS)
+    core.on_reply(ask.request, reply(seq=2), 500 * SECOND_NS)
+    (ask,) = core.on_time(510 * SECOND_NS)
+    begun = 510 * SECOND_NS
     assert silent(core, ask.request, begun, begun + LIMIT_NS)[-1] == Leave(
         silent="no conductor has answered for 120 s"
     )
