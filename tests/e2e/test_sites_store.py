@@ -63,7 +63,7 @@ def test_recordings_of_a_site_are_in_the_store(site, kube, marked, tmp_path, mon
         read = marked.run(*asked, folder=tmp_path)
         assert read.returncode == 1, read.stderr
     rows = outcomes(tmp_path / "read")
-    assert len(rows) == 4
+    assert len(rows) == 6
     named = {name: row["recording"] for name, row in rows.items() if "recording" in row}
     assert named, kube.logs().decode()
     for name, stored in named.items():
