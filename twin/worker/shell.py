@@ -178,7 +178,8 @@ class Worker:
         self._loading = loading
         self._inbox: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._requests: queue.SimpleQueue[Request | None] = queue.SimpleQueue()
-        self._rig: RigProcess | None = None
+        self.rig: RigProcess | None = None
+        """Processes of the rig; None: there is none."""
         self._bus: Bus | None = None
         self._spool = SpoolFolder(options.spool)
         self._delivery: Delivery | None = None
@@ -195,9 +196,9 @@ class Worker:
         self.id = f"{host}-{options.device.replace(':', '')}-{secrets.token_hex(6)}"
         # In the memory of this process alone: no child inherits it, and nothing of it is written.
         session = new_secret()
-        self._recordings = RecordingUploads(self.id, session, options.view, self._request, _log)
+        self.recordings = RecordingUploads(self.id, session, options.view, self._request, _log)
         self._resources = ResourceLog(self.id, host, options.device, _log)
-        self._core = Core(
+        self.core = Core(
             Hello(
                 v=SCHEMA_VERSION,
                 worker=self.id,
@@ -243,7 +244,7 @@ class Worker:
             raise UnfinishedError(f"{self._silent}; whoever started this may start it again")
         if self._silent:
             raise UnreachableError(f"{self._silent}; check that the conductor runs")
-        unfinished = self._options.started_again and self._core.cases_left
+        unfinished = self._options.started_again and self.core.cases_left
         return EXIT_UNFINISHED if unfinished else EXIT_PASS
 
     def _startup(self) -> None:
@@ -257,16 +258,16 @@ class Worker:
             namespace=self._options.namespace,
             key=self._options.key,
         )
-        self._delivery = Delivery(self._bus, self.id, self._core.hello.session)
+        self._delivery = Delivery(self._bus, self.id, self.core.hello.session)
         if self._options.join_dir and (gone := sweep(Path(self._options.join_dir))):
             _log(f"{self._options.join_dir}: removed what {len(gone)} dead rigs left")
         self._bus.announce(topics.WORKER_ALIVE.key.format(worker=self.id))
         threading.Thread(target=self._rpc_loop, name="rpc", daemon=True).start()
-        self._carry_out(self._core.on_spool(self._spool.read()))
+        self._carry_out(self.core.on_spool(self._spool.read()))
         self._resources.start()
         self._compiling = compile_kernels(self._options.device)
         _log(f"worker {self.id}: {self._options.slots} slot(s) on {self._options.device}")
-        if lack := self._core.hello.lacks.get(RECORDER):
+        if lack := self.core.hello.lacks.get(RECORDER):
             _log(f"writes no recordings, {lack}")
         for name, lack in lacking_perceptions().items():
             _log(f"cannot run the {name}, {lack}")
@@ -276,12 +277,12 @@ class Worker:
         if self._compiling is not None:
             self._compiling.kill()
             end(self._compiling)
-        if self._rig is not None:
-            self._rig.stop()
+        if self.rig is not None:
+            self.rig.stop()
         if self._loading is not None:
             self._loading.discard()
         self._requests.put(None)
-        self._recordings.finish(0.0)  # without a goodbye nobody has said what is lost
+        self.recordings.finish(0.0)  # without a goodbye nobody has said what is lost
         if self._bus is not None:
             self._bus.close()
         if self._delivery is not None:
@@ -295,11 +296,11 @@ class Worker:
         while (request := self._requests.get()) is not None:
             try:
                 if isinstance(request, Bye):  # afterwards nobody believes us
-                    self._recordings.finish()
+                    self.recordings.finish()
                 reply = self._next(request) if isinstance(request, Next) else self._ask(request)
                 if reply is not None and isinstance(request, Hello):
                     self._storing.join(reply.store)
-                    self._recordings.join(self._storing.store)
+                    self.recordings.join(self._storing.store)
             except (TwinError, OSError) as error:
                 self._inbox.put(_Undeliverable(str(error)))
                 return
@@ -338,12 +339,12 @@ class Worker:
         reply = self._ask(kept)
         if reply is not None and not reply.error:
             self._storing.forget(over)
-            self._delivery.forget(self._recordings.settle(over, request.results, reply.fenced))
+            self._delivery.forget(self.recordings.settle(over, request.results, reply.fenced))
             for line in self._delivery.look(reply.leases, stored=self._storing.store is not None):
                 _log(line)
             for lease in map(self._delivery.localized, reply.leases):
                 self._storing.look(lease)
-                self._recordings.look(lease)
+                self.recordings.look(lease)
         return reply
 
     def _put(self, request: Next, beat: Beat) -> Next | None:
@@ -393,29 +394,25 @@ class Worker:
         except queue.Empty:
             event = None
         now = time.monotonic_ns()
-        if self._rig is not None:
-            self._rig.look()
+        if self.rig is not None:
+            self.rig.look()
         if event is not None:
-            self._carry_out(self._handle(event, now))
-        if self._rig is not None and self._options.memory_gb and now >= self._memory_at_ns:
+            self._carry_out(self.handle(event, now))
+        if self.rig is not None and self._options.memory_gb and now >= self._memory_at_ns:
             self._memory_at_ns = now + MEMORY_PERIOD_NS
-            self._carry_out(self._core.on_memory(self._rig.memory_bytes(), now))
-        rig = self._core.rig
-        if (
-            self._rig is not None
-            and rig is not None
-            and not rig.ready
-            and self._rig.is_fetching(now)
-        ):
-            self._carry_out(self._core.on_preparing(now))
-        self._carry_out(self._core.on_time(now, self._stack_words))
-        leases = (held.lease for held in self._core.held.values())
+            self._carry_out(self.core.on_memory(self.rig.memory_bytes(), now))
+        rig = self.core.rig
+        if self.rig is not None and rig is not None and not rig.ready and self.rig.is_fetching(now):
+            self._carry_out(self.core.on_preparing(now))
+        self._carry_out(self.core.on_time(now, self._stack_words))
+        leases = (held.lease for held in self.core.held.values())
         self._resources.work = work_of(
             lease for lease in leases if not self._delivery.holds(lease.token)
         )
 
-    def _handle(self, event: Any, now: int) -> list[Effect]:
-        core = self._core
+    def handle(self, event: Any, now: int) -> list[Effect]:
+        """What follows from an event at a time [ns]."""
+        core = self.core
         match event:
             case _Answered(request, reply):
                 return core.on_reply(request, reply, now)
@@ -431,7 +428,7 @@ class Worker:
                 return core.on_port_free(now)
             case _Signalled(name):
                 return core.on_drain(name, now)
-            case (rig, _) if rig is not self._rig:
+            case (rig, _) if rig is not self.rig:
                 return []  # words of a rig that was stopped meanwhile
             case (_, Listening(endpoint, view)):
                 return self._start_others(endpoint, view, now)
@@ -477,11 +474,11 @@ class Worker:
         port, turn = port_of(lease.case), None
         if port and (turn := turn_at(port)) is None:
             threading.Thread(target=self._await_turn, args=(port,), daemon=True).start()
-            self._carry_out(self._core.on_port_taken(port, time.monotonic_ns()))
+            self._carry_out(self.core.on_port_taken(port, time.monotonic_ns()))
             return
         try:
             loading, self._loading = self._loading, None
-            self._rig = RigProcess(self._options, lease, slots, self._inbox, loading, turn)
+            self.rig = RigProcess(self._options, lease, slots, self._inbox, loading, turn)
         except OSError as error:
             if turn is not None:
                 turn.close()
@@ -494,33 +491,33 @@ class Worker:
 
     def _start_others(self, endpoint: str, view: str, now: int) -> list[Effect]:
         """The simulator listens: start the stack, and a recorder that reads at ``view``."""
-        assert self._rig is not None
+        assert self.rig is not None
         try:
-            held = self._core.held.values()
-            self._rig.start_stack(endpoint, [held_case.lease.case for held_case in held])
+            held = self.core.held.values()
+            self.rig.start_stack(endpoint, [held_case.lease.case for held_case in held])
             if view:
-                self._rig.start_recorder(view)
+                self.rig.start_recorder(view)
         except OSError as error:
-            return self._core.on_rig_died("released", f"no stack: {error.strerror}", now)
+            return self.core.on_rig_died("released", f"no stack: {error.strerror}", now)
         return []
 
     def _record_on(self, endpoint: str) -> str:
         """Another recorder in place of one that ended; what comes of it."""
-        assert self._rig is not None
+        assert self.rig is not None
         with contextlib.suppress(OSError):
-            if self._rig.start_recorder(endpoint):
+            if self.rig.start_recorder(endpoint):
                 return "running cases lose their recordings, another recorder takes the next ones"
         return "cases go on, this rig's are not recorded any more"
 
     def _stack_words(self) -> str:
         """What a stack of another process said last, to be added to a reason."""
-        last_words = self._rig.stack_words() if self._rig else ""
+        last_words = self.rig.stack_words() if self.rig else ""
         return f"; the stack's log ends: {last_words}" if last_words else ""
 
     def _failures(self, leases: Sequence[Lease], reason: str) -> list[Result]:
         """Results of cases whose stack failed before they began."""
         assert self._delivery is not None
-        printed = self._rig.printed(leases) if self._rig is not None else [None] * len(leases)
+        printed = self.rig.printed(leases) if self.rig is not None else [None] * len(leases)
         results = []
         for lease, output in zip(leases, printed, strict=True):
             try:
@@ -533,9 +530,9 @@ class Worker:
     def _keep_logs(self, leases: Sequence[Lease], end: str) -> None:
         """What the stack printed, for attempts that end without a result."""
         assert self._delivery is not None
-        if self._rig is None:
+        if self.rig is None:
             return
-        for lease, output in zip(leases, self._rig.printed(leases), strict=True):
+        for lease, output in zip(leases, self.rig.printed(leases), strict=True):
             try:
                 write_log(self._delivery.localized(lease), end, output)
             except TwinError as error:
@@ -552,22 +549,22 @@ class Worker:
                     lease = self._delivery.localized(lease)
                     self._start_rig(lease, slots)
                 case StopRig():
-                    if self._rig is not None:
-                        self._rig.stop()
-                        self._rig = None
+                    if self.rig is not None:
+                        self.rig.stop()
+                        self.rig = None
                 case AssignLease(lease):
-                    if self._rig is not None:
-                        self._rig.assign(self._delivery.localized(lease))
+                    if self.rig is not None:
+                        self.rig.assign(self._delivery.localized(lease))
                 case AbandonToken(token):
-                    if self._rig is not None:
-                        self._rig.abandon(token)
+                    if self.rig is not None:
+                        self.rig.abandon(token)
                 case FailCase(token, reason):
-                    if self._rig is not None:
-                        self._rig.fail(token, reason)
+                    if self.rig is not None:
+                        self.rig.fail(token, reason)
                 case FailUnbegun(leases, reason):
                     now = time.monotonic_ns()
                     for result in self._failures(leases, reason):
-                        self._carry_out(self._core.on_done(result, now))
+                        self._carry_out(self.core.on_done(result, now))
                 case KeepLogs(leases, end):
                     self._keep_logs(leases, end)
                 case Say(line):

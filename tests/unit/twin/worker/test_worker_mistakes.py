@@ -55,11 +55,11 @@ def test_a_mistake_beside_the_main_loop_ends_the_worker(hub, monkeypatch, capfd)
 
 def test_while_a_rig_is_built_the_time_of_its_cases_stands_still():
     worker = Worker(WorkerOptions("tcp/127.0.0.1:1"), abilities=Abilities("software", {}, {}))
-    rig = worker._rig = object()
-    held = worker._core.held[1] = Held(None)
-    worker._handle((rig, Building()), 7)
+    rig = worker.rig = object()
+    held = worker.core.held[1] = Held(None)
+    worker.handle((rig, Building()), 7)
     assert held.moved_ns == 7
-    worker._handle((object(), Building()), 9)  # of a rig that was stopped
+    worker.handle((object(), Building()), 9)  # of a rig that was stopped
     assert held.moved_ns == 7
 
 
@@ -70,7 +70,7 @@ def test_while_a_rig_is_built_the_time_of_its_cases_stands_still():
 )
 def test_what_it_has_in_hand_lies_in_the_spool(hub, monkeypatch, tmp_path, error, raised):
     worker = mistaken(hub, monkeypatch, error, spool=tmp_path / "spool")
-    worker._core.results.append(result(7))
+    worker.core.results.append(result(7))
     with pytest.raises(raised):
         worker.serve()
     (sealed,) = map(unpack, SpoolFolder(tmp_path / "spool").read())
@@ -86,10 +86,10 @@ def test_a_worker_that_leaves_without_a_goodbye_counts_its_recordings(
     folder = tmp_path / "cases" / granted.case.id / f"attempt-{granted.attempt}"
     folder.mkdir(parents=True)
     (folder / RECORDING_FILE).write_bytes(b"a recorder writes it")
-    worker._recordings.join(FolderStore(tmp_path / "store"))
-    worker._recordings.look(granted)
+    worker.recordings.join(FolderStore(tmp_path / "store"))
+    worker.recordings.look(granted)
     done = msgspec.structs.replace(result(7), attempt_dir="cases/a/attempt-0")
-    worker._recordings.settle([7], [done], [])
+    worker.recordings.settle([7], [done], [])
     with pytest.raises(InfrastructureError):
         worker.serve()
     assert "1 recording not in the store: the worker leaves" in capfd.readouterr().err
