@@ -274,11 +274,11 @@ def _shown(progress: bool) -> Iterator[Callable[[RunEvent], None]]:
     from rich.console import Console
 
     from conductor.run.bar import BarListener
+    from conductor.run.console import listener_here
 
     console = Console(stderr=True)
-    if console.is_jupyter and not _has_widgets():
-        console = Console(stderr=True, force_jupyter=False, force_terminal=False)
-    listener = BarListener(console)
+    moves = console.is_jupyter and _has_widgets()
+    listener = BarListener(console) if moves else listener_here()
 
     def show(event: RunEvent) -> None:
         if isinstance(event, EventLine):

@@ -22,6 +22,9 @@ WEATHERS: tuple[str, ...] = Weather.__args__  # type: ignore[attr-defined]
 Name = Annotated[str, Meta(pattern=r"^[a-z0-9]([a-z0-9._-]{0,62}[a-z0-9])?\Z")]
 """Names that become file names, Zenoh keys and Rerun ids."""
 
+SHIPPED_STACKS = "devkit."
+"""Prefix of the modules of stacks that are found wherever the commands are."""
+
 TimeOfDay = Annotated[str, Meta(pattern=r"^([01][0-9]|2[0-3]):[0-5][0-9]\Z")]
 """Local time ``HH:MM``."""
 

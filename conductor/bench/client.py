@@ -99,7 +99,7 @@ def full_result(lease: Lease) -> Result:
         noop_result(lease),
         scalars={column.name: sha[n] / 3.0 for n, column in enumerate(SCALARS)},
         reasons=[f"no collision: stopped {sha[0] / 7.0:.2f} m before the obstacle"],
-        attempt_dir=f"cases/{lease.case.id}/attempt-{lease.attempt}",
+        attempt_dir=lease.attempt_dir,
         kpi_sha256=sha.hex(),
         manifest_sha256=hashlib.sha256(sha).hexdigest(),
         wall_s=sha[0] / 10.0,
@@ -113,7 +113,7 @@ def with_files(template: dict[str, Any]) -> Made:
     """
 
     def made(lease: Lease) -> Result:
-        relative = f"cases/{lease.case.id}/attempt-{lease.attempt}"
+        relative = lease.attempt_dir
         folder = Path(lease.out) / relative
         table = kpi_table(template["columns"])
         scenario = msgspec.to_builtins(lease.case.variation.scenario)

@@ -69,14 +69,15 @@ def bench_run(
                 costs[name] += [cost] if number else []
     finally:
         shutil.rmtree(scratch, ignore_errors=True)
-    ratios = _ratios(costs) if against else {}
+    typical = {name: _typical(each) for name, each in costs.items()}
+    ratios = _ratios(typical["against"], typical["here"]) if against else {}
     if as_json:
         runs = {name: [asdict(cost) for cost in each] for name, each in costs.items()}
         print(json.dumps({"cases": cases, "runs": runs, "ratios": ratios}))
     else:
         for name, python in pythons.items():
-            cpu, wall = (median(getattr(c, f) for c in costs[name]) for f in ("cpu_s", "wall_s"))
-            print(f"{python}: {cpu:.2f} s of processor time, {wall:.2f} s by the clock")
+            cpu_s, wall_s = typical[name].cpu_s, typical[name].wall_s
+            print(f"{python}: {cpu_s:.2f} s of processor time, {wall_s:.2f} s by the clock")
         for what, ratio in ratios.items():
             print(f"ratio {what}: {ratio:.2f}")
     missed = bool(ratios) and ratios["cpu_s"] < RATIO_MIN
@@ -124,10 +125,11 @@ def _measure(python: Path, scratch: Path, name: str) -> RunCost:
     return RunCost(usage.ru_utime + usage.ru_stime, wall_s)
 
 
-def _ratios(costs: dict[str, list[RunCost]]) -> dict[str, float]:
-    """What the other installation takes, per what this one does: medians by medians."""
-    return {
-        field: median(getattr(cost, field) for cost in costs["against"])
-        / median(getattr(cost, field) for cost in costs["here"])
-        for field in ("cpu_s", "wall_s")
-    }
+def _typical(costs: list[RunCost]) -> RunCost:
+    """Medians."""
+    return RunCost(median(cost.cpu_s for cost in costs), median(cost.wall_s for cost in costs))
+
+
+def _ratios(other: RunCost, here: RunCost) -> dict[str, float]:
+    """What the other installation takes, per what this one does."""
+    return {"cpu_s": other.cpu_s / here.cpu_s, "wall_s": other.wall_s / here.wall_s}

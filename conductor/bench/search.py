@@ -219,7 +219,7 @@ def _result(lease: Lease) -> Result:
         token=lease.token,
         outcome="verdict",
         verdict="pass",
-        attempt_dir=f"cases/{lease.case.id}/attempt-{lease.attempt}",
+        attempt_dir=lease.attempt_dir,
         kpi_sha256="0" * 64,
         scalars={"dtc_min_m": 1.5 - (varied.start_s + varied.offset_m) / 2**0.5},
     )

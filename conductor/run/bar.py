@@ -1,4 +1,4 @@
-"""The bar of a run on a terminal or in a notebook."""
+"""The bar of a run on a terminal or in a notebook; elsewhere a redrawn bar is noise."""
 
 from __future__ import annotations
 
@@ -17,17 +17,14 @@ from rich.progress import (
 )
 
 from conductor.run.listener import RunProgress
-from schemas.words import counted
 
 
 class BarListener:
     """Prints what a run says; see :class:`conductor.run.listener.RunListener`."""
 
     def __init__(self, console: Console) -> None:
-        self._console = console
         self._bars = _bars(console)
         self._bar: TaskID | None = None
-        self._ended = -1
 
     def say(self, line: str) -> None:
         """Print a line, above the bar."""
@@ -40,11 +37,7 @@ class BarListener:
             yield
 
     def progress(self, progress: RunProgress) -> None:
-        """Move the bar; where there is none, print a line when a case has ended."""
-        if self._bars.disable and self._ended != progress.ended:
-            of = counted(progress.cases, "case")
-            self._console.print(f"{progress.campaign}: {progress.ended} of {of} done")
-        self._ended = progress.ended
+        """Move the bar."""
         if self._bar is None:
             self._bar = self._bars.add_task(progress.campaign, total=None, note="starting")
         note = f"{progress.passed} passed, {progress.running} running"
@@ -60,6 +53,4 @@ def _bars(console: Console) -> Progress:
         TimeElapsedColumn(),
         TimeRemainingColumn(),
         console=console,
-        # Elsewhere a redrawn bar is noise; there lines are printed.
-        disable=not (console.is_terminal or console.is_jupyter),
     )

@@ -1,18 +1,13 @@
-"""Logs and KPI rows of committed attempts, for members who look on without the conductor's disk.
-
-A thread of its own reads them: neither a slow disk nor somebody who asks for much holds up the turn
-of the conductor.
-"""
+"""Logs and KPI rows of committed attempts, for members who look on without the conductor's disk."""
 
 from __future__ import annotations
 
-import contextlib
-import logging
 import threading
 import time
 from pathlib import Path
 
 from conductor.core.facts import Committed
+from conductor.serve.answering import AnsweringThread
 from conductor.serve.engine import ConductorEngine
 from schemas import SCHEMA_VERSION
 from schemas.escape import escape
@@ -24,11 +19,8 @@ from schemas.wire.case_files import (
     CaseFileRequest,
 )
 from schemas.wire.codec import WireError, decode, encode
-from twin.base.channel import BoundedChannel
 from twin.fabric.bus import Respond
 from twin.fabric.front.rules import Bucket
-
-_log = logging.getLogger(__name__)
 
 WAITING_MAX = 64
 """Most requests that wait; further ones are answered "busy"."""
@@ -50,37 +42,24 @@ class CaseFiles:
         """
         self._engine, self._lock = engine, lock
         self._given = Bucket(BYTES_PER_S)
-        self._closing = False
-        self._channel: BoundedChannel[tuple[bytes, Respond] | None] = BoundedChannel(WAITING_MAX)
-        self._thread = threading.Thread(target=self._run, name="case files", daemon=True)
-        self._thread.start()
+        self.answering = AnsweringThread(
+            "case files",
+            WAITING_MAX,
+            lambda payload: encode(self.handle(payload, time.monotonic())),
+            lambda error: encode(_none(error, retry=True)),
+        )
 
     def receive(self, payload: bytes, respond: Respond) -> None:
         """A message came in; from any thread, never waits."""
         if len(payload) > REQUEST_BYTES_MAX:
             error = f"message of {len(payload)} bytes, at most {REQUEST_BYTES_MAX} are accepted"
             respond(encode(_none(error)))
-        elif not self._channel.offer((payload, respond)):
+        elif not self.answering.offer(payload, respond):
             respond(encode(_none("busy: too many requests are waiting", retry=True)))
 
     def close(self) -> None:
         """End; what is waiting has no answer, since the session with whoever asked has ended."""
-        self._closing = True
-        self._channel.offer(None, 0)
-        self._thread.join()
-
-    def _run(self) -> None:
-        while (item := self._channel.take()) is not None:
-            if self._closing:
-                continue
-            payload, respond = item
-            try:
-                answer = self.handle(payload, time.monotonic())
-            except Exception:  # a mistake of ours; the next message is another one's
-                _log.exception("a case's file could not be given")
-                answer = _none("internal error of the conductor; see its log", retry=True)
-            with contextlib.suppress(Exception):  # whoever asked is gone and will ask again
-                respond(encode(answer))
+        self.answering.close(answering=False)
 
     def handle(self, payload: bytes, now_s: float) -> CaseFilePiece:
         """The piece that a message asks for; ``now_s`` by the monotonic clock."""

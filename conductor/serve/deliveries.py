@@ -6,14 +6,12 @@ journalled, the files are there.
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
-import logging
-import threading
 from collections.abc import Callable
 from pathlib import Path
 
 from conductor.records.attempts import leads_away
+from conductor.serve.answering import AnsweringThread
 from schemas import SCHEMA_VERSION
 from schemas.files.regular_file import RUN_FILE_BYTES_MAX, read_regular
 from schemas.wire.codec import WireError, decode, encode
@@ -26,13 +24,10 @@ from schemas.wire.delivery import (
     extras_sha256,
     files_sha256,
 )
-from twin.base.channel import BoundedChannel
 from twin.base.errors import storage_error
 from twin.base.files import write_atomic
 from twin.fabric.bus import Respond
 from twin.fabric.discovery import FILE_NAME as CONDUCTOR_FILE
-
-_log = logging.getLogger(__name__)
 
 WAITING_BYTES_MAX = 128 << 20
 """Most bytes of files that wait to be written; more are refused and sent again."""
@@ -46,11 +41,12 @@ class Deliveries:
 
     def __init__(self, folder_of: FolderOf) -> None:
         self._folder_of = folder_of
-        self._channel: BoundedChannel[tuple[bytes, Respond] | None] = BoundedChannel(
-            WAITING_BYTES_MAX
+        self._answering = AnsweringThread(
+            "deliveries",
+            WAITING_BYTES_MAX,
+            lambda payload: encode(self.handle(payload)),
+            lambda error: encode(_refused(error, retry=True)),
         )
-        self._thread = threading.Thread(target=self._run, name="deliveries", daemon=True)
-        self._thread.start()
 
     def receive(self, payload: bytes, respond: Respond) -> None:
         """A message came in; from any thread, never waits."""
@@ -58,25 +54,13 @@ class Deliveries:
             error = f"message of {len(payload)} bytes, at most {MESSAGE_BYTES_MAX} are accepted"
             respond(encode(_refused(error)))
             return
-        if not self._channel.offer((payload, respond), len(payload) + 256):
+        if not self._answering.offer(payload, respond, len(payload) + 256):
             error = "busy: too many files are waiting to be written"
             respond(encode(Delivered(v=SCHEMA_VERSION, ok=False, error=error, retry=True)))
 
     def close(self) -> None:
         """Write what is waiting, and end."""
-        self._channel.offer(None, 0)
-        self._thread.join()
-
-    def _run(self) -> None:
-        while (item := self._channel.take()) is not None:
-            payload, respond = item
-            try:
-                answer = self.handle(payload)
-            except Exception:  # a mistake of ours; the next message is another one's
-                _log.exception("files could not be taken")
-                answer = _refused("internal error of the conductor; see its log", retry=True)
-            with contextlib.suppress(Exception):  # whoever asked is gone and will ask again
-                respond(encode(answer))
+        self._answering.close(answering=True)
 
     def handle(self, payload: bytes) -> Delivered:
         """Do what a message asks for."""

@@ -14,11 +14,8 @@ from __future__ import annotations
 import contextlib
 import fcntl
 import logging
-import os
 import re
 import shutil
-import subprocess
-import sys
 import tempfile
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -48,7 +45,7 @@ from schemas.files.regular_file import RUN_FILE_BYTES_MAX, read_regular
 from schemas.words import counted
 from twin.base.errors import EXIT_USAGE, InfrastructureError, UsageError, storage_error
 from twin.base.files import write_atomic
-from twin.base.process import PARENT_VARIABLE
+from twin.records.kpi_apart import written_anew
 from twin.stores.objects import get_attempt, get_object, sha256_of
 from twin.stores.opening import PROBE, is_url, open_store
 from twin.stores.protocol import (
@@ -310,15 +307,7 @@ def _write_anew(fetched: list[_Fetched]) -> None:
         return
     for item in fetched:
         item.attempt.mkdir(parents=True, exist_ok=True)
-    pairs = [(str(item.raw), str(item.attempt / KPI_NAME)) for item in fetched]
-    # Parsers of files of others are the business of `twin`.
-    done = subprocess.run(
-        [sys.executable, "-m", "twin.kpi.foreign"],
-        input=msgspec.json.encode(pairs),
-        capture_output=True,
-        check=False,
-        env={**os.environ, PARENT_VARIABLE: str(os.getpid())},  # it ends with us
-    )
+    done = written_anew([(item.raw, item.attempt / KPI_NAME) for item in fetched])
     if done.returncode:
         line = escape(done.stderr.decode(errors="replace").strip()[-500:])
         for item in fetched:  # its name here says nothing to anybody

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import logging
-import re
-import secrets
 import threading
 import time
 from collections.abc import Callable
@@ -35,18 +33,14 @@ from conductor.stored.successor import (
     found_results,
     lacking,
 )
-from schemas.files.regular_file import read_regular
 from schemas.wire.control import Sealed
 from schemas.words import counted
-from twin.base.errors import UsageError, storage_error
-from twin.base.files import write_atomic
+from twin.base.errors import UsageError
 from twin.fabric.keys.key_file import MemberKey
 from twin.stores.apart import end_process, open_apart
+from twin.stores.folder_id import folder_id
 from twin.stores.opening import checked_url, has_winners
 from twin.stores.protocol import MissingObjectError, ResultStore
-
-LEASE_FILE = "store.id"
-"""Names a state folder in the claims that its conductors make."""
 
 _log = logging.getLogger(__name__)
 
@@ -108,7 +102,7 @@ class StoreLink:
             )
         number, found = self._claims.latest()
         here = (self._folder / JOURNAL_NAME).exists()
-        if found is None or (here and found.lease == self._lease()):
+        if found is None or (here and found.lease == folder_id(self._folder, "--state")):
             return
         if here:
             raise UsageError(
@@ -126,7 +120,8 @@ class StoreLink:
         if self._own is None:
             number, found = self._claims.latest()
             epoch = max(state.epoch, found.epoch if found else 0) + 1
-            self._own = self._claims.claim(number + 1, epoch, this_process(), self._lease())
+            lease = folder_id(self._folder, "--state")
+            self._own = self._claims.claim(number + 1, epoch, this_process(), lease)
         return self._own.epoch
 
     def begin(self, rows: JournalRows) -> Replicator:
@@ -256,7 +251,7 @@ class StoreLink:
                     time.monotonic,
                 )
             self._own = self._claims.claim(
-                number + 1, found.epoch + 1, this_process(), self._lease()
+                number + 1, found.epoch + 1, this_process(), folder_id(self._folder, "--state")
             )
             if ahead is None or not ahead.take(read_head(self._store, self._seal, found.claim)):
                 bring_journal(self._store, self._seal, found.claim, self._folder)
@@ -271,18 +266,3 @@ class StoreLink:
             return self._store.get(head_name(claim), HEAD_BYTES_MAX)
         except MissingObjectError:
             return b""
-
-    def _lease(self) -> str:
-        path = self._folder / LEASE_FILE
-        try:
-            self._folder.mkdir(parents=True, exist_ok=True)
-            if path.exists():
-                text = read_regular(path, 64).decode("ascii", "replace").strip()
-                if not re.fullmatch(r"[0-9a-f]{32}", text):
-                    raise UsageError(f"{path}: damaged; remove it and give an empty --state folder")
-                return text
-            text = secrets.token_hex(16)
-            write_atomic(path, text.encode() + b"\n")
-        except OSError as error:
-            raise storage_error(error, str(path)) from None
-        return text

@@ -22,9 +22,8 @@ from hpc.sites.requests import (
     FOLDER_NAME,
     CommonOptions,
     check_campaign,
-    mark_of,
     request_of,
-    store_of,
+    with_store,
 )
 from hpc.sites.scaler import Scaler, is_complete
 from hpc.sites.scaling import SiteRoom, WorkerTarget
@@ -82,7 +81,7 @@ def submit_on(
         TwinError: nothing could be asked for; the line says why.
     """
     check_campaign(facts, file.store)
-    common = replace(common, store=store_of(file.store, out, "0" * 8))  # to try scripts with
+    common = replace(common, store=file.store)  # to try scripts with; a run's own is below it
     if is_complete(out) and conductor.serving(out) is None:
         say(f"every case has ended: `conductor report {shlex.quote(str(out))}`")
         return EXIT_PASS
@@ -90,8 +89,7 @@ def submit_on(
         if not site.entry.dials_out:
             _try(site, facts.name, out, site.entry.connect or file.listen, common)
     with alone(out):
-        if common.store:
-            common = replace(common, store=store_of(file.store, out, mark_of(out)))
+        common = with_store(common, file.store, out)
         served = conductor.serving(out)
         if served is None:
             served = conductor.start(out, facts.name, file.listen, history, common.store)
@@ -162,7 +160,7 @@ def scale(
     if is_complete(out):
         say("every case has ended")
         return EXIT_PASS
-    common = replace(common, store=store_of(file.store, out, "0" * 8))  # to try scripts with
+    common = replace(common, store=file.store)  # to try scripts with; a run's own is below it
     for site in sites:  # before anybody is asked anything
         _try(site, out.name, out, site.entry.connect or file.listen, common)
     if key is None and not out.is_dir():
@@ -173,8 +171,7 @@ def scale(
     look = partial(_served, out) if key is None else partial(conductor.target_of, key)
     served = look()
     with alone(out):
-        if file.store:
-            common = replace(common, store=store_of(file.store, out, mark_of(out)))
+        common = with_store(common, file.store, out)
         known = book_of(out)
         campaign = known.campaign if known is not None else out.name
         book = opened(out, campaign, all_of(out, sites, file), served, common, key)

@@ -5,10 +5,8 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
-import re
-import secrets
 import socket
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from hpc.campaigns import CampaignFacts
@@ -17,16 +15,13 @@ from hpc.request import JobRequest, parse_walltime
 from hpc.script import job_name
 from hpc.sites.file import NamedSite
 from hpc.software.container import BIN_FOLDER
-from schemas.files.regular_file import read_regular
-from twin.base.errors import UsageError, storage_error
-from twin.base.files import write_atomic
+from twin.base.errors import UsageError
+from twin.stores.folder_id import folder_id
 
 FOLDER_NAME = "sites"
 """Folder in the run folder for what sites without one of their own need."""
 JOIN_KEY = "worker.key"
 """Name of the key beside a job script."""
-STORE_ID = "store.id"
-"""File of a run folder that names it in its result store, as the conductor reads it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -136,24 +131,19 @@ def store_of(store: str, out: Path, mark: str) -> str:
 
 
 def mark_of(out: Path) -> str:
-    """What tells the store of this run folder from others: the same from each host that sees the
-    folder, another one when the folder is removed and used again. It is in the file by which a
-    conductor's claim of a store names the folder, which is made here if there is none.
+    """What tells the store of this run folder from others: the beginning of the name by which a
+    conductor claims a store for the folder.
 
     Raises:
         InfrastructureError: the folder cannot be read or written.
-        UsageError: the file is damaged.
+        UsageError: the file of that name is damaged.
     """
-    path = out / STORE_ID
-    try:
-        if not path.exists():
-            write_atomic(path, secrets.token_hex(16).encode() + b"\n")
-        text = read_regular(path, 64).decode("ascii", "replace").strip()
-    except OSError as error:
-        raise storage_error(error, str(path)) from None
-    if not re.fullmatch(r"[0-9a-f]{32}", text):
-        raise UsageError(f"{path}: damaged; remove it and give an empty --out folder")
-    return text[:8]
+    return folder_id(out, "--out")[:8]
+
+
+def with_store(common: CommonOptions, store: str, out: Path) -> CommonOptions:
+    """``common`` with the run's own store below that of the sites file; empty: there is none."""
+    return replace(common, store=store_of(store, out, mark_of(out))) if store else common
 
 
 def check_campaign(facts: CampaignFacts, store: str = "") -> None:

@@ -112,6 +112,11 @@ class Lease(Struct, frozen=True):
     case_version: Count = CASE_VERSION
     """Which shape the case has."""
 
+    @property
+    def attempt_dir(self) -> str:
+        """Folder of the attempt, below :attr:`out`."""
+        return f"cases/{self.case.id}/attempt-{self.attempt}"
+
 
 def noop_result(lease: Lease) -> Result:
     """What ``simulator: noop`` says of a case: a test of the scheduling, which reports refuse."""

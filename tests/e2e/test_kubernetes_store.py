@@ -179,6 +179,19 @@ def recorded(data):
     data["matrix"] |= {"weather": weathers, "time_of_day": ["13:00"]}
 
 
+def assert_recordings_are_here(read, kube):
+    """A report has fetched what outcomes name of :func:`recorded` cases."""
+    rows = outcomes(read)
+    assert len(rows) == 6
+    # What a recorder has finished too late for its worker's last seconds is named nowhere.
+    named = {name: row["recording"] for name, row in rows.items() if "recording" in row}
+    assert named, kube.logs().decode()
+    for name, stored in named.items():
+        data = (read / rows[name]["attempt_dir"] / "recording.rrd").read_bytes()
+        assert (hashlib.sha256(data).hexdigest(), len(data)) == (stored["sha256"], stored["size"])
+        assert stored["complete"]
+
+
 @pytest.mark.slow
 def test_recordings_of_pods_are_in_the_store(site, kube, marked, tmp_path, monkeypatch):
     """Pods share no disk with the conductor, and leave nothing behind but what they have put."""
@@ -205,15 +218,7 @@ def test_recordings_of_pods_are_in_the_store(site, kube, marked, tmp_path, monke
         (tmp_path / "own" / "trusted" / "pod.pub").write_text(f"{signer}\n")
         read = marked.run(*asked, folder=tmp_path)
         assert read.returncode == 1, read.stderr
-    rows = outcomes(tmp_path / "read")
-    assert len(rows) == 6
-    # What a recorder has finished too late for its worker's last seconds is named nowhere.
-    named = {name: row["recording"] for name, row in rows.items() if "recording" in row}
-    assert named, kube.logs().decode()
-    for name, stored in named.items():
-        data = (tmp_path / "read" / rows[name]["attempt_dir"] / "recording.rrd").read_bytes()
-        assert (hashlib.sha256(data).hexdigest(), len(data)) == (stored["sha256"], stored["size"])
-        assert stored["complete"]
+    assert_recordings_are_here(tmp_path / "read", kube)
 
 
 def test_a_secret_that_is_not_there(site, kube):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import re
 
 import pytest
@@ -11,8 +10,12 @@ from changed_campaigns import changed
 from kube_cluster import IMAGE
 from kube_site import with_kernels
 from object_store import reached_by, s3_server
-from processes import outcomes
-from test_kubernetes_store import CREDENTIALS, give_secret, recorded
+from test_kubernetes_store import (
+    CREDENTIALS,
+    assert_recordings_are_here,
+    give_secret,
+    recorded,
+)
 from waiting import wait_for
 
 from twin.fabric.discovery import OUTCOMES_NAME
@@ -62,13 +65,7 @@ def test_recordings_of_a_site_are_in_the_store(site, kube, marked, tmp_path, mon
         asked = ("conductor", "report", url, "--out", "read", "--recordings", "all")
         read = marked.run(*asked, folder=tmp_path)
         assert read.returncode == 1, read.stderr
-    rows = outcomes(tmp_path / "read")
-    assert len(rows) == 6
-    named = {name: row["recording"] for name, row in rows.items() if "recording" in row}
-    assert named, kube.logs().decode()
-    for name, stored in named.items():
-        data = (tmp_path / "read" / rows[name]["attempt_dir"] / "recording.rrd").read_bytes()
-        assert hashlib.sha256(data).hexdigest() == stored["sha256"]
+    assert_recordings_are_here(tmp_path / "read", kube)
     # Credentials of pods are in their Secret and nowhere else.
     others = [found for _, plural, found in kube.store.history if plural != "secrets"]
     assert "not-to-be-told" not in f"{others} {kube.logs().decode()}"

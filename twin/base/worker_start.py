@@ -15,7 +15,7 @@ LOCAL_WORKER = ("worker", "-")
 
 
 class LocalWorker(Struct, frozen=True, omit_defaults=True):
-    """What such a worker is from its start, as JSON. The fields are those of
+    """What such a worker is from its start, as JSON. Fields without words are those of
     :class:`twin.worker.options.WorkerOptions`."""
 
     device: str = "cpu"

@@ -8,10 +8,10 @@ from typing import NamedTuple
 import numpy as np
 
 from schemas.files.played_scenario import TEXT_CHARS_MAX, PlayPath
-from twin.play.thinning import ERROR_M, kept_points
 from twin.records.play_file import packed_rows
 from twin.road.opendrive.road_map import RoadMap
 from twin.road.surface.stations import section_stations
+from twin.road.thinning import ERROR_M, kept_points
 from twin.scenario.storyboard.program.actions import (
     AcquirePositionAction,
     Action,

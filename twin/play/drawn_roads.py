@@ -8,13 +8,13 @@ from typing import NamedTuple
 import numpy as np
 
 from schemas.files.played_scenario import LANES_MAX, MARKS_MAX, POINTS_MAX, PlayLane, PlayMark
-from twin.play.thinning import ERROR_M, kept_points
 from twin.records.play_file import POINT_BYTES, packed_rows
 from twin.road.opendrive.road_frame import RoadFrame
 from twin.road.opendrive.road_map import RoadMap
 from twin.road.surface.lane_strips import edge_heights
 from twin.road.surface.mark_lines import painted_marks
 from twin.road.surface.stations import ASIDE_M, HEIGHT_M, edge_points, section_stations
+from twin.road.thinning import ERROR_M, kept_points
 
 AROUND_M = 300.0
 """Roads farther from everything that happened are left out [m]."""

@@ -32,7 +32,7 @@ def write_attempt(
     Raises:
         TwinError: the folder cannot be written (disk full, no permission).
     """
-    relative = f"cases/{lease.case.id}/attempt-{lease.attempt}"
+    relative = lease.attempt_dir
     folder = Path(lease.out) / relative
     log = _log_text(lease, finished, output).encode()
     record = b""
@@ -69,7 +69,7 @@ def write_pace(lease: Lease, paced: Paced) -> None:
     Raises:
         TwinError: the folder cannot be written (disk full, no permission).
     """
-    path = Path(lease.out) / f"cases/{lease.case.id}/attempt-{lease.attempt}" / CSV_FILE
+    path = Path(lease.out) / lease.attempt_dir / CSV_FILE
     try:
         write_atomic(path, paced.table.encode())
     except OSError as error:

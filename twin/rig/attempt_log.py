@@ -29,7 +29,7 @@ def write_failure(lease: Lease, reason: str, output: Kept | None) -> Result:
     log_sha = hashlib.sha256(log).hexdigest()
     return structs.replace(
         failure(lease, reason),
-        attempt_dir=f"cases/{lease.case.id}/attempt-{lease.attempt}",
+        attempt_dir=lease.attempt_dir,
         manifest_sha256=digest([b"log.txt", log_sha.encode()]),
     )
 
@@ -57,7 +57,7 @@ def write_log(lease: Lease, end: str, output: Kept | None) -> bytes:
     Raises:
         TwinError: the folder cannot be written (disk full, no permission).
     """
-    path = Path(lease.out) / f"cases/{lease.case.id}/attempt-{lease.attempt}" / "log.txt"
+    path = Path(lease.out) / lease.attempt_dir / "log.txt"
     log = joined([*head(lease), end], output).encode()
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

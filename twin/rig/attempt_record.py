@@ -43,7 +43,7 @@ class AttemptRecord:
         from twin.records.drive_record import RecordWriter
 
         lease = self._lease
-        folder = Path(lease.out) / "cases" / lease.case.id / f"attempt-{lease.attempt}"
+        folder = Path(lease.out) / lease.attempt_dir
         head = RecordHead(
             v=SCHEMA_VERSION,
             attempt=lease.attempt,

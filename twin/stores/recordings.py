@@ -287,7 +287,7 @@ class RecordingUploads:
 
 
 def _folder(lease: Lease) -> Path:
-    return Path(lease.out) / "cases" / lease.case.id / f"attempt-{lease.attempt}"
+    return Path(lease.out) / lease.attempt_dir
 
 
 def _size_words(size: int) -> str:

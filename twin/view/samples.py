@@ -109,7 +109,7 @@ def start_of(lease: Lease, stage: Stage, seq: int) -> CaseStart:
         campaign=case.variation.campaign,
         case=case.id,
         attempt=lease.attempt,
-        folder=f"{lease.out}/cases/{case.id}/attempt-{lease.attempt}",
+        folder=f"{lease.out}/{lease.attempt_dir}",
         model=case.variation.model,
         weather=case.variation.weather,
         time_of_day_min=case.variation.time_of_day_min,

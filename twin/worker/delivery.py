@@ -83,7 +83,7 @@ class Delivery:
                         f"through the fabric, {left}"
                     )
             if not self._shared[lease.out]:
-                attempt = f"cases/{lease.case.id}/attempt-{lease.attempt}"
+                attempt = lease.attempt_dir
                 folder = self._root(lease) / attempt
                 self._files[lease.token] = (lease, folder)
         return lines

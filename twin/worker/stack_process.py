@@ -18,6 +18,7 @@ from msgspec import json
 
 from schemas.case import Case
 from schemas.kinds.perception import lacking_perceptions
+from schemas.names import SHIPPED_STACKS
 from twin.base.gpu.compiled_kernels import compiled_folder
 from twin.base.process import RigChild, spawn
 from twin.fabric.endpoint import LATER
@@ -26,9 +27,6 @@ from twin.sandbox.reads import python_reads
 from twin.sandbox.start import Entering, spawn_inside
 from twin.sandbox.view import SandboxView, encode
 from twin.worker.protection import protection
-
-SHIPPED = "devkit."
-"""Prefix of the stacks' modules that need what is preloaded, and are not disturbed by it."""
 
 THREADS = ("OPENCV_FOR_THREADS_NUM", "OMP_NUM_THREADS")
 """Variables that say how many threads libraries of a stack start: one unless the user says
@@ -111,7 +109,8 @@ def may_run(case: Case) -> bool:
     return (
         case.rig.placement == "worker"
         and case.rig.foreign is None
-        and case.rig.stack.startswith(SHIPPED)
+        # These need what is preloaded, and are not disturbed by it.
+        and case.rig.stack.startswith(SHIPPED_STACKS)
         and case.rig.sandbox == "default"
         and not case.rig.source.files
         and not case.rig.source.parameters

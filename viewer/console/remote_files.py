@@ -3,9 +3,7 @@ pieces and as fast as it likes."""
 
 from __future__ import annotations
 
-import os
 import subprocess
-import sys
 import tempfile
 import threading
 import time
@@ -15,14 +13,13 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import pyarrow as pa
 
 from schemas import SCHEMA_VERSION
 from schemas.kinds.kpi import columns_by_name
 from schemas.wire.case_files import PIECE_BYTES_MAX, CaseFileName, CaseFilePiece, CaseFileRequest
 from twin.base.errors import EXIT_USAGE, TwinError
-from twin.base.process import PARENT_VARIABLE
+from twin.records.kpi_apart import written_anew
 from twin.records.kpi_file import kpi_sha256, read_kpi
 from viewer.console.moments import COLUMNS, DecisiveMoment, decisive
 from viewer.console.recorded import LOG_BYTES_MAX, LOG_FILE, RecordedAttempt
@@ -235,14 +232,7 @@ def _read_apart(data: bytes) -> pa.Table | None:
         with tempfile.TemporaryDirectory(prefix="console-") as folder, _READING:
             given, wanted = (Path(folder) / name for name in ("given.parquet", "read.parquet"))
             given.write_bytes(data)
-            done = subprocess.run(
-                [sys.executable, "-m", "twin.kpi.foreign"],
-                input=msgspec.json.encode([(str(given), str(wanted))]),
-                capture_output=True,
-                timeout=READ_S,
-                check=False,
-                env={**os.environ, PARENT_VARIABLE: str(os.getpid())},  # it ends with us
-            )
+            done = written_anew([(given, wanted)], READ_S)
             if done.returncode == EXIT_USAGE:
                 return None
             if done.returncode != 0:

@@ -12,12 +12,11 @@ from conductor.records.fingerprint import Fingerprint
 from conductor.records.realtime import too_slow
 from conductor.report.reading.dossier import Dossier
 from schemas.identity import DIGESTS
+from schemas.names import SHIPPED_STACKS
 from schemas.words import unended
 from twin.records.repeating import again_folder, campaign_of, repeat_command, run_name
 
 _PACKAGES = ("drivetwin", "numpy", "warp-lang", "opencv-python-headless", "pyarrow", "plotly")
-_SHIPPED = ("devkit",)
-"""Packages whose stacks are found wherever the commands are."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +98,7 @@ def commands(dossier: Dossier) -> list[str]:
 def found_where(dossier: Dossier) -> str:
     """What else a repetition needs, in words that follow "in the folder ..."; empty: nothing."""
     autonomy = dossier.campaign.autonomy
-    shipped = autonomy.stack.partition(":")[0].partition(".")[0] in _SHIPPED
+    shipped = autonomy.stack.startswith(SHIPPED_STACKS)
     if autonomy.command or shipped or dossier.imported is not None:
         return ""
     return f", where its stack {autonomy.stack} is found (PYTHONPATH)"

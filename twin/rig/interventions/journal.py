@@ -36,7 +36,7 @@ class InterventionJournal:
         Raises:
             TwinError: the folder cannot be written.
         """
-        folder = Path(lease.out) / "cases" / lease.case.id / f"attempt-{lease.attempt}"
+        folder = Path(lease.out) / lease.attempt_dir
         self._path = folder / JOURNAL_FILE
         try:
             folder.mkdir(parents=True, exist_ok=True)

@@ -187,7 +187,7 @@ def test_a_conductor_that_ends_reads_nothing_more():
             files.receive(asked, answers.append)
         closing = threading.Thread(target=files.close)
         closing.start()
-        wait_for(lambda: files._closing, "it ends")
+        wait_for(lambda: files.answering.ended, "it ends")
     closing.join(PATIENCE_S)
     assert not closing.is_alive()
     assert len(answers) <= 1, "of the one that was taken already"

@@ -157,7 +157,7 @@ def test_a_kpi_file_is_written_anew_once(
     folder = fetch_run(store.url, tmp_path / "read") / "cases/one/attempt-1"
     assert kpi_sha256(read_kpi(folder / "kpi.parquet")) == kpi_sha256(table)
     assert not list((tmp_path / "read").glob(".fetched-*"))
-    monkeypatch.setattr(fetching.subprocess, "run", None)
+    monkeypatch.setattr(fetching, "written_anew", None)
     fetch_run(store.url, tmp_path / "read")
 
 

@@ -7,10 +7,14 @@ import sys
 import pytest
 from waiting import PATIENCE_S
 
+from conductor.core.state import State
 from conductor.stored.link import StoreLink, StoreOptions
+from conductor.stored.owner import StoreClaims
+from conductor.stored.seals import StoreSeal
 from hpc.campaigns import CampaignFacts
 from hpc.sites.requests import check_campaign, mark_of, store_of
 from twin.base.errors import UsageError
+from twin.stores.folder import FolderStore
 
 SITES = """\
 sites:
@@ -133,5 +137,8 @@ def test_each_run_has_a_store_of_its_own(tmp_path, monkeypatch):
 
 def test_a_conductor_takes_the_mark_of_a_run_for_its_claim(tmp_path):
     mark = mark_of(tmp_path)
-    link = StoreLink(StoreOptions(str(tmp_path / "store")), tmp_path, None)
-    assert link._lease()[:8] == mark
+    StoreLink(StoreOptions(str(tmp_path / "store")), tmp_path, None).claim(State())
+    store = FolderStore(tmp_path / "store")
+    _, owner = StoreClaims(store, StoreSeal(store, None)).latest()
+    assert owner is not None
+    assert owner.lease[:8] == mark

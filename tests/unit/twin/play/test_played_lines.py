@@ -16,10 +16,10 @@ from road_files import LINE, geometry, road, xodr
 from twin.play import drawn_roads as drawing
 from twin.play.drawn_paths import BegunAction, drawn_paths, route_points, trajectory_points
 from twin.play.drawn_roads import AROUND_M, drawn_roads
-from twin.play.thinning import ERROR_M, kept_points
 from twin.records.play_file import points_of
 from twin.road.opendrive.reading.load import load_network
 from twin.road.opendrive.road_map import RoadMap
+from twin.road.thinning import ERROR_M, kept_points
 from twin.scenario.storyboard.program.actions import (
     AcquirePositionAction,
     AssignRouteAction,

@@ -8,6 +8,7 @@ import math
 import numpy as np
 from msgspec.structs import replace
 
+from twin.road.thinning import kept_points
 from twin.scenario.storyboard.native.ground import ScenarioGround
 from twin.scenario.storyboard.program.places import FixedPosition
 
@@ -17,6 +18,7 @@ _REACH = 5
 """A height is the mean over so many samples on either side: a kerb takes half a metre, as of one
 foot before the other, or of two wheels."""
 _CLOSE_M = 0.005
+"""The straight lines from one point to the next keep within this of the heights [m]."""
 _GRID = 1e6
 
 
@@ -42,7 +44,7 @@ def _between(
     x, y, z = (a + share * (b - a) for a, b in zip(_xyz(one), _xyz(other), strict=True))
     heights = _softened(_surface(x, y, z, ground))
     heights[0], heights[-1] = one.z_m, other.z_m
-    rows = _bends(share, heights, 0, count)
+    rows = kept_points(share, heights[:, None, None], _CLOSE_M)[1:-1].tolist()
     return [replace(one, x_m=float(x[k]), y_m=float(y[k]), z_m=float(heights[k])) for k in rows]
 
 
@@ -73,22 +75,3 @@ def _softened(heights: np.ndarray) -> np.ndarray:
     for k in range(2 * _REACH + 1):
         total = total + padded[k : k + len(heights)]
     return np.rint(total / (2 * _REACH + 1) * _GRID) / _GRID
-
-
-def _bends(share: np.ndarray, heights: np.ndarray, first: int, last: int) -> list[int]:
-    """Samples between two that the straight lines from one to the next keep within
-    :data:`_CLOSE_M`, by Douglas and Peucker."""
-    kept: list[int] = []
-    spans = [(first, last)]
-    while spans:
-        begin, end = spans.pop()
-        if end - begin < 2:
-            continue
-        slope = (heights[end] - heights[begin]) / (share[end] - share[begin])
-        line = heights[begin] + slope * (share[begin:end] - share[begin])
-        off = np.abs(heights[begin:end] - line)
-        worst = int(np.argmax(off))
-        if off[worst] > _CLOSE_M:
-            kept.append(begin + worst)
-            spans += [(begin, begin + worst), (begin + worst, end)]
-    return sorted(kept)
