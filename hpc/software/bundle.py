@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import subprocess
 import sys
 import tempfile
 from collections.abc import Sequence
@@ -20,7 +21,7 @@ from twin.base.errors import EXIT_FAILED, EXIT_PASS, UsageError
 from twin.base.progress import steps
 
 KERNEL_CAMPAIGN = "chaos-16"
-"""A campaign that needs every kernel and takes seconds."""
+"""A campaign that takes seconds and needs the kernels of vehicles, pictures and boxes."""
 
 
 def install_script(python: str) -> str:
@@ -63,21 +64,28 @@ echo "installed; next: $venv/bin/conductor run aeb-demo"
 """
 
 
-def write_bundle(source: Path, out: Path, devices: Sequence[str]) -> None:
+def write_bundle(
+    source: Path, out: Path, devices: Sequence[str], campaigns: Sequence[str] = ()
+) -> None:
     """Write the folder ``out``, complete or not at all.
 
     Args:
         source: the project's checkout.
         out: new folder.
         devices: compile the kernels on these, e.g. ``cpu`` and ``cuda:0``; none: no kernels.
+        campaigns: names or files; kernels and checked networks of the first case of each are added.
 
     Raises:
-        UsageError: ``out`` exists.
+        UsageError: ``out`` exists, a campaign is not valid, or there are campaigns and no devices.
         InfrastructureError: pip failed, or the kernels cannot be compiled.
     """
     out = out.absolute()
     if out.exists():
         raise UsageError(f"{out}: exists already; remove it or choose another --out")
+    if campaigns and not devices:
+        raise UsageError("--campaign adds kernels, and --no-kernels leaves them out: choose one")
+    for name in campaigns:  # before half a gigabyte is fetched
+        check_campaign(name)
     out.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=f".{out.name}.", dir=out.parent) as name:
         folder = Path(name) / out.name
@@ -85,20 +93,40 @@ def write_bundle(source: Path, out: Path, devices: Sequence[str]) -> None:
         fill_wheels(source, folder / "wheels")
         shutil.copy(source / LOCK_FILE, folder)
         for device in steps("devices with kernels", devices):
-            _compile(device, folder / "kernels", Path(name))
+            compile_kernels(device, folder / "kernels", Path(name), campaigns)
         script = folder / "install.sh"
         script.write_text(install_script(f"{sys.version_info[0]}.{sys.version_info[1]}"))
         script.chmod(0o755)
         folder.rename(out)
 
 
-def _compile(device: str, kernels: Path, scratch: Path) -> None:
-    """Run a short campaign with an empty kernel cache; what it compiles is what a case needs."""
-    words = [sys.executable, "-m", "conductor", "run", KERNEL_CAMPAIGN, "--workers", "1"]
-    out = scratch / f"run-{device.replace(':', '-')}"
-    call(
-        [*words, "--slots", "4", "--device", device, "--out", str(out)],
-        f"compiling kernels on {device}",
-        environment={**os.environ, "WARP_CACHE_PATH": str(kernels)},
-        allowed=(EXIT_PASS, EXIT_FAILED),
-    )
+def check_campaign(name: str) -> None:
+    """Refuse a campaign that cannot be run; what is wrong is on stderr.
+
+    Raises:
+        UsageError: it is not valid.
+    """
+    words = [sys.executable, "-m", "conductor", "validate", name]
+    if subprocess.run(words, stdout=subprocess.DEVNULL, check=False).returncode != EXIT_PASS:
+        raise UsageError(f"--campaign {name}: not a valid campaign; see above what is wrong")
+
+
+def compile_kernels(
+    device: str, kernels: Path, scratch: Path, campaigns: Sequence[str] = ()
+) -> None:
+    """Run a short campaign with the kernel cache ``kernels``, and a case of each of ``campaigns``:
+    what they compile is what cases need, and networks that were found good are noted beside it.
+
+    Raises:
+        InfrastructureError: a run failed.
+    """
+    runs = [[KERNEL_CAMPAIGN, "--slots", "4"], *([name, "--cases", "1"] for name in campaigns)]
+    for number, run in enumerate(runs):
+        words = [sys.executable, "-m", "conductor", "run", *run, "--workers", "1"]
+        out = scratch / f"run-{device.replace(':', '-')}-{number}"
+        call(
+            [*words, "--device", device, "--out", str(out)],
+            f"compiling kernels of {run[0]} on {device}",
+            environment={**os.environ, "WARP_CACHE_PATH": str(kernels)},
+            allowed=(EXIT_PASS, EXIT_FAILED),
+        )

@@ -117,6 +117,13 @@ def bundle(
         list[str] | None,
         typer.Option(help="Compile kernels on cpu or cuda:N, repeatable; default: cpu."),
     ] = None,
+    campaign: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Add the kernels of this campaign's first case and its checked networks, so that "
+            "its first run waits for neither; name or file, repeatable."
+        ),
+    ] = None,
     no_kernels: Annotated[
         bool, typer.Option("--no-kernels", help="Compile none; nodes do it themselves.")
     ] = False,
@@ -130,7 +137,8 @@ def bundle(
     from hpc.software.wheels import source_folder
 
     with bars():
-        write_bundle(source_folder(source), out, [] if no_kernels else device or ["cpu"])
+        devices = [] if no_kernels else device or ["cpu"]
+        write_bundle(source_folder(source), out, devices, campaign or [])
     print(f"{out.absolute()}; on a node: {out.absolute()}/install.sh VENV")
 
 

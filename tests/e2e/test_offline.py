@@ -56,7 +56,8 @@ def travel():
 def bundle(travel):
     """``hpc bundle``."""
     out = travel / "bundle"
-    run(sys.executable, "-m", "hpc", "bundle", "--out", str(out), "--source", str(CHECKOUT))
+    words = (sys.executable, "-m", "hpc", "bundle", "--campaign", "aeb-fusion")
+    run(*words, "--out", str(out), "--source", str(CHECKOUT))
     assert {path.name for path in out.iterdir()} == {
         *("constraints.txt", "install.sh", "kernels", "wheels")
     }
@@ -87,6 +88,8 @@ def test_install_and_run_without_a_network(quiet, travel, bundle):
         cwd=travel,
     )
     assert fingerprint(found) == quiet["fingerprint"]
+    case = ("run", "aeb-fusion", "--cases", "1", "--workers", "1", "--out", str(travel / "case"))
+    run(*ALONE, str(venv / "bin" / "conductor"), *case, codes=(0, 1), env=variables, cwd=travel)
     assert kernels(cache) == before, "nothing had to be compiled"
 
 

@@ -152,6 +152,21 @@ def test_an_existing_bundle_is_kept(tmp_path):
     assert list((tmp_path / "bundle").iterdir()) == []
 
 
+@pytest.mark.parametrize(
+    ("devices", "campaigns", "message"),
+    [
+        ([], ["aeb-demo"], "--no-kernels leaves them out"),
+        (["cpu"], ["aeb-demon"], "--campaign aeb-demon: not a valid campaign"),
+    ],
+)
+def test_campaigns_of_a_bundle_are_looked_at_before_anything_is_fetched(
+    tmp_path, devices, campaigns, message
+):
+    with pytest.raises(UsageError, match=message):
+        write_bundle(source_folder(), tmp_path / "bundle", devices, campaigns)
+    assert not list(tmp_path.iterdir())
+
+
 def run_install(folder, *arguments, **variables):
     """``install.sh`` of a bundle for this Python, without anything to install."""
     script = folder / "install.sh"
