@@ -11,8 +11,8 @@ from devkit.fusion.ego_motion import EgoMotion
 from devkit.fusion.health import SensorHealth
 from devkit.fusion.parameters import StagingParameters
 from devkit.fusion.path import CarPath
-from devkit.fusion.sightings import LABELS
-from devkit.fusion.tracks import HELD_S, KNOWN_VARIANCE, VOUCHED_S, TrackStore
+from devkit.fusion.sightings import LABELS, PERSONS, is_person
+from devkit.fusion.tracks import HELD_S, KNOWN_VARIANCE, NAMED_BOXES, VOUCHED_S, TrackStore
 
 INSIDE_MIN = 0.5
 """How much a sensor must say that a track is in the path for it to count [-]."""
@@ -51,8 +51,6 @@ WARNED_S = 0.8
 """A driver is warned so long before the brake begins (UN R152, 5.2.1.1) [s]."""
 WARNED_ECHOES, WARNED_INSIDE = 30, 0.95
 """For how many frames, and how surely in the path, radar alone has to see what is warned of [-]."""
-NAMED_BOXES = 2
-"""So many boxes name a person for good [-]."""
 RIPE_S = 0.6
 """A younger track whose speed is not known might be as fast as the car; and its speed across may be
 the step from one corner or thing to the next [s]."""
@@ -103,7 +101,6 @@ them, is in a camera's picture [m, m, -, m/s]."""
 TIME_MAX_S = 99.0
 """Time to collision of what does not come nearer [s]."""
 
-_PERSONS = (LABELS.index("pedestrian"), LABELS.index("bicycle"))
 _VEHICLES = (LABELS.index("car"), LABELS.index("truck"), LABELS.index("bus"))
 
 
@@ -137,8 +134,8 @@ def _is_any(values: np.ndarray, wanted: tuple[int, ...]) -> np.ndarray:
 def _persons(tracks: TrackStore) -> np.ndarray:
     """Whom a camera names a pedestrian or cyclist: a single box is soon forgotten, networks take
     posts for people once in a while."""
-    named = (tracks.camera.hits >= NAMED_BOXES) | (tracks.camera.age_s < RECENT_S)
-    return named & _is_any(tracks.label, _PERSONS)
+    named = (tracks.named >= NAMED_BOXES) | (tracks.camera.age_s < RECENT_S)
+    return named & is_person(tracks.label)
 
 
 class PathCrossing(NamedTuple):
@@ -183,7 +180,7 @@ def find_threats(
     sightings = np.maximum(tracks.lidar.hits, np.maximum(tracks.radar.hits, tracks.camera.hits))
     in_way &= sightings >= SIGHTINGS_MIN
     # Pedestrians are slow: to take them for standing is no great mistake.
-    pedestrian = tracks.label == _PERSONS[0]
+    pedestrian = tracks.label == PERSONS[0]
     in_way &= (tracks.age_s > RIPE_S) | (tracks.p_vv < KNOWN_VARIANCE) | pedestrian
     probable = tracks.probability > staging.single_probability
     # What radar alone sees standing are manhole covers, bridges and mirrors as often as cars.
@@ -224,12 +221,12 @@ def find_threats(
 def _known_across(tracks: TrackStore, ego: EgoMotion, doppler: np.ndarray) -> np.ndarray:
     """Speed across of the tracks of which it is known, 0 of others [m/s]."""
     person = _persons(tracks)
-    twice = tracks.camera.hits >= NAMED_BOXES
+    twice = tracks.named >= NAMED_BOXES
     sure = np.where(person & twice, PERSON_SURE_VARIANCES, SURE_VARIANCES)
     # What a camera names and LiDAR has seen often enough is where its points are; but a vehicle is
     # no single point of one.
     placed = (tracks.label > 0) & (tracks.lidar.hits >= SIGHTINGS_MIN)
-    placed &= _is_any(tracks.label, _PERSONS) | (tracks.left_m - tracks.right_m > NARROW_M)
+    placed &= is_person(tracks.label) | (tracks.left_m - tracks.right_m > NARROW_M)
     comes = tracks.lidar.hits >= np.where(doppler, BESIDE_SIGHTINGS, RUNS_SIGHTINGS)
     comes &= np.abs(ego.path.spread(2).beside_circle_m(tracks.x_m, tracks.y_m)) > BESIDE_M
     ripe = person | placed | comes | (tracks.age_s > RIPE_S)
@@ -251,7 +248,8 @@ def _moves_by_doppler(
     tracks: TrackStore, staging: StagingParameters
 ) -> tuple[np.ndarray, np.ndarray]:
     """Whether a track that radar has seen moves along the ray from the car's front: who crosses
-    has no speed along x; and whether radar sees it now."""
+    has no speed along x; and whether radar sees it now. What radar measures has to be nearer to the
+    track's speed than to none: a track's own may come from places of other and other things."""
     ahead_m = np.maximum(tracks.x_m - staging.front_m, 0.1)
     square_m2 = ahead_m * ahead_m + tracks.y_m * tracks.y_m
     root_m = np.sqrt(square_m2)
@@ -261,6 +259,7 @@ def _moves_by_doppler(
     moves = _is_speed(radial, variance, SURE_VARIANCES)
     known = tracks.radar.hits >= SIGHTINGS_MIN
     moves &= known & (tracks.agrees >= AGREES_MIN)
+    moves &= np.abs(tracks.radial_mps - radial) < np.abs(tracks.radial_mps)
     return moves, known & (tracks.radar.age_s < RECENT_S)
 
 
@@ -280,8 +279,9 @@ def _in_path(tracks: TrackStore) -> tuple[np.ndarray, np.ndarray]:
     # One or two boxes are no measurement, where radar has made some.
     seen = (tracks.camera.hits >= SIGHTINGS_MIN) | (tracks.radar.hits < SIGHTINGS_MIN)
     seen &= tracks.camera.age_s < RECENT_S
-    # A box may be of two parked cars. Many echoes know a direction as well.
-    echoes = (tracks.radar.hits >= WALKS_ECHOES) & (tracks.radar.age_s < RECENT_S)
+    # A box may be of two parked cars. What the latest echoes say together knows a direction as well.
+    often = np.where(_is_any(tracks.label, _VEHICLES), BOX_ECHOES, WALKS_ECHOES)
+    echoes = (tracks.radar.hits >= often) & (tracks.radar.age_s < RECENT_S)
     boxes = np.where(
         echoes, 0.5 * (tracks.camera.inside + tracks.radar.inside), tracks.camera.inside
     )
@@ -347,6 +347,8 @@ def _crosses(
     # Braking begins earlier than crossing is foreseen: who turns off has to count until then.
     departs = moves & ~person & (leaves < ttc_s - EARLY_LATE_S)
     moves &= (ttc_s < staging.crossing_s) & (leaves > 0.0)
+    # The parts of a vehicle that are seen one after the other look like a step across.
+    moves &= person | _has_walked(tracks, path, across)
     sure = vy_mps * vy_mps > ALONE_SURE_VARIANCES * tracks.q_vv
     moves &= (tracks.label > 0) | (tracks.lidar.hits >= WALKS_SIGHTINGS) | sure | walks | runs
     passes = np.minimum(LENGTH_M / np.maximum(closing_mps, 1.0), FLANK_SHARE * ttc_s)
@@ -375,12 +377,14 @@ def _may_be_vehicle(tracks: TrackStore, doppler: np.ndarray, narrow: np.ndarray)
 
 
 def _has_walked(tracks: TrackStore, path: CarPath, across_mps: np.ndarray) -> np.ndarray:
-    """Whether tracks have gone on across the path so far as they seem to go now: what radar sees of
-    a car that stands goes from one of its ends to the other, and no further. Who goes along a curve
-    goes aside in the car's axes, and stays as far from the arc."""
+    """Whether tracks have been seen to go on across the path so far as they seem to go now: what is
+    seen of a vehicle goes from one of its ends to the other, and no further. Who goes along a curve
+    goes aside in the car's axes, and stays as far from the arc. The way since a track was placed
+    last is a guess."""
     way_m = path.beside_circle_m(tracks.x_m, tracks.y_m)
     way_m = way_m - path.beside_circle_m(tracks.from_x_m, tracks.from_y_m)
-    walked: np.ndarray = np.where(across_mps > 0.0, way_m, -way_m) > WALKED_M
+    way_m = np.where(across_mps > 0.0, way_m, -way_m) - np.abs(across_mps) * tracks.placed_s()
+    walked: np.ndarray = way_m > WALKED_M
     return walked
 
 
@@ -404,7 +408,7 @@ def _passes_by(
     the road, so the road at its place runs as its way does, and is half of that times the distance
     aside.
     """
-    comes = (vx_mps < -COMES_MPS) & ~_is_any(tracks.label, _PERSONS)
+    comes = (vx_mps < -COMES_MPS) & ~is_person(tracks.label)
     ahead_m = staging.front_m + ego.speed_mps[:, None] * ttc_s
     turned = 0.5 * _turn(tracks) * tracks.vx_mps * ttc_s
     beside_m = tracks.y_m + (tracks.vy_mps + turned) * ttc_s
