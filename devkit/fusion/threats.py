@@ -279,7 +279,7 @@ def _in_path(tracks: TrackStore) -> tuple[np.ndarray, np.ndarray]:
     # One or two boxes are no measurement, where radar has made some.
     seen = (tracks.camera.hits >= SIGHTINGS_MIN) | (tracks.radar.hits < SIGHTINGS_MIN)
     seen &= tracks.camera.age_s < RECENT_S
-    # A box may be of two parked cars. What the latest echoes say together knows a direction as well.
+    # A box may be of two parked cars. The latest echoes together know a direction as well.
     often = np.where(_is_any(tracks.label, _VEHICLES), BOX_ECHOES, WALKS_ECHOES)
     echoes = (tracks.radar.hits >= often) & (tracks.radar.age_s < RECENT_S)
     boxes = np.where(
