@@ -47,6 +47,8 @@ radar saw it first, LiDAR corrects its direction, which looks like a step aside.
 WALKS_ECHOES, WALKED_M = 20, 1.5
 """The same of radar, which alone has to have seen him walk so far too: half the width of a car and
 its own error at 50 m [-, m]."""
+LANE_SURE_M = 1.0
+"""Deviation of the lane of what comes and no camera has named, up to which it counts [m]."""
 WARNED_S = 0.8
 """A driver is warned so long before the brake begins (UN R152, 5.2.1.1) [s]."""
 WARNED_ECHOES, WARNED_INSIDE = 30, 0.95
@@ -170,7 +172,8 @@ def find_threats(
     ttc = np.minimum(ttc, TIME_MAX_S)
     slow = tracks.vx_mps * tracks.vx_mps + tracks.vy_mps * tracks.vy_mps < SLOW_MPS * SLOW_MPS
     driven = doppler | ((vx != 0.0) & ~(echoed & (slow | (tracks.agrees < AGREES_MIN))))
-    crosses = _crosses(tracks, ego, vx, vy, ttc, closing, doppler, driven, staging)
+    shown = health.reach_m[:, None] > REACH_RATIO * tracks.x_m
+    crosses = _crosses(tracks, ego, vx, vy, ttc, closing, doppler, driven, shown, staging)
     crossing = crosses.meets
     departs = crosses.departs | _passes_by(tracks, ego, vx, ttc, staging)
     ahead = tracks.live & (tracks.x_m > staging.front_m - 1.0)
@@ -212,7 +215,9 @@ def find_threats(
     now &= ~drives_on | (needed > staging.following_deceleration_mps2)
     # What no camera names and what stands may be beside a curve that has not begun; what comes may
     # be in the other lane of one in which the car is.
-    known = np.where(vx < -COMES_MPS, _straight(tracks, ego), (vx != 0.0) | late)
+    _, lane_sigma_m = _lane_of(tracks)
+    comes = _straight(tracks, ego) & (lane_sigma_m < LANE_SURE_M)
+    known = np.where(vx < -COMES_MPS, comes, (vx != 0.0) | late)
     named = (tracks.label > 0) | (gap < PATH_SURE_M) | known
     foreseen = by_two | by_one | (ahead & probable & _echoes_on(tracks, ego, ttc, staging))
     return Threats(by_two & now, by_one & now & named, foreseen, blocking, gap, ttc, needed)
@@ -301,6 +306,7 @@ def _crosses(
     closing_mps: np.ndarray,
     doppler: np.ndarray,
     driven: np.ndarray,
+    shown: np.ndarray,
     staging: StagingParameters,
 ) -> PathCrossing:
     """Who crosses the path.
@@ -341,7 +347,7 @@ def _crosses(
     person = (_persons(tracks) | ((tracks.label == 0) & walks)) & (vy_mps != 0.0)
     # A vehicle that comes along a curve is no crossing one, though it goes aside for a while.
     aside = (speed > np.abs(vx_mps)) | (tracks.x_m < PATH_SURE_M)
-    seen = _may_be_vehicle(tracks, doppler, narrow)
+    seen = _may_be_vehicle(tracks, doppler, narrow, shown)
     vehicle = seen | (runs & (speed > RUNS_NARROW_MPS))
     moves &= person | (vehicle & (speed > CROSSES_MPS) & (driven | runs))
     # Braking begins earlier than crossing is foreseen: who turns off has to count until then.
@@ -362,14 +368,17 @@ def _crosses(
     return PathCrossing(meets, comes, meets & (enters < IMMINENT_S), departs, walks)
 
 
-def _may_be_vehicle(tracks: TrackStore, doppler: np.ndarray, narrow: np.ndarray) -> np.ndarray:
+def _may_be_vehicle(
+    tracks: TrackStore, doppler: np.ndarray, narrow: np.ndarray, shown: np.ndarray
+) -> np.ndarray:
     """Whether tracks that cross are wide enough for vehicles, or radar sees them move.
 
     LiDAR alone goes from one post to the next in fog, and a box behind them may name them. What
     crosses is as wide as it is long; an end and a wheel of a vehicle that goes by are narrow, and
-    move by Doppler too. Without LiDAR nobody knows how wide it is.
+    move by Doppler too. Where LiDAR does not see, nobody knows how wide it is; where it would have
+    ``shown`` a vehicle, there is none.
     """
-    unseen = tracks.lidar.hits < SIGHTINGS_MIN
+    unseen = (tracks.lidar.hits < SIGHTINGS_MIN) & ~shown
     often = tracks.lidar.hits >= WALKS_SIGHTINGS
     seen: np.ndarray = ~narrow | (often & doppler)
     seen |= unseen & ((tracks.label > 0) | (tracks.radar.hits >= SIGHTINGS_MIN))
@@ -415,14 +424,20 @@ def _passes_by(
     beside_m = beside_m - 0.5 * ego.curvature_per_m[:, None] * ahead_m * ahead_m
     sideways = np.sqrt(tracks.q_vv)
     beside_sigma_m = (sideways + 0.5 * TURN_SIGMA_RADPS * np.abs(tracks.vx_mps) * ttc_s) * ttc_s
-    slope_x = 0.5 * tracks.x_m / np.where(comes, tracks.vx_mps, -1.0)
-    lane_m, lane_sigma_m = tracks.y_m - tracks.vy_mps * slope_x, sideways * np.abs(slope_x)
+    lane_m, lane_sigma_m = _lane_of(tracks)
     half_m = staging.corridor_half_m
     passes: np.ndarray = comes & (
         (_misses(tracks, beside_m, half_m + beside_sigma_m) & ~_straight(tracks, ego))
         | _misses(tracks, lane_m, half_m + lane_sigma_m)
     )
     return passes
+
+
+def _lane_of(tracks: TrackStore) -> tuple[np.ndarray, np.ndarray]:
+    """How far left of the car's own lane the lane of what comes is, and the deviation of that [m]:
+    the road at its place runs as its way does, and begins where the car is."""
+    slope_x = 0.5 * tracks.x_m / np.minimum(tracks.vx_mps, -1.0)
+    return tracks.y_m - tracks.vy_mps * slope_x, np.sqrt(tracks.q_vv) * np.abs(slope_x)
 
 
 def _straight(tracks: TrackStore, ego: EgoMotion) -> np.ndarray:

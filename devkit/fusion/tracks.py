@@ -56,8 +56,8 @@ CROSSES_MPS = 2.0
 """What moves so fast along a ray that leads aside may as well cross [m/s]."""
 TURN_MAX_RADPS = 0.8
 """Largest turn rate of a track [rad/s]."""
-TURNS_FROM_MPS = 2.0
-"""Slower objects have no heading, and so no turn rate [m/s]."""
+TURNS_FROM_MPS = 4.0
+"""Slower objects have no turn rate: the noise of their speed across would turn them [m/s]."""
 OVERLAP_MIN = 0.3
 """Share of a camera box that must lie on a track for it to be of it [-]."""
 NAMED_BOXES = 2.0

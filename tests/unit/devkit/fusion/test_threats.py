@@ -31,7 +31,7 @@ def road(bends, at_m):
     return x, y, heading
 
 
-def comes(bends, way_m, lane_m, *, named=True):
+def comes(bends, way_m, lane_m, *, named=True, q_vv=0.1):
     """Threats of a car that comes along the road, ``lane_m`` left of the ego's lane."""
     x, y, heading = road(bends, way_m)
     tracks = TrackStore(1, TrackingParameters())
@@ -42,7 +42,7 @@ def comes(bends, way_m, lane_m, *, named=True):
         "vx_mps": -SPEED_MPS * math.cos(heading),
         "vy_mps": -SPEED_MPS * math.sin(heading),
         "p_vv": 0.1,
-        "q_vv": 0.1,
+        "q_vv": q_vv,
         "right_m": -0.9,
         "left_m": 0.9,
         "probability": 0.999,
@@ -109,6 +109,15 @@ def test_who_comes_in_the_own_lane_is_one_in_time(bends):
     near = [comes(bends, way_m, 0.0, named=False) for way_m in range(20, 36, 2)]
     assert all(one.counts for one in near), "radar alone, at last"
     assert max(one.ttc_s for one in near) > 0.7
+
+
+def test_what_comes_far_ahead_and_no_camera_names_needs_a_known_lane():
+    """Radar alone at 100 m: half a second tells nothing of where its road goes."""
+    road = [(500.0, 0.0)]
+    assert comes(road, 100.0, 0.0, named=False).counts
+    assert not comes(road, 100.0, 0.0, named=False, q_vv=1.77**2).counts
+    assert comes(road, 100.0, 0.0, q_vv=1.77**2).counts, "named"
+    assert comes(road, 30.0, 0.0, named=False, q_vv=1.77**2).counts, "near"
 
 
 def test_who_leaves_the_path_at_the_last_moment_counts_as_long_as_he_is_there():

@@ -321,6 +321,15 @@ def test_a_turn_rate_is_found_and_the_velocity_turns_with_it(turn_radps):
     assert store.vy_mps[at] == pytest.approx(speed * np.sin(heading), abs=1.2)
 
 
+def test_the_noise_of_a_walker_is_no_turn():
+    """2.5 m/s along a footway; what LiDAR sees of limbs goes to and fro."""
+    store = TrackStore(1, PARAMETERS)
+    for k in range(40):
+        step(store, sightings([12.0 + 0.25 * k], [-1.9 + 0.25 * np.sin(1.7 * k)], half_m=0.25))
+    assert store.live.sum() == 1
+    assert store.turn_radps[store.live] == 0.0
+
+
 def test_a_leader_that_brakes_has_a_deceleration_by_radar():
     store, x, v = TrackStore(1, PARAMETERS), 30.0, 20.0
     for k in range(60):
