@@ -34,6 +34,8 @@ WHEELBASE_M = 3.09
 """Wheelbase by which a steering angle becomes a curvature [m]."""
 CURVATURE_S = 0.15
 """Time constant of the smoothed curvature [s]."""
+TURNS_IN_MPS = 8.5
+"""A slower car that turns may turn into another road, and does not follow a curve [m/s]."""
 TURNED_S = 20.0
 """Time in which the direction from which the car has turned is forgotten [s]."""
 DIVE_S = 0.1
@@ -184,10 +186,14 @@ class EgoMotion:
         It may end where a car that turns back has the direction again that it turned from, as at
         the end of a lane change; or, while the wheel is turned back, where it is straight: a
         clothoid from curvature k to 0 turns by k^2 / (2 dk/ds), as the arc does in half its way.
+        While a curve begins its curvature may also grow on; a slow car turns into another road.
         """
         bend = self.curvature_per_m
         back = bend * self.turned_rad < 0.0
         back_m = np.where(back, -self.turned_rad / np.where(back, bend, 1.0), np.inf)
         unwinds = bend * self._curving < 0.0
         clothoid_m = -self.speed_mps * bend / np.where(unwinds, self._curving, 1.0)
-        return CarPath(bend, np.minimum(back_m, np.where(unwinds, 0.5 * clothoid_m, np.inf)))
+        on_m = np.minimum(back_m, np.where(unwinds, 0.5 * clothoid_m, np.inf))
+        grows = (bend * self._curving > 0.0) & (self.speed_mps > TURNS_IN_MPS)
+        grown = self._curving / np.where(grows, self.speed_mps, 1.0)
+        return CarPath(bend, on_m, np.where(grows, grown, 0.0))

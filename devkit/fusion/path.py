@@ -2,7 +2,9 @@
 
 The arc alone is wrong while a car turns back: at the end of a lane change or of a corner it bends
 across what stands beside the new lane. So there may be a second path, which leaves the arc along
-its tangent after :attr:`CarPath.turns_on_m`, and what is in the way lies on both.
+its tangent after :attr:`CarPath.turns_on_m`, and what is in the way lies on both. It is wrong, too,
+while a car turns in: where a curve begins what is parked beside it lies straight ahead. So there
+may be a third one, whose curvature goes on to grow as it does now.
 """
 
 from __future__ import annotations
@@ -15,6 +17,8 @@ FAR_M = 1e6
 """Distance from the path of what lies beyond a quarter of a turn [m]."""
 BEND_MIN_PER_M = 1e-9
 """A path that bends less is straight [1/m]."""
+GROWS_M = 30.0
+"""Way after which a curvature that grows stays as it is: a clothoid of a street is as long [m]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,18 +29,25 @@ class CarPath:
     """Curvature of the arc, left positive."""
     turns_on_m: float | np.ndarray = np.inf
     """Way after which the second path goes straight on; infinite: there is none."""
+    grows_per_m2: float | np.ndarray = 0.0
+    """Growth of the third path's curvature, of its sign; 0: there is none."""
 
     def of_slot(self, slot: int) -> CarPath:
         """The path of one slot of arrays [S]."""
-        on_m = np.broadcast_to(self.turns_on_m, np.shape(self.bend_per_m))
-        return CarPath(float(np.asarray(self.bend_per_m)[slot]), float(on_m[slot]))
+        on_m, grows = (
+            np.broadcast_to(values, np.shape(self.bend_per_m))
+            for values in (self.turns_on_m, self.grows_per_m2)
+        )
+        bend = np.asarray(self.bend_per_m)
+        return CarPath(float(bend[slot]), float(on_m[slot]), float(grows[slot]))
 
     def spread(self, dimensions: int) -> CarPath:
         """Arrays [S] as [S, 1, ...], to broadcast against places of so many dimensions."""
         tail = (1,) * (dimensions - 1)
         bend = np.asarray(self.bend_per_m)
         on_m = np.broadcast_to(self.turns_on_m, bend.shape)
-        return CarPath(bend.reshape(-1, *tail), on_m.reshape(-1, *tail))
+        grows = np.broadcast_to(self.grows_per_m2, bend.shape)
+        return CarPath(*(values.reshape(-1, *tail) for values in (bend, on_m, grows)))
 
     def beside_circle_m(self, x_m: np.ndarray | float, y_m: np.ndarray | float) -> np.ndarray:
         """Distance of places from the arc's whole circle, left of it positive [m].
@@ -104,4 +115,19 @@ class CarPath:
             else:
                 right = self._beside_second_m(x_m, right_m, right)
             held = held & (((left > -half_m) & (right < half_m)) | ~turns_on)
+        grows = np.asarray(self.grows_per_m2)
+        if (grows != 0.0).any():
+            aside_m = self._grown_aside_m(x_m)
+            left = self.beside_arc_m(x_m, left_m - aside_m)
+            right = left if right_m is left_m else self.beside_arc_m(x_m, right_m - aside_m)
+            held = held & (((left > -half_m) & (right < half_m)) | (grows == 0.0))
         return held
+
+    def _grown_aside_m(self, x_m: np.ndarray | float) -> np.ndarray:
+        """How far left of the arc the third path lies: c x^3 / 6 as far as its curvature grows by c
+        per metre, and on along a circle [m]."""
+        way = np.minimum(x_m, GROWS_M)
+        rest = x_m - way
+        grown = np.asarray(self.grows_per_m2) * way
+        aside: np.ndarray = grown * (way * way / 6.0 + 0.5 * rest * (way + rest))
+        return aside

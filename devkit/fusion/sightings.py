@@ -13,6 +13,16 @@ LABELS = ("", "car", "truck", "bus", "pedestrian", "bicycle")
 """What an object is, by index; 0: nobody has said."""
 
 
+PERSONS = (LABELS.index("pedestrian"), LABELS.index("bicycle"))
+"""Labels of who is no vehicle."""
+
+
+def is_person(label: np.ndarray) -> np.ndarray:
+    """Which labels are of pedestrians and cyclists."""
+    person: np.ndarray = (label == PERSONS[0]) | (label == PERSONS[1])
+    return person
+
+
 @dataclass(slots=True, eq=False)
 class Sightings:
     """M places per slot; those that are not ``valid`` hold zeros."""

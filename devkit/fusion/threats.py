@@ -11,8 +11,8 @@ from devkit.fusion.ego_motion import EgoMotion
 from devkit.fusion.health import SensorHealth
 from devkit.fusion.parameters import StagingParameters
 from devkit.fusion.path import CarPath
-from devkit.fusion.sightings import LABELS
-from devkit.fusion.tracks import HELD_S, KNOWN_VARIANCE, VOUCHED_S, TrackStore
+from devkit.fusion.sightings import LABELS, PERSONS, is_person
+from devkit.fusion.tracks import HELD_S, KNOWN_VARIANCE, NAMED_BOXES, VOUCHED_S, TrackStore
 
 INSIDE_MIN = 0.5
 """How much a sensor must say that a track is in the path for it to count [-]."""
@@ -47,12 +47,12 @@ radar saw it first, LiDAR corrects its direction, which looks like a step aside.
 WALKS_ECHOES, WALKED_M = 20, 1.5
 """The same of radar, which alone has to have seen him walk so far too: half the width of a car and
 its own error at 50 m [-, m]."""
+LANE_SURE_M = 1.0
+"""Deviation of the lane of what comes and no camera has named, up to which it counts [m]."""
 WARNED_S = 0.8
 """A driver is warned so long before the brake begins (UN R152, 5.2.1.1) [s]."""
 WARNED_ECHOES, WARNED_INSIDE = 30, 0.95
 """For how many frames, and how surely in the path, radar alone has to see what is warned of [-]."""
-NAMED_BOXES = 2
-"""So many boxes name a person for good [-]."""
 RIPE_S = 0.6
 """A younger track whose speed is not known might be as fast as the car; and its speed across may be
 the step from one corner or thing to the next [s]."""
@@ -103,7 +103,6 @@ them, is in a camera's picture [m, m, -, m/s]."""
 TIME_MAX_S = 99.0
 """Time to collision of what does not come nearer [s]."""
 
-_PERSONS = (LABELS.index("pedestrian"), LABELS.index("bicycle"))
 _VEHICLES = (LABELS.index("car"), LABELS.index("truck"), LABELS.index("bus"))
 
 
@@ -137,8 +136,8 @@ def _is_any(values: np.ndarray, wanted: tuple[int, ...]) -> np.ndarray:
 def _persons(tracks: TrackStore) -> np.ndarray:
     """Whom a camera names a pedestrian or cyclist: a single box is soon forgotten, networks take
     posts for people once in a while."""
-    named = (tracks.camera.hits >= NAMED_BOXES) | (tracks.camera.age_s < RECENT_S)
-    return named & _is_any(tracks.label, _PERSONS)
+    named = (tracks.named >= NAMED_BOXES) | (tracks.camera.age_s < RECENT_S)
+    return named & is_person(tracks.label)
 
 
 class PathCrossing(NamedTuple):
@@ -173,7 +172,8 @@ def find_threats(
     ttc = np.minimum(ttc, TIME_MAX_S)
     slow = tracks.vx_mps * tracks.vx_mps + tracks.vy_mps * tracks.vy_mps < SLOW_MPS * SLOW_MPS
     driven = doppler | ((vx != 0.0) & ~(echoed & (slow | (tracks.agrees < AGREES_MIN))))
-    crosses = _crosses(tracks, ego, vx, vy, ttc, closing, doppler, driven, staging)
+    shown = health.reach_m[:, None] > REACH_RATIO * tracks.x_m
+    crosses = _crosses(tracks, ego, vx, vy, ttc, closing, doppler, driven, shown, staging)
     crossing = crosses.meets
     departs = crosses.departs | _passes_by(tracks, ego, vx, ttc, staging)
     ahead = tracks.live & (tracks.x_m > staging.front_m - 1.0)
@@ -183,7 +183,7 @@ def find_threats(
     sightings = np.maximum(tracks.lidar.hits, np.maximum(tracks.radar.hits, tracks.camera.hits))
     in_way &= sightings >= SIGHTINGS_MIN
     # Pedestrians are slow: to take them for standing is no great mistake.
-    pedestrian = tracks.label == _PERSONS[0]
+    pedestrian = tracks.label == PERSONS[0]
     in_way &= (tracks.age_s > RIPE_S) | (tracks.p_vv < KNOWN_VARIANCE) | pedestrian
     probable = tracks.probability > staging.single_probability
     # What radar alone sees standing are manhole covers, bridges and mirrors as often as cars.
@@ -215,7 +215,9 @@ def find_threats(
     now &= ~drives_on | (needed > staging.following_deceleration_mps2)
     # What no camera names and what stands may be beside a curve that has not begun; what comes may
     # be in the other lane of one in which the car is.
-    known = np.where(vx < -COMES_MPS, _straight(tracks, ego), (vx != 0.0) | late)
+    _, lane_sigma_m = _lane_of(tracks)
+    comes = _straight(tracks, ego) & (lane_sigma_m < LANE_SURE_M)
+    known = np.where(vx < -COMES_MPS, comes, (vx != 0.0) | late)
     named = (tracks.label > 0) | (gap < PATH_SURE_M) | known
     foreseen = by_two | by_one | (ahead & probable & _echoes_on(tracks, ego, ttc, staging))
     return Threats(by_two & now, by_one & now & named, foreseen, blocking, gap, ttc, needed)
@@ -224,12 +226,12 @@ def find_threats(
 def _known_across(tracks: TrackStore, ego: EgoMotion, doppler: np.ndarray) -> np.ndarray:
     """Speed across of the tracks of which it is known, 0 of others [m/s]."""
     person = _persons(tracks)
-    twice = tracks.camera.hits >= NAMED_BOXES
+    twice = tracks.named >= NAMED_BOXES
     sure = np.where(person & twice, PERSON_SURE_VARIANCES, SURE_VARIANCES)
     # What a camera names and LiDAR has seen often enough is where its points are; but a vehicle is
     # no single point of one.
     placed = (tracks.label > 0) & (tracks.lidar.hits >= SIGHTINGS_MIN)
-    placed &= _is_any(tracks.label, _PERSONS) | (tracks.left_m - tracks.right_m > NARROW_M)
+    placed &= is_person(tracks.label) | (tracks.left_m - tracks.right_m > NARROW_M)
     comes = tracks.lidar.hits >= np.where(doppler, BESIDE_SIGHTINGS, RUNS_SIGHTINGS)
     comes &= np.abs(ego.path.spread(2).beside_circle_m(tracks.x_m, tracks.y_m)) > BESIDE_M
     ripe = person | placed | comes | (tracks.age_s > RIPE_S)
@@ -251,7 +253,8 @@ def _moves_by_doppler(
     tracks: TrackStore, staging: StagingParameters
 ) -> tuple[np.ndarray, np.ndarray]:
     """Whether a track that radar has seen moves along the ray from the car's front: who crosses
-    has no speed along x; and whether radar sees it now."""
+    has no speed along x; and whether radar sees it now. What radar measures has to be nearer to the
+    track's speed than to none: a track's own may come from places of other and other things."""
     ahead_m = np.maximum(tracks.x_m - staging.front_m, 0.1)
     square_m2 = ahead_m * ahead_m + tracks.y_m * tracks.y_m
     root_m = np.sqrt(square_m2)
@@ -261,6 +264,7 @@ def _moves_by_doppler(
     moves = _is_speed(radial, variance, SURE_VARIANCES)
     known = tracks.radar.hits >= SIGHTINGS_MIN
     moves &= known & (tracks.agrees >= AGREES_MIN)
+    moves &= np.abs(tracks.radial_mps - radial) < np.abs(tracks.radial_mps)
     return moves, known & (tracks.radar.age_s < RECENT_S)
 
 
@@ -280,8 +284,9 @@ def _in_path(tracks: TrackStore) -> tuple[np.ndarray, np.ndarray]:
     # One or two boxes are no measurement, where radar has made some.
     seen = (tracks.camera.hits >= SIGHTINGS_MIN) | (tracks.radar.hits < SIGHTINGS_MIN)
     seen &= tracks.camera.age_s < RECENT_S
-    # A box may be of two parked cars. Many echoes know a direction as well.
-    echoes = (tracks.radar.hits >= WALKS_ECHOES) & (tracks.radar.age_s < RECENT_S)
+    # A box may be of two parked cars. The latest echoes together know a direction as well.
+    often = np.where(_is_any(tracks.label, _VEHICLES), BOX_ECHOES, WALKS_ECHOES)
+    echoes = (tracks.radar.hits >= often) & (tracks.radar.age_s < RECENT_S)
     boxes = np.where(
         echoes, 0.5 * (tracks.camera.inside + tracks.radar.inside), tracks.camera.inside
     )
@@ -301,6 +306,7 @@ def _crosses(
     closing_mps: np.ndarray,
     doppler: np.ndarray,
     driven: np.ndarray,
+    shown: np.ndarray,
     staging: StagingParameters,
 ) -> PathCrossing:
     """Who crosses the path.
@@ -341,12 +347,14 @@ def _crosses(
     person = (_persons(tracks) | ((tracks.label == 0) & walks)) & (vy_mps != 0.0)
     # A vehicle that comes along a curve is no crossing one, though it goes aside for a while.
     aside = (speed > np.abs(vx_mps)) | (tracks.x_m < PATH_SURE_M)
-    seen = _may_be_vehicle(tracks, doppler, narrow)
+    seen = _may_be_vehicle(tracks, doppler, narrow, shown)
     vehicle = seen | (runs & (speed > RUNS_NARROW_MPS))
     moves &= person | (vehicle & (speed > CROSSES_MPS) & (driven | runs))
     # Braking begins earlier than crossing is foreseen: who turns off has to count until then.
     departs = moves & ~person & (leaves < ttc_s - EARLY_LATE_S)
     moves &= (ttc_s < staging.crossing_s) & (leaves > 0.0)
+    # The parts of a vehicle that are seen one after the other look like a step across.
+    moves &= person | _has_walked(tracks, path, across)
     sure = vy_mps * vy_mps > ALONE_SURE_VARIANCES * tracks.q_vv
     moves &= (tracks.label > 0) | (tracks.lidar.hits >= WALKS_SIGHTINGS) | sure | walks | runs
     passes = np.minimum(LENGTH_M / np.maximum(closing_mps, 1.0), FLANK_SHARE * ttc_s)
@@ -360,14 +368,17 @@ def _crosses(
     return PathCrossing(meets, comes, meets & (enters < IMMINENT_S), departs, walks)
 
 
-def _may_be_vehicle(tracks: TrackStore, doppler: np.ndarray, narrow: np.ndarray) -> np.ndarray:
+def _may_be_vehicle(
+    tracks: TrackStore, doppler: np.ndarray, narrow: np.ndarray, shown: np.ndarray
+) -> np.ndarray:
     """Whether tracks that cross are wide enough for vehicles, or radar sees them move.
 
     LiDAR alone goes from one post to the next in fog, and a box behind them may name them. What
     crosses is as wide as it is long; an end and a wheel of a vehicle that goes by are narrow, and
-    move by Doppler too. Without LiDAR nobody knows how wide it is.
+    move by Doppler too. Where LiDAR does not see, nobody knows how wide it is; where it would have
+    ``shown`` a vehicle, there is none.
     """
-    unseen = tracks.lidar.hits < SIGHTINGS_MIN
+    unseen = (tracks.lidar.hits < SIGHTINGS_MIN) & ~shown
     often = tracks.lidar.hits >= WALKS_SIGHTINGS
     seen: np.ndarray = ~narrow | (often & doppler)
     seen |= unseen & ((tracks.label > 0) | (tracks.radar.hits >= SIGHTINGS_MIN))
@@ -375,12 +386,14 @@ def _may_be_vehicle(tracks: TrackStore, doppler: np.ndarray, narrow: np.ndarray)
 
 
 def _has_walked(tracks: TrackStore, path: CarPath, across_mps: np.ndarray) -> np.ndarray:
-    """Whether tracks have gone on across the path so far as they seem to go now: what radar sees of
-    a car that stands goes from one of its ends to the other, and no further. Who goes along a curve
-    goes aside in the car's axes, and stays as far from the arc."""
+    """Whether tracks have been seen to go on across the path so far as they seem to go now: what is
+    seen of a vehicle goes from one of its ends to the other, and no further. Who goes along a curve
+    goes aside in the car's axes, and stays as far from the arc. The way since a track was placed
+    last is a guess."""
     way_m = path.beside_circle_m(tracks.x_m, tracks.y_m)
     way_m = way_m - path.beside_circle_m(tracks.from_x_m, tracks.from_y_m)
-    walked: np.ndarray = np.where(across_mps > 0.0, way_m, -way_m) > WALKED_M
+    way_m = np.where(across_mps > 0.0, way_m, -way_m) - np.abs(across_mps) * tracks.placed_s()
+    walked: np.ndarray = way_m > WALKED_M
     return walked
 
 
@@ -404,21 +417,27 @@ def _passes_by(
     the road, so the road at its place runs as its way does, and is half of that times the distance
     aside.
     """
-    comes = (vx_mps < -COMES_MPS) & ~_is_any(tracks.label, _PERSONS)
+    comes = (vx_mps < -COMES_MPS) & ~is_person(tracks.label)
     ahead_m = staging.front_m + ego.speed_mps[:, None] * ttc_s
     turned = 0.5 * _turn(tracks) * tracks.vx_mps * ttc_s
     beside_m = tracks.y_m + (tracks.vy_mps + turned) * ttc_s
     beside_m = beside_m - 0.5 * ego.curvature_per_m[:, None] * ahead_m * ahead_m
     sideways = np.sqrt(tracks.q_vv)
     beside_sigma_m = (sideways + 0.5 * TURN_SIGMA_RADPS * np.abs(tracks.vx_mps) * ttc_s) * ttc_s
-    slope_x = 0.5 * tracks.x_m / np.where(comes, tracks.vx_mps, -1.0)
-    lane_m, lane_sigma_m = tracks.y_m - tracks.vy_mps * slope_x, sideways * np.abs(slope_x)
+    lane_m, lane_sigma_m = _lane_of(tracks)
     half_m = staging.corridor_half_m
     passes: np.ndarray = comes & (
         (_misses(tracks, beside_m, half_m + beside_sigma_m) & ~_straight(tracks, ego))
         | _misses(tracks, lane_m, half_m + lane_sigma_m)
     )
     return passes
+
+
+def _lane_of(tracks: TrackStore) -> tuple[np.ndarray, np.ndarray]:
+    """How far left of the car's own lane the lane of what comes is, and the deviation of that [m]:
+    the road at its place runs as its way does, and begins where the car is."""
+    slope_x = 0.5 * tracks.x_m / np.minimum(tracks.vx_mps, -1.0)
+    return tracks.y_m - tracks.vy_mps * slope_x, np.sqrt(tracks.q_vv) * np.abs(slope_x)
 
 
 def _straight(tracks: TrackStore, ego: EgoMotion) -> np.ndarray:

@@ -15,7 +15,7 @@ import numpy as np
 
 from devkit.fusion.parameters import TrackingParameters
 from devkit.fusion.path import CarPath
-from devkit.fusion.sightings import Sightings
+from devkit.fusion.sightings import Sightings, is_person
 
 TRACKS_MAX = 32
 """Most tracks of a car."""
@@ -56,10 +56,12 @@ CROSSES_MPS = 2.0
 """What moves so fast along a ray that leads aside may as well cross [m/s]."""
 TURN_MAX_RADPS = 0.8
 """Largest turn rate of a track [rad/s]."""
-TURNS_FROM_MPS = 2.0
-"""Slower objects have no heading, and so no turn rate [m/s]."""
+TURNS_FROM_MPS = 4.0
+"""Slower objects have no turn rate: the noise of their speed across would turn them [m/s]."""
 OVERLAP_MIN = 0.3
 """Share of a camera box that must lie on a track for it to be of it [-]."""
+NAMED_BOXES = 2.0
+"""So many boxes name a person for good, unless as many others say otherwise [-]."""
 SETTLED_S, SETTLED_SWEEPS = 0.5, 2
 """The place of a younger track that LiDAR has seen less often is not known well enough to tell how
 far it has gone since [s, -]."""
@@ -139,8 +141,12 @@ class TrackStore:
         """Where it was at the age of :data:`SETTLED_S`, a place on the road, in the axes of now."""
         self.agrees = np.ones((slots, TRACKS_MAX))
         """Share of the radial speeds lately that its velocity explains, 1 at first."""
+        self.radial_mps = np.zeros((slots, TRACKS_MAX))
+        """What radar measures along the ray lately, smoothed."""
         self.probability, self.age_s = _arrays(slots, 2)
         self.label = np.zeros((slots, TRACKS_MAX), np.int64)
+        self.named = np.zeros((slots, TRACKS_MAX))
+        """Boxes that say so, less those that say otherwise, up to :data:`NAMED_BOXES`."""
         self.place = np.full((slots, TRACKS_MAX), -1)
         """Of the camera box that showed it in this picture; -1: none."""
         self.camera = SensorMemory.empty(slots)
@@ -182,12 +188,21 @@ class TrackStore:
             setattr(self, cross, xv + dt * vv + 0.5 * noise * dt * dt * dt)
             setattr(self, vel, vv + noise * dt * dt)
         self.age_s = self.age_s + dt
-        settles = (self.age_s < SETTLED_S) & (self.lidar.hits < SETTLED_SWEEPS)
+        # The first of these sweeps may be of another thing: its place counts less than the second.
+        settled = self.lidar.hits - (self.lidar.age_s == 0.0) >= SETTLED_SWEEPS
+        settles = (self.age_s < SETTLED_S) & ~settled
         self.from_x_m = np.where(settles, self.x_m, self.from_x_m)
         self.from_y_m = np.where(settles, self.y_m, self.from_y_m)
         for memory in (self.camera, self.lidar, self.radar):
             memory.age_s[...] += dt
         self.place[...] = -1
+
+    def placed_s(self) -> np.ndarray:
+        """Time since the sensor that tells where a track is saw it last: LiDAR, where it has seen
+        it lately, else radar, else the camera [s]."""
+        by_radar = self.radar.age_s < HELD_S
+        others = np.where(by_radar, self.radar.age_s, self.camera.age_s)
+        return np.where(self.lidar.age_s < HELD_S, self.lidar.age_s, others)
 
     def update(self, seen: Sightings, memory: SensorMemory, looked: np.ndarray) -> None:
         """Take the sightings of a sensor that measures places: LiDAR or radar.
@@ -330,6 +345,9 @@ class TrackStore:
         self._filter(moved, x, middle, sigma * sigma, sideways)
         radial = of(seen.radial_mps)
         told = paired & np.isfinite(radial)
+        share = np.where(memory.hits == 0.0, 1.0, INSIDE_SHARE)
+        step_mps = share * (np.where(told, radial, 0.0) - self.radial_mps)
+        self.radial_mps = np.where(told, self.radial_mps + step_mps, self.radial_mps)
         self._measure_speed(told, radial, of(seen.radial_sigma_mps), of(seen.ray_y))
         self._turn(paired, known, vx, vy)
         first = moved & ((memory.hits == 0.0) | (step > 0.0))
@@ -350,8 +368,18 @@ class TrackStore:
         memory.hits[...] = memory.hits + paired
         self.probability = np.where(paired, self._seen_probability(), self.probability)
         if by_camera:
-            self.label = np.where(paired, of(seen.label), self.label)
+            self._name(paired, of(seen.label))
             self.place = np.where(paired, of(seen.place), self.place)
+
+    def _name(self, which: np.ndarray, label: np.ndarray) -> None:
+        """Boxes name tracks ``which``: what most of the latest say, people or vehicles. One box of
+        a person does not make one of a car that two have shown."""
+        same = (is_person(label) == is_person(self.label)) & (self.label > 0)
+        votes = self.named + np.where(same, 1.0, -1.0)
+        renamed = which & (same | (votes <= 0.0))
+        votes = np.where(same, np.minimum(votes, NAMED_BOXES), np.where(votes <= 0.0, 1.0, votes))
+        self.named = np.where(which, votes, self.named)
+        self.label = np.where(renamed, label, self.label)
 
     def _begin_along(
         self, other_part: np.ndarray, along_m: np.ndarray, sigma_m: np.ndarray, grown_m: np.ndarray
@@ -547,8 +575,10 @@ class TrackStore:
             "turn_radps": 0.0,
             "accel_mps2": 0.0,
             "agrees": 1.0,
+            "radial_mps": np.where(told, radial, 0.0),
             "live": True,
             "label": seen.label[slot, fresh],
+            "named": 1.0 if camera else 0.0,
             "place": seen.place[slot, fresh] if camera else -1,
         }
         for name, value in values.items():

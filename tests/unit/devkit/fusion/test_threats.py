@@ -31,7 +31,7 @@ def road(bends, at_m):
     return x, y, heading
 
 
-def comes(bends, way_m, lane_m, *, named=True):
+def comes(bends, way_m, lane_m, *, named=True, q_vv=0.1):
     """Threats of a car that comes along the road, ``lane_m`` left of the ego's lane."""
     x, y, heading = road(bends, way_m)
     tracks = TrackStore(1, TrackingParameters())
@@ -42,7 +42,7 @@ def comes(bends, way_m, lane_m, *, named=True):
         "vx_mps": -SPEED_MPS * math.cos(heading),
         "vy_mps": -SPEED_MPS * math.sin(heading),
         "p_vv": 0.1,
-        "q_vv": 0.1,
+        "q_vv": q_vv,
         "right_m": -0.9,
         "left_m": 0.9,
         "probability": 0.999,
@@ -111,6 +111,15 @@ def test_who_comes_in_the_own_lane_is_one_in_time(bends):
     assert max(one.ttc_s for one in near) > 0.7
 
 
+def test_what_comes_far_ahead_and_no_camera_names_needs_a_known_lane():
+    """Radar alone at 100 m: half a second tells nothing of where its road goes."""
+    road = [(500.0, 0.0)]
+    assert comes(road, 100.0, 0.0, named=False).counts
+    assert not comes(road, 100.0, 0.0, named=False, q_vv=1.77**2).counts
+    assert comes(road, 100.0, 0.0, q_vv=1.77**2).counts, "named"
+    assert comes(road, 30.0, 0.0, named=False, q_vv=1.77**2).counts, "near"
+
+
 def test_who_leaves_the_path_at_the_last_moment_counts_as_long_as_he_is_there():
     """A car that crosses from the right has left the path by its place, though echoes of its
     middle were in the path a moment ago."""
@@ -153,6 +162,7 @@ def beside(
     boxes_inside=None,
     has_radar=True,
     radar_age_s=0.0,
+    lidar_age_s=0.0,
     bend_per_m=0.0,
     **values,
 ):
@@ -160,6 +170,15 @@ def beside(
     tracks = TrackStore(1, TrackingParameters())
     given = {"live": True, "p_vv": 0.1, "q_vv": 0.1, "right_m": -0.3, "left_m": 0.3}
     given |= {"probability": 0.999, "age_s": age_s, "label": LABELS.index(label)}
+    given |= {"named": min(camera_hits, 2)}
+    # He has come two metres across, and radar measures what he does.
+    x_m, y_m, vx_mps, vy_mps = (
+        values.get(name, 0.0) for name in ("x_m", "y_m", "vx_mps", "vy_mps")
+    )
+    if "from_x_m" not in values and "from_y_m" not in values:
+        given |= {"from_x_m": x_m, "from_y_m": y_m - math.copysign(2.0, vy_mps)}
+    ahead_m = x_m - STAGING.front_m
+    given |= {"radial_mps": (ahead_m * vx_mps + y_m * vy_mps) / math.hypot(ahead_m, y_m)}
     for name, value in (given | values).items():
         getattr(tracks, name)[0, 0] = value
     hits_of = (
@@ -171,6 +190,7 @@ def beside(
         memory.age_s[0, 0], memory.hits[0, 0] = (0.0 if hits else 1e9), hits
         memory.inside[0, 0] = float(inside)
     tracks.radar.age_s[0, 0] += radar_age_s
+    tracks.lidar.age_s[0, 0] += lidar_age_s
     if boxes_inside is not None:
         tracks.camera.inside[0, 0] = float(boxes_inside)
     ego, health = EgoMotion(1), SensorHealth(1)
@@ -199,9 +219,34 @@ def test_a_vehicle_that_crosses_is_braked_for_once_its_speed_across_is_known(lab
     assert not beside("bicycle", age_s=0.3, camera_hits=1, **unsure), once
 
 
+def test_a_vehicle_crosses_once_it_has_been_seen_to_come_across():
+    """The front of a car that comes, then a sliver of its flank: a step of half its width."""
+    sliver = {"x_m": 12.2, "y_m": 2.6, "vx_mps": -8.0, "vy_mps": -2.5, "from_x_m": 17.3}
+    sliver |= {"right_m": -0.17, "left_m": 0.17, "lidar_hits": 6, "radar_hits": 3}
+    assert not beside("car", from_y_m=3.86, **sliver)
+    assert beside("car", from_y_m=4.3, **sliver)
+    assert not beside("car", from_y_m=2.2, **sliver), "it has gone the other way"
+
+
+def test_the_way_since_a_track_was_seen_last_is_a_guess():
+    come = CROSSES | {"from_x_m": 11.3, "from_y_m": -4.7, "radar_hits": 0}
+    assert beside("car", **come)
+    assert not beside("car", lidar_age_s=0.4, **come)
+
+
+def test_what_radar_measures_to_stand_does_not_cross_by_places():
+    """Echoes of one parked car after the other, which no camera names."""
+    row = {"x_m": 10.6, "y_m": 4.33, "vx_mps": 0.99, "vy_mps": -3.06, "from_y_m": 6.73}
+    row |= {"from_x_m": 10.4, "q_vv": 0.09, "p_vv": 0.08, "lidar_hits": 1, "radar_hits": 6}
+    row |= {"speed_mps": 12.7, "right_m": -0.06, "left_m": 0.06}
+    assert not beside("car", radial_mps=-0.15, **row)
+    assert beside("car", radial_mps=-0.9, **row)
+
+
 def test_what_radar_alone_sees_go_aside_does_not_cross():
     """One end and wheel of a lorry that goes by after the other."""
     passing = {"x_m": 15.7, "y_m": 1.95, "vx_mps": -2.6, "vy_mps": -2.17, "q_vv": 0.3}
+    passing |= {"radar_hits": 10}
     assert not beside(lidar_hits=2, **passing)
     assert beside(lidar_hits=6, **passing)
     assert beside("truck", lidar_hits=2, **passing)
@@ -337,19 +382,20 @@ def test_two_boxes_are_no_measurement_where_radar_has_made_some():
     """A car comes along the next lane, and two boxes half a second apart reach into the path."""
     comes = {"x_m": 27.0, "y_m": 2.4, "vx_mps": -4.0, "lidar_hits": 0, "boxes_inside": True}
     assert not beside("car", camera_hits=2, radar_hits=19, **comes)
-    assert beside("car", camera_hits=3, radar_hits=19, **comes)
+    assert beside("car", camera_hits=3, radar_hits=4, **comes)
     assert beside("car", camera_hits=2, **(comes | {"radar_hits": 2, "lidar_hits": 3})) is False
 
 
 def test_boxes_and_many_echoes_have_the_same_say_in_who_is_in_the_path():
     """One box is of two parked cars and reaches into the path, where no echo has been."""
     parked = {"x_m": 21.0, "y_m": -2.1, "lidar_hits": 0, "boxes_inside": True}
-    assert beside("car", radar_hits=19, **parked), "boxes tell directions better than a few echoes"
-    assert not beside("car", radar_hits=20, **parked)
+    assert beside("car", radar_hits=4, **parked), "boxes tell directions better than a few echoes"
+    assert not beside("car", radar_hits=5, **parked)
+    assert beside("pedestrian", radar_hits=19, **parked), "nobody parks people in rows"
     assert not beside("car", radar_hits=20, **(parked | {"lidar_hits": 1})), "nor one sweep"
     assert beside("car", radar_hits=20, radar_age_s=0.6, **parked), "echoes of long ago"
     assert beside("car", radar_hits=20, **(parked | {"inside": True}))
-    assert not beside("car", radar_hits=19, **(parked | {"lidar_hits": 3})), "LiDAR knows best"
+    assert not beside("car", radar_hits=4, **(parked | {"lidar_hits": 3})), "LiDAR knows best"
     ahead = parked | {"y_m": 0.0, "inside": True, "boxes_inside": False}
     assert not beside("car", radar_hits=20, **ahead), "boxes beside the path count as much"
 

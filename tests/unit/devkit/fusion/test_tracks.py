@@ -7,7 +7,7 @@ import pytest
 
 from devkit.fusion.parameters import TrackingParameters
 from devkit.fusion.path import CarPath
-from devkit.fusion.sightings import Sightings
+from devkit.fusion.sightings import LABELS, Sightings
 from devkit.fusion.tracks import (
     EDGE_SHARE,
     LATERAL_SIGMA_M,
@@ -321,6 +321,15 @@ def test_a_turn_rate_is_found_and_the_velocity_turns_with_it(turn_radps):
     assert store.vy_mps[at] == pytest.approx(speed * np.sin(heading), abs=1.2)
 
 
+def test_the_noise_of_a_walker_is_no_turn():
+    """2.5 m/s along a footway; what LiDAR sees of limbs goes to and fro."""
+    store = TrackStore(1, PARAMETERS)
+    for k in range(40):
+        step(store, sightings([12.0 + 0.25 * k], [-1.9 + 0.25 * np.sin(1.7 * k)], half_m=0.25))
+    assert store.live.sum() == 1
+    assert store.turn_radps[store.live] == 0.0
+
+
 def test_a_leader_that_brakes_has_a_deceleration_by_radar():
     store, x, v = TrackStore(1, PARAMETERS), 30.0, 20.0
     for k in range(60):
@@ -432,3 +441,32 @@ def test_the_first_estimate_of_a_velocity_is_no_turn():
     assert store.live.sum() == 1
     assert store.vx_mps[0, 0] == pytest.approx(-11.0, abs=1.0)
     assert store.turn_radps[0, 0] == 0.0
+
+
+def test_one_box_of_a_person_does_not_make_one_of_a_car_that_two_have_shown():
+    store = TrackStore(1, PARAMETERS)
+    car, person = LABELS.index("car"), LABELS.index("pedestrian")
+    step(store, sightings([15.0], [0.0]))
+    at = 0, int(np.flatnonzero(store.live[0])[0])
+    eye = EyePlaces(np.zeros(1), np.zeros(1), CarPath(np.zeros(1)), 1.1)
+
+    def said(label):
+        seen = sightings([15.0], [0.0])
+        seen.label[:] = label
+        store.confirm(seen, eye)
+        return int(store.label[at])
+
+    assert [said(label) for label in (car, car, person)] == [car, car, car]
+    assert said(person) == person, "as many boxes say otherwise"
+    assert store.named[at] == 1.0
+    assert said(LABELS.index("bicycle")) == LABELS.index("bicycle"), "he may have a bicycle"
+    assert store.named[at] == 2.0
+
+
+def test_the_place_from_which_a_track_comes_is_that_of_its_second_sweep():
+    """The first may be of a post before the car that is seen then."""
+    store = TrackStore(1, PARAMETERS)
+    for y_m in (2.5, 1.0, 1.0, 1.0):
+        step(store, sightings([15.0], [y_m], half_m=0.3))
+    at = 0, int(np.flatnonzero(store.live[0])[0])
+    assert abs(store.from_y_m[at] - 1.0) < 0.6
