@@ -120,6 +120,11 @@ class StoryboardMotion:
         self._running = np.zeros(slots, np.bool_)
         self._full = np.zeros(slots, np.bool_)
         self._stale = False
+        self._ways_s: np.ndarray | None = None
+
+    def _changed(self) -> None:
+        """Bodies are elsewhere, or others."""
+        self._stale, self._ways_s = True, None
 
     @property
     def standing(self) -> np.ndarray:
@@ -142,7 +147,7 @@ class StoryboardMotion:
         run.signals = ProgramSignals(loaded.program, self._signals)
         self._begin_appearance(slot, run, by_file=config.environment == "file")
         self._way_m[slot] = self._yaw_rate[slot] = 0.0
-        self._stale = True
+        self._changed()
         self._watch([slot])
         if config.trial is not None:
             run.target = target_row(name, loaded, config.trial)
@@ -178,7 +183,7 @@ class StoryboardMotion:
         self._cases[slot] = None
         self._signal_lamps[slot] = 0
         self._running[slot] = False
-        self._stale = True
+        self._changed()
 
     def hold(self, slot: int, *, held: bool) -> None:
         """A slot stands still, or goes on as it was."""
@@ -208,7 +213,7 @@ class StoryboardMotion:
             getattr(self, name)[slot] = values
         for name, value in saved["case"].items():
             setattr(self._run(slot), name, value)
-        self._stale = True
+        self._changed()
 
     def step(self, state: np.ndarray, active: np.ndarray) -> None:
         """One step: the storyboards see the egos at its beginning."""
@@ -262,7 +267,7 @@ class StoryboardMotion:
         goes_on = active[:, None] & self._bodies.there
         self._yaw_rate = np.where(goes_on, rate, self._yaw_rate)
         self._way_m = np.where(goes_on, self._way_m + ahead, self._way_m)
-        self._stale = True
+        self._changed()
         going = np.flatnonzero(active).tolist()
         self._moved.step(going)
         self._watch(going)
@@ -275,7 +280,7 @@ class StoryboardMotion:
         """
         body = self._moved.act(slot, action)
         self._yaw_rate[slot, body] = 0.0
-        self._stale = True
+        self._changed()
         return body
 
     def moved(self, slot: int) -> frozenset[int]:
@@ -308,24 +313,32 @@ class StoryboardMotion:
             moved = (place[0], place[1], now.yaw_rad[at], velocity[0], velocity[1])
             values |= {name: float(v) for name, v in zip(TARGET_COLUMNS, moved, strict=True)}
         if run.free is not None:
-            ttc_s = self._way_ttc_s(slot, run, run.free)
+            ttc_s = float(self._way_ttc_s()[slot])
             values |= {"way_ttc_s": ttc_s} if math.isfinite(ttc_s) else {}
         return values
 
-    def _way_ttc_s(self, slot: int, run: _SlotCase, free: FreeDriving) -> float:
-        """Truth of what is in the way of a slot's ego."""
-        bodies, ego, car = self._bodies, run.loaded.ego, self._vehicle
-        there = bodies.there[slot]
-        rows = np.concatenate([[ego], bodies.entity[slot, there]])
-        half_m = [[[car.length_m / 2, car.width_m / 2]], bodies.half_m[slot, there]]
-        centre_m = [[[car.centre_offset_m, 0.0]], bodies.centre_m[slot, there]]
-        return nearest_collision_s(
-            self._player.bodies.reals.numpy()[slot, rows],
-            self._player.bodies.wholes.numpy()[slot, rows],
-            np.concatenate(half_m),
-            np.concatenate(centre_m),
-            free.margin_m,
-        )
+    def _way_ttc_s(self) -> np.ndarray:
+        """Truth of what is in the way of the egos [S], of all slots at once; it counts only for
+        those of free driving."""
+        if self._ways_s is None:
+            bodies, car, players = self._bodies, self._vehicle, self._player.bodies
+            egos, margins_m = np.zeros((len(self._cases), 1), np.int64), np.zeros(len(self._cases))
+            for slot, run in enumerate(self._cases):
+                if run is not None and run.free is not None:
+                    egos[slot], margins_m[slot] = run.loaded.ego, run.free.margin_m
+            at = self._all, np.concatenate([egos, bodies.entity], axis=1)
+            # Flat, so that they are left out: rooms without a body.
+            half_m = np.where(bodies.there[..., None], bodies.half_m, 0.0)
+            own_m = np.broadcast_to([car.length_m / 2, car.width_m / 2], (len(egos), 1, 2))
+            middle_m = np.broadcast_to([car.centre_offset_m, 0.0], (len(egos), 1, 2))
+            self._ways_s = nearest_collision_s(
+                players.reals.numpy()[at],
+                players.wholes.numpy()[at],
+                np.concatenate([own_m, half_m], axis=1),
+                np.concatenate([middle_m, bodies.centre_m], axis=1),
+                margins_m[:, None],
+            )
+        return self._ways_s
 
     def ended(self, slot: int) -> bool:
         """Whether the storyboard of a slot has ended, or what free driving looks at after a full
