@@ -14,7 +14,6 @@ from schemas.kinds.scenarios.storyboard import KIND
 from schemas.sections.free_driving import FreeDriving
 from twin.actors.motion import ObjectKind, Placement
 from twin.actors.palette import nobody
-from twin.road.opendrive.grid import settled, sine_cosine
 from twin.road.tables.road_tables import road_tables
 from twin.scenario.case_files import check_scenario_files
 from twin.scenario.case_motion import CaseTarget, StartPose
@@ -36,6 +35,7 @@ from twin.scenario.storyboard.case.lamps import SlotLamps
 from twin.scenario.storyboard.case.moved_bodies import BodyAction, MovedBodies
 from twin.scenario.storyboard.case.rig_player import RigPlayer
 from twin.scenario.storyboard.case.signals import ProgramSignals
+from twin.scenario.storyboard.case.stands import BodyStands
 from twin.scenario.storyboard.case.trial import TARGET_COLUMNS
 from twin.scenario.storyboard.case.way_ahead import nearest_collision_s
 from twin.scenario.storyboard.player.columns import Real, Whole
@@ -55,8 +55,6 @@ _STILL_MPS = 0.02
 _RATE_MAX = 20.0
 """Faster a body does not turn [rad/s]."""
 _PROGRAMS_MAX = 256
-_GRAPHICS = 1
-"""Bit of what can be seen."""
 _POSE = [
     COLUMN[name] for name in ("x_m", "y_m", "z_m", "yaw_rad", "pitch_rad", "roll_rad", "speed_mps")
 ]
@@ -446,27 +444,29 @@ class StoryboardMotion:
                 self._signal_lamps[slot, run.signals.columns] = lamps
         return self._signal_lamps.copy()
 
+    def hulls(self) -> np.ndarray:
+        """See :class:`twin.scenario.case_motion.CaseMotion`."""
+        return self._stands().hulls(self._bodies, self._yaw_rate)
+
+    def _stands(self) -> BodyStands:
+        """Where all bodies are, as the player has them."""
+        entity, players = self._bodies.entity, self._player.bodies
+        return BodyStands.of(
+            self._bodies,
+            players.reals.numpy()[self._all, entity],
+            players.wholes.numpy()[self._all, entity, Whole.VISIBLE],
+            self._yaw_rate,
+            self._moved.away(),
+        )
+
     def _placed(self) -> Placement:
-        """All bodies as the player has them."""
-        bodies, there = self._bodies, self._bodies.there
-        real = self._player.bodies.reals.numpy()[self._all, bodies.entity]
-        wholes = self._player.bodies.wholes.numpy()
-        visible = wholes[self._all, bodies.entity, Whole.VISIBLE]
-        modes = wholes[self._all, bodies.entity, Whole.LIGHTS]
-        seen = there & (visible & _GRAPHICS != 0)
-        for body in self._moved.away():
-            seen[body] = False
-        heading, rate = real[..., Real.HEADING], self._yaw_rate
-        ahead, aside = bodies.centre_m[..., 0], bodies.centre_m[..., 1]
-        axes = _axes(heading, real[..., Real.PITCH], real[..., Real.ROLL])
-        # The middle of a box stands on the slope that its origin stands on.
-        off_x, off_y, off_z = (ahead * along + aside * across for along, across, _ in axes)
+        """All bodies as the player has them, and how they look."""
+        bodies, there, stand = self._bodies, self._bodies.there, self._stands()
+        real, velocity, (up_x, up_y, up_z) = stand.real, stand.velocity_mps, stand.up
+        modes = self._player.bodies.wholes.numpy()[self._all, bodies.entity, Whole.LIGHTS]
         phase = np.floor(self._way_m / bodies.way_m * bodies.phases).astype(np.int64)
         moving = (np.abs(real[..., Real.SPEED]) > _STILL_MPS) & (bodies.phases > 0)
         kind = bodies.kind + np.where(moving, 1 + phase % np.maximum(bodies.phases, 1), 0)
-        place = (settled(real[..., Real.X] + off_x), settled(real[..., Real.Y] + off_y))
-        velocity = (real[..., Real.VX] - rate * off_y, real[..., Real.VY] + rate * off_x)
-        up_x, up_y, up_z = (up for _, _, up in axes)
         climb = np.where(up_z < 1.0, -(velocity[0] * up_x + velocity[1] * up_y) / up_z, 0.0)
         pitch, roll = bodies.lean(real[..., Real.PITCH], real[..., Real.ROLL])
         shown = self._lamps.shown(
@@ -477,11 +477,11 @@ class StoryboardMotion:
             self._steps,
         )
         return Placement(
-            kind=np.where(seen, kind, -1).astype(np.int32),
-            position_m=_vectors(there, *place, real[..., Real.Z] + settled(off_z)),
-            yaw_rad=np.where(there, heading, 0.0),
+            kind=np.where(stand.seen, kind, -1).astype(np.int32),
+            position_m=_vectors(there, *stand.place_m, stand.height_m),
+            yaw_rad=np.where(there, real[..., Real.HEADING], 0.0),
             velocity_mps=_vectors(there, *velocity, climb),
-            yaw_rate_radps=np.where(there, rate, 0.0),
+            yaw_rate_radps=np.where(there, self._yaw_rate, 0.0),
             brake=shown.brake.astype(np.float32),
             lamps=shown.lamps.astype(np.float32),
             half_m=bodies.half_m.copy(),
@@ -491,20 +491,6 @@ class StoryboardMotion:
             roll_rad=roll,
             signals=self._signals_now(),
         )
-
-
-def _axes(
-    heading_rad: np.ndarray, pitch_rad: np.ndarray, roll_rad: np.ndarray
-) -> tuple[tuple[np.ndarray, np.ndarray, np.ndarray], ...]:
-    """World x, y and z of bodies' forward, left and upward axes: the rows of the rotation about z
-    by the heading, then y by the pitch, then x by the roll."""
-    # In one call: a step of a scenario has few bodies, and each call takes as long as one of many.
-    (s, sp, sr), (c, cp, cr) = sine_cosine(np.stack([heading_rad, pitch_rad, roll_rad]))
-    return (
-        (c * cp, c * sp * sr - s * cr, c * sp * cr + s * sr),
-        (s * cp, s * sp * sr + c * cr, s * sp * cr - c * sr),
-        (-sp, cp * sr, cp * cr),
-    )
 
 
 def _vectors(there: np.ndarray, *parts: np.ndarray) -> np.ndarray:
