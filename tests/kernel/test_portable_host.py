@@ -72,3 +72,10 @@ def test_any_shape(shape):
 def test_the_share_of_a_sine_at_zero():
     assert host.sine_share([0.0, -0.0]).tolist() == [1.0, 1.0]
     assert np.isnan(host.sine([np.nan, np.inf, -np.inf])).all()
+
+
+def test_one_angle_has_the_bits_of_many():
+    x, _ = places()
+    many = np.concatenate([x[::29], SPECIAL, [np.inf, -np.inf, np.nan, 2.0**40, -1e-150, 5e-324]])
+    one = np.array([host.sine_cosine(angle) for angle in many.tolist()]).T
+    np.testing.assert_array_equal(one.view(np.int64), np.array(host.sine_cosine(many)).view("i8"))

@@ -76,6 +76,13 @@ class InterventionMotion:
                 _put(placement, slot, index, placed, float(time_s[slot]))
         return placement
 
+    def hulls(self, time_s: np.ndarray, sizes_m: np.ndarray) -> np.ndarray:
+        """What vehicles may hit of it, see :meth:`twin.actors.motion.Placement.hulls`; bodies of a
+        scenario say it without how they look."""
+        if self._bodies is not None:
+            return self._bodies.hulls()
+        return self.at(time_s).hulls(sizes_m)
+
     def act(self, slot: int, action: ObjectAction, time_s: np.ndarray) -> int:
         """Carry out an action at the slots' sim times; the object it was done to.
 

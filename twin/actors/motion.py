@@ -107,6 +107,9 @@ class InterventionTarget(Protocol):
     def moved(self, slot: int) -> frozenset[int]:
         """Objects that an intervention has taken off."""
 
+    def hulls(self) -> np.ndarray:
+        """What vehicles may hit now [S, M, 8], :data:`twin.vehicle.kernel.MOVER_COLUMNS`."""
+
 
 class Still:
     """Nothing moves."""

@@ -482,7 +482,7 @@ class Engine:
 
     def _hulls(self) -> np.ndarray:
         """Hulls of what moves at the current ticks, or at the current step of a scenario."""
-        return self.objects.at(self.sim_time_ns / 1e9).hulls(self._hull_sizes)
+        return self.objects.hulls(self.sim_time_ns / 1e9, self._hull_sizes)
 
     def _carry(self, poses: Mapping[int, Pose]) -> None:
         """One control period of which the stack says how it ends in some slots."""

@@ -97,6 +97,10 @@ class CaseMotion(Protocol):
         """Where all bodies are now, whatever the times; see
         :class:`twin.actors.motion.Motion`."""
 
+    def hulls(self) -> np.ndarray:
+        """What vehicles may hit now [S, M, 8], as :meth:`at` has it:
+        :meth:`twin.actors.motion.Placement.hulls`."""
+
     def act(self, slot: int, action: Any) -> int:
         """Carry out an intervention on a body between two steps, one of ``MoveObject``,
         ``SpawnObject``, ``RemoveObject`` and ``FreeObject`` of

@@ -54,8 +54,9 @@ class Carrier:
         carried = np.zeros(fleet.slots, np.int32)
         com, turn = np.zeros((fleet.slots, 3)), np.zeros((fleet.slots, 4))
         for slot, pose in poses.items():
-            com[slot], turn[slot] = self.body(slot, pose)
-            carried[slot] = JUMPS if self._way_m(slot, com[slot]) > self._reach_m else GOES
+            place, turn[slot] = self.body(slot, pose)
+            com[slot] = place
+            carried[slot] = JUMPS if self._way_m(slot, place) > self._reach_m else GOES
         fleet.carry(self._steps, carried, com, turn)
         return np.flatnonzero(carried == JUMPS).tolist()
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Sequence
 
 import numpy as np
@@ -98,6 +99,9 @@ class Fleet:
         self._movers = Mirror((slots, movers, len(kernel.MOVER_COLUMNS)), wp.float64, device)
         self._scene_movers = Mirror((slots, movers, len(kernel.MOVER_COLUMNS)), wp.float64, device)
         self._nearest = Mirror((slots, len(NEAREST)), wp.float64, device)
+        self._carried = Mirror((slots,), wp.int32, device)
+        self._carried_com = Mirror((slots,), wp.vec3d, device)
+        self._carried_turn = Mirror((slots,), wp.quatd, device)
         self._unseen = False  # whether events on the device are newer than those on the host
         self._placed: list[int] = []
         self.state = self._state.host
@@ -130,6 +134,7 @@ class Fleet:
         self._model_of.host[...] = np.arange(count)
         self._model_of.push()
         self._loaded: dict[int, VehicleModel] = {}
+        self._references = deque[tuple[VehicleModel, tuple[float, float, float]]](maxlen=8)
 
     def _build_scene(self, colliders: np.ndarray, stop_at_impact: bool) -> kernel.VehicleScene:
         """Everything that vehicles can stand on or hit."""
@@ -380,28 +385,34 @@ class Fleet:
             com: centre of mass at the end, float64 [S, 3].
             turn: orientation at the end, float64 [S, 4].
         """
-        wp.launch(
+        for mirror, values in (
+            (self._carried, carried),
+            (self._carried_com, com),
+            (self._carried_turn, turn),
+        ):
+            mirror.host[...] = values
+            mirror.push()
+        self._launch(
             carry_kernel,
             self.slots,
-            inputs=[
+            [
                 self._models,
                 self._model_of.device,
                 self._scene,
                 steps,
                 self._first_step.device,
-                wp.array(carried, dtype=wp.int32, device=self._device),
-                wp.array(com, dtype=wp.vec3d, device=self._device),
-                wp.array(turn, dtype=wp.quatd, device=self._device),
+                self._carried.device,
+                self._carried_com.device,
+                self._carried_turn.device,
                 self._targets.device,
                 self._movers.device,
             ],
-            outputs=[
+            [
                 self._rows,
                 self._events.device,
                 self._event_count.device,
             ],
-            device=self._device,
-            block_dim=self._block,
+            self._block,
         )
         self._state.pull()
 
@@ -410,22 +421,31 @@ class Fleet:
     ) -> np.ndarray:
         """Centre of mass [3] of a slot's vehicle 0 with its reference point there; ``turn``:
         xyzw."""
-        model = self._model(slot)
+        ahead, aside, height = self._reference(self._model(slot))
         x, y, z, w = turn.tolist()
         forward_x, forward_y = 1 - 2 * (y * y + z * z), 2 * (x * y + z * w)
         forward_z = 2 * (x * z - y * w)
         left_z, up_z = 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)
         yaw = math.atan2(forward_y, forward_x)
         cosine, sine = math.cos(yaw), math.sin(yaw)
-        ahead, aside = float(model.reference_x), float(model.reference_y)
         # As twin.vehicle.chassis.observe finds the reference point, the other way round.
         return np.array(
             [
                 x_m - cosine * ahead + sine * aside,
                 y_m - sine * ahead - cosine * aside,
-                z_m - ahead * forward_z - aside * left_z + float(model.com_height) * up_z,
+                z_m - ahead * forward_z - aside * left_z + height * up_z,
             ]
         )
+
+    def _reference(self, model: VehicleModel) -> tuple[float, float, float]:
+        """Place of the reference point in a model, forwards and to the left, and the height of the
+        centre of mass: looked up once, since a struct of Warp takes its time to say them."""
+        for known, place in self._references:
+            if known is model:
+                return place
+        place = float(model.reference_x), float(model.reference_y), float(model.com_height)
+        self._references.append((model, place))
+        return place
 
     def faulty(self) -> np.ndarray:
         """Which slots cannot go on, bool [S]; :meth:`fault` says why."""

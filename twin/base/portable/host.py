@@ -8,6 +8,7 @@ of magnitudes beyond 2**40 are NaN.
 
 from __future__ import annotations
 
+import math
 from functools import cache
 from typing import Any
 
@@ -60,11 +61,26 @@ def _exact_product(a: Floats, b: Floats) -> tuple[Floats, Floats]:
 
 def _parts(x: Floats) -> tuple[Floats, Floats, npt.NDArray[np.int64]]:
     """Sine and cosine of the remainder of ``x`` by pi/2, and the number of the quarter turn."""
-    turns = np.floor(x * _constant("TWO_OVER_PI") + 0.5)
-    first, first_rest = _exact_sum(x, -(turns * _constant("HALF_PI_PART_0")))
-    second, second_rest = _exact_sum(first, -(turns * _constant("HALF_PI_PART_1")))
-    third, third_rest = _exact_sum(second, -(turns * _constant("HALF_PI_PART_2")))
-    lost = third_rest + (second_rest + first_rest) - turns * _constant("HALF_PI_PART_3")
+    two_over_pi, *half_pi = _reduction()
+    turns = np.floor(x * two_over_pi + 0.5)
+    sine, cosine = _remainder(x, turns, *half_pi)
+    return sine, cosine, turns.astype(np.int64) & 3
+
+
+@cache
+def _reduction() -> tuple[float, ...]:
+    """2 / pi, and the parts of pi / 2."""
+    return (_constant("TWO_OVER_PI"), *(_constant(f"HALF_PI_PART_{k}") for k in range(4)))
+
+
+def _remainder(
+    x: Any, turns: Any, half_pi_0: float, half_pi_1: float, half_pi_2: float, half_pi_3: float
+) -> tuple[Any, Any]:
+    """Sine and cosine of the remainder of ``x`` by pi/2; arrays or numbers."""
+    first, first_rest = _exact_sum(x, -(turns * half_pi_0))
+    second, second_rest = _exact_sum(first, -(turns * half_pi_1))
+    third, third_rest = _exact_sum(second, -(turns * half_pi_2))
+    lost = third_rest + (second_rest + first_rest) - turns * half_pi_3
     r = third + lost
     rest = lost - (r - third)
     z = r * r
@@ -72,7 +88,7 @@ def _parts(x: Floats) -> tuple[Floats, Floats, npt.NDArray[np.int64]]:
     most = 1.0 + -(0.5 * z)
     gone = -(0.5 * z) - (most - 1.0)
     cosine = most + (gone + (z * z * _series(z, "COS", 6) - r * rest))
-    return sine, cosine, turns.astype(np.int64) & 3
+    return sine, cosine
 
 
 def _angles(x: npt.ArrayLike) -> tuple[Floats, npt.NDArray[np.bool_]]:
@@ -81,8 +97,26 @@ def _angles(x: npt.ArrayLike) -> tuple[Floats, npt.NDArray[np.bool_]]:
     return np.where(known, angles, 0.0), known
 
 
+def _sine_cosine_of_one(x: float) -> tuple[float, float]:
+    """Sine and cosine of one angle, by the same steps with Python's numbers: building a road asks a
+    hundred thousand times for one, and each step of NumPy takes as long for one as for many."""
+    if not abs(x) <= _LIMIT_RAD:
+        return math.nan, math.nan
+    two_over_pi, *half_pi = _reduction()
+    turns = float(math.floor(x * two_over_pi + 0.5))
+    s, c = _remainder(x, turns, *half_pi)
+    fourth = int(turns) & 3
+    sine = (s, c, 0.0 - s, 0.0 - c)[fourth]
+    cosine = (c, 0.0 - s, 0.0 - c, s)[fourth]
+    return x if abs(x) < _SMALLEST else sine, cosine
+
+
 def sine_cosine(x: npt.ArrayLike) -> tuple[Floats, Floats]:
     """Sine and cosine of ``x`` [rad], any shape, in little more time than one of them."""
+    if np.size(x) == 1:
+        angle = np.asarray(x, np.float64)
+        values = np.array(_sine_cosine_of_one(angle.item())).reshape((2, *angle.shape))
+        return values[0, ...], values[1, ...]
     angles, known = _angles(x)
     s, c, fourth = _parts(angles)
     sines = np.choose(fourth, [s, c, 0.0 - s, 0.0 - c])

@@ -20,8 +20,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twin.road.opendrive.grid import cosine, sine
-from twin.road.opendrive.quadrature import integrate
+from twin.road.opendrive.grid import sine_cosine
+from twin.road.opendrive.quadrature import integrate_both
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,9 +41,8 @@ class Clothoid:
         """x and y after ``s_m`` from its beginning, in the axes there."""
         panel = np.clip(np.searchsorted(self.knots, s_m, "right") - 1, 0, len(self.knots) - 2)
         start = self.knots[panel]
-        x = self.places[panel, 0] + integrate(lambda s: cosine(self.heading(s)), start, s_m)
-        y = self.places[panel, 1] + integrate(lambda s: sine(self.heading(s)), start, s_m)
-        return x, y
+        aside, ahead = integrate_both(lambda s: sine_cosine(self.heading(s)), start, s_m)
+        return self.places[panel, 0] + ahead, self.places[panel, 1] + aside
 
     def heading(self, s_m: np.ndarray) -> np.ndarray:
         """Turned since its beginning [rad]."""
@@ -58,8 +57,7 @@ def clothoid(start_per_m: float, end_per_m: float, length_m: float) -> Clothoid:
     count = math.ceil(max(tightest * length_m, 0.5 * math.sqrt(abs(rate)) * length_m, 1.0))
     knots = length_m * np.arange(count + 1) / count
     empty = Clothoid(start_per_m, rate, knots, np.zeros((count + 1, 2)))
-    ahead = integrate(lambda s: cosine(empty.heading(s)), knots[:-1], knots[1:])
-    aside = integrate(lambda s: sine(empty.heading(s)), knots[:-1], knots[1:])
+    aside, ahead = integrate_both(lambda s: sine_cosine(empty.heading(s)), knots[:-1], knots[1:])
     places = np.zeros((count + 1, 2))
     for panel in range(count):
         places[panel + 1] = places[panel] + (ahead[panel], aside[panel])

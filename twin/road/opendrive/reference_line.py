@@ -10,7 +10,7 @@ import numpy as np
 
 from twin.road.opendrive.clothoid import Clothoid, clothoid
 from twin.road.opendrive.cubic_curve import CubicCurve, cubic_curve
-from twin.road.opendrive.grid import angle_of, chord_share, cosine, settled, sine, turned
+from twin.road.opendrive.grid import angle_of, chord_share, settled, sine_cosine, turned
 from twin.road.opendrive.records import GeometryRecord, RoadRecord
 
 OUTSIDE_M = 1e-6
@@ -152,18 +152,19 @@ class ReferenceLine:
         curvature [5, N]; beyond its ends it goes on."""
         piece, curve = self.pieces[k], self.curves[k]
         ahead = s - piece.start_m
-        c0, s0 = float(cosine(piece.heading_rad)), float(sine(piece.heading_rad))
+        s0, c0 = (float(value) for value in sine_cosine(piece.heading_rad))
         if isinstance(curve, CubicCurve):
             u, v, c1, s1, curvature = curve.at(ahead)
         elif curve is None:
             curvature = np.full(len(s), piece.curvature[0])
             half = 0.5 * curvature * ahead
             chord = ahead * chord_share(half)
-            u, v = chord * cosine(half), chord * sine(half)
-            c1, s1 = cosine(2.0 * half), sine(2.0 * half)
+            up, across = sine_cosine(half)
+            u, v = chord * across, chord * up
+            s1, c1 = sine_cosine(2.0 * half)
         else:
             u, v = curve.at(ahead)
-            c1, s1 = cosine(curve.heading(ahead)), sine(curve.heading(ahead))
+            s1, c1 = sine_cosine(curve.heading(ahead))
             curvature = curve.curvature + curve.rate * ahead
         return np.stack(
             [

@@ -48,16 +48,20 @@ def part_files(commit: str, part: int) -> dict[str, bytes]:
             name = f"{road_class.name}-{number:02}"
             data = scenario_file(road_class, road, name, seed)
             files[f"{name}.yaml"] = _text(data)
-            cases.append(_case(road_class, f"{name}.yaml", weather, hour))
+            cases.append(_case(road_class, road, f"{name}.yaml", weather, hour))
     files[CAMPAIGN_FILE] = _text(_campaign(commit, part, seed, cases))
     return files
 
 
-def _case(road_class: RoadClass, storyboard: str, weather: str, hour: str) -> dict[str, Any]:
+def _case(
+    road_class: RoadClass, road: str, storyboard: str, weather: str, hour: str
+) -> dict[str, Any]:
     return {
         "scenario.storyboard": storyboard,
         "weather": weather,
         "time_of_day": hour,
+        # Named, so that all cases of a road share a rig: without it each would have one of its own.
+        "scenario.scene": road,
         # What the stack would drive: not slower than the robot, so its cruise control stays off.
         "autonomy.parameters.cruise_speed_mps": road_class.speed_mps[-1][1],
     }

@@ -14,7 +14,6 @@ from schemas.kinds.scenarios.storyboard import KIND
 from schemas.sections.free_driving import FreeDriving
 from twin.actors.motion import ObjectKind, Placement
 from twin.actors.palette import nobody
-from twin.road.opendrive.grid import settled, sine_cosine
 from twin.road.tables.road_tables import road_tables
 from twin.scenario.case_files import check_scenario_files
 from twin.scenario.case_motion import CaseTarget, StartPose
@@ -36,6 +35,7 @@ from twin.scenario.storyboard.case.lamps import SlotLamps
 from twin.scenario.storyboard.case.moved_bodies import BodyAction, MovedBodies
 from twin.scenario.storyboard.case.rig_player import RigPlayer
 from twin.scenario.storyboard.case.signals import ProgramSignals
+from twin.scenario.storyboard.case.stands import BodyStands
 from twin.scenario.storyboard.case.trial import TARGET_COLUMNS
 from twin.scenario.storyboard.case.way_ahead import nearest_collision_s
 from twin.scenario.storyboard.player.columns import Real, Whole
@@ -55,8 +55,6 @@ _STILL_MPS = 0.02
 _RATE_MAX = 20.0
 """Faster a body does not turn [rad/s]."""
 _PROGRAMS_MAX = 256
-_GRAPHICS = 1
-"""Bit of what can be seen."""
 _POSE = [
     COLUMN[name] for name in ("x_m", "y_m", "z_m", "yaw_rad", "pitch_rad", "roll_rad", "speed_mps")
 ]
@@ -120,6 +118,11 @@ class StoryboardMotion:
         self._running = np.zeros(slots, np.bool_)
         self._full = np.zeros(slots, np.bool_)
         self._stale = False
+        self._ways_s: np.ndarray | None = None
+
+    def _changed(self) -> None:
+        """Bodies are elsewhere, or others."""
+        self._stale, self._ways_s = True, None
 
     @property
     def standing(self) -> np.ndarray:
@@ -142,7 +145,7 @@ class StoryboardMotion:
         run.signals = ProgramSignals(loaded.program, self._signals)
         self._begin_appearance(slot, run, by_file=config.environment == "file")
         self._way_m[slot] = self._yaw_rate[slot] = 0.0
-        self._stale = True
+        self._changed()
         self._watch([slot])
         if config.trial is not None:
             run.target = target_row(name, loaded, config.trial)
@@ -178,7 +181,7 @@ class StoryboardMotion:
         self._cases[slot] = None
         self._signal_lamps[slot] = 0
         self._running[slot] = False
-        self._stale = True
+        self._changed()
 
     def hold(self, slot: int, *, held: bool) -> None:
         """A slot stands still, or goes on as it was."""
@@ -208,7 +211,7 @@ class StoryboardMotion:
             getattr(self, name)[slot] = values
         for name, value in saved["case"].items():
             setattr(self._run(slot), name, value)
-        self._stale = True
+        self._changed()
 
     def step(self, state: np.ndarray, active: np.ndarray) -> None:
         """One step: the storyboards see the egos at its beginning."""
@@ -262,7 +265,7 @@ class StoryboardMotion:
         goes_on = active[:, None] & self._bodies.there
         self._yaw_rate = np.where(goes_on, rate, self._yaw_rate)
         self._way_m = np.where(goes_on, self._way_m + ahead, self._way_m)
-        self._stale = True
+        self._changed()
         going = np.flatnonzero(active).tolist()
         self._moved.step(going)
         self._watch(going)
@@ -275,7 +278,7 @@ class StoryboardMotion:
         """
         body = self._moved.act(slot, action)
         self._yaw_rate[slot, body] = 0.0
-        self._stale = True
+        self._changed()
         return body
 
     def moved(self, slot: int) -> frozenset[int]:
@@ -308,24 +311,32 @@ class StoryboardMotion:
             moved = (place[0], place[1], now.yaw_rad[at], velocity[0], velocity[1])
             values |= {name: float(v) for name, v in zip(TARGET_COLUMNS, moved, strict=True)}
         if run.free is not None:
-            ttc_s = self._way_ttc_s(slot, run, run.free)
+            ttc_s = float(self._way_ttc_s()[slot])
             values |= {"way_ttc_s": ttc_s} if math.isfinite(ttc_s) else {}
         return values
 
-    def _way_ttc_s(self, slot: int, run: _SlotCase, free: FreeDriving) -> float:
-        """Truth of what is in the way of a slot's ego."""
-        bodies, ego, car = self._bodies, run.loaded.ego, self._vehicle
-        there = bodies.there[slot]
-        rows = np.concatenate([[ego], bodies.entity[slot, there]])
-        half_m = [[[car.length_m / 2, car.width_m / 2]], bodies.half_m[slot, there]]
-        centre_m = [[[car.centre_offset_m, 0.0]], bodies.centre_m[slot, there]]
-        return nearest_collision_s(
-            self._player.bodies.reals.numpy()[slot, rows],
-            self._player.bodies.wholes.numpy()[slot, rows],
-            np.concatenate(half_m),
-            np.concatenate(centre_m),
-            free.margin_m,
-        )
+    def _way_ttc_s(self) -> np.ndarray:
+        """Truth of what is in the way of the egos [S], of all slots at once; it counts only for
+        those of free driving."""
+        if self._ways_s is None:
+            bodies, car, players = self._bodies, self._vehicle, self._player.bodies
+            egos, margins_m = np.zeros((len(self._cases), 1), np.int64), np.zeros(len(self._cases))
+            for slot, run in enumerate(self._cases):
+                if run is not None and run.free is not None:
+                    egos[slot], margins_m[slot] = run.loaded.ego, run.free.margin_m
+            at = self._all, np.concatenate([egos, bodies.entity], axis=1)
+            # Flat, so that they are left out: rooms without a body.
+            half_m = np.where(bodies.there[..., None], bodies.half_m, 0.0)
+            own_m = np.broadcast_to([car.length_m / 2, car.width_m / 2], (len(egos), 1, 2))
+            middle_m = np.broadcast_to([car.centre_offset_m, 0.0], (len(egos), 1, 2))
+            self._ways_s = nearest_collision_s(
+                players.reals.numpy()[at],
+                players.wholes.numpy()[at],
+                np.concatenate([own_m, half_m], axis=1),
+                np.concatenate([middle_m, bodies.centre_m], axis=1),
+                margins_m[:, None],
+            )
+        return self._ways_s
 
     def ended(self, slot: int) -> bool:
         """Whether the storyboard of a slot has ended, or what free driving looks at after a full
@@ -433,27 +444,29 @@ class StoryboardMotion:
                 self._signal_lamps[slot, run.signals.columns] = lamps
         return self._signal_lamps.copy()
 
+    def hulls(self) -> np.ndarray:
+        """See :class:`twin.scenario.case_motion.CaseMotion`."""
+        return self._stands().hulls(self._bodies, self._yaw_rate)
+
+    def _stands(self) -> BodyStands:
+        """Where all bodies are, as the player has them."""
+        entity, players = self._bodies.entity, self._player.bodies
+        return BodyStands.of(
+            self._bodies,
+            players.reals.numpy()[self._all, entity],
+            players.wholes.numpy()[self._all, entity, Whole.VISIBLE],
+            self._yaw_rate,
+            self._moved.away(),
+        )
+
     def _placed(self) -> Placement:
-        """All bodies as the player has them."""
-        bodies, there = self._bodies, self._bodies.there
-        real = self._player.bodies.reals.numpy()[self._all, bodies.entity]
-        wholes = self._player.bodies.wholes.numpy()
-        visible = wholes[self._all, bodies.entity, Whole.VISIBLE]
-        modes = wholes[self._all, bodies.entity, Whole.LIGHTS]
-        seen = there & (visible & _GRAPHICS != 0)
-        for body in self._moved.away():
-            seen[body] = False
-        heading, rate = real[..., Real.HEADING], self._yaw_rate
-        ahead, aside = bodies.centre_m[..., 0], bodies.centre_m[..., 1]
-        axes = _axes(heading, real[..., Real.PITCH], real[..., Real.ROLL])
-        # The middle of a box stands on the slope that its origin stands on.
-        off_x, off_y, off_z = (ahead * along + aside * across for along, across, _ in axes)
+        """All bodies as the player has them, and how they look."""
+        bodies, there, stand = self._bodies, self._bodies.there, self._stands()
+        real, velocity, (up_x, up_y, up_z) = stand.real, stand.velocity_mps, stand.up
+        modes = self._player.bodies.wholes.numpy()[self._all, bodies.entity, Whole.LIGHTS]
         phase = np.floor(self._way_m / bodies.way_m * bodies.phases).astype(np.int64)
         moving = (np.abs(real[..., Real.SPEED]) > _STILL_MPS) & (bodies.phases > 0)
         kind = bodies.kind + np.where(moving, 1 + phase % np.maximum(bodies.phases, 1), 0)
-        place = (settled(real[..., Real.X] + off_x), settled(real[..., Real.Y] + off_y))
-        velocity = (real[..., Real.VX] - rate * off_y, real[..., Real.VY] + rate * off_x)
-        up_x, up_y, up_z = (up for _, _, up in axes)
         climb = np.where(up_z < 1.0, -(velocity[0] * up_x + velocity[1] * up_y) / up_z, 0.0)
         pitch, roll = bodies.lean(real[..., Real.PITCH], real[..., Real.ROLL])
         shown = self._lamps.shown(
@@ -464,11 +477,11 @@ class StoryboardMotion:
             self._steps,
         )
         return Placement(
-            kind=np.where(seen, kind, -1).astype(np.int32),
-            position_m=_vectors(there, *place, real[..., Real.Z] + settled(off_z)),
-            yaw_rad=np.where(there, heading, 0.0),
+            kind=np.where(stand.seen, kind, -1).astype(np.int32),
+            position_m=_vectors(there, *stand.place_m, stand.height_m),
+            yaw_rad=np.where(there, real[..., Real.HEADING], 0.0),
             velocity_mps=_vectors(there, *velocity, climb),
-            yaw_rate_radps=np.where(there, rate, 0.0),
+            yaw_rate_radps=np.where(there, self._yaw_rate, 0.0),
             brake=shown.brake.astype(np.float32),
             lamps=shown.lamps.astype(np.float32),
             half_m=bodies.half_m.copy(),
@@ -478,20 +491,6 @@ class StoryboardMotion:
             roll_rad=roll,
             signals=self._signals_now(),
         )
-
-
-def _axes(
-    heading_rad: np.ndarray, pitch_rad: np.ndarray, roll_rad: np.ndarray
-) -> tuple[tuple[np.ndarray, np.ndarray, np.ndarray], ...]:
-    """World x, y and z of bodies' forward, left and upward axes: the rows of the rotation about z
-    by the heading, then y by the pitch, then x by the roll."""
-    # In one call: a step of a scenario has few bodies, and each call takes as long as one of many.
-    (s, sp, sr), (c, cp, cr) = sine_cosine(np.stack([heading_rad, pitch_rad, roll_rad]))
-    return (
-        (c * cp, c * sp * sr - s * cr, c * sp * cr + s * sr),
-        (s * cp, s * sp * sr + c * cr, s * sp * cr - c * sr),
-        (-sp, cp * sr, cp * cr),
-    )
 
 
 def _vectors(there: np.ndarray, *parts: np.ndarray) -> np.ndarray:

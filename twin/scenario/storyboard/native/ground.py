@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TypeVar
@@ -17,6 +18,8 @@ from twin.road.opendrive.road_map import RoadMap
 from twin.scenario.storyboard.program.places import FixedPosition
 
 T = TypeVar("T")
+
+_GROUNDS_MAX = 4
 
 _SIDE_TYPES = {
     "footway": ("sidewalk", "walking"),
@@ -201,13 +204,23 @@ class ScenarioGround:
         )
 
 
+_grounds: deque[ScenarioGround] = deque(maxlen=_GROUNDS_MAX)
+
+
 def scenario_ground(network: RoadNetwork) -> ScenarioGround:
     """The ground of a network.
+
+    Scenarios of a campaign share few networks, so the last ones are kept.
 
     Raises:
         ValueError: a reference line has no direction somewhere.
     """
-    return ScenarioGround(RoadMap(network), lane_graph(network))
+    for known in _grounds:
+        if known.network is network:
+            return known
+    ground = ScenarioGround(RoadMap(network), lane_graph(network))
+    _grounds.append(ground)
+    return ground
 
 
 def _array(s_m: float) -> np.ndarray:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -12,8 +13,9 @@ from typer.testing import CliRunner
 pytest.importorskip("lxml", reason="lxml is not installed")
 
 from schemas.files.yaml_file import parse_yaml
+from schemas.identity import rig_key
 from schemas.names import WEATHERS
-from schemas.plan import parse_campaign
+from schemas.plan import expand, parse_campaign
 from twin.base.errors import UsageError
 from twin.cli import app
 from twin.road.opendrive.gaps import find_gaps
@@ -58,6 +60,16 @@ def test_cases_are_every_weather_by_day_and_night_on_every_class(files):
         assert len({case[0] for case in mine}) == 32
         wanted = {(weather, hour) for weather in WEATHERS for hour in ("13:00", "23:00")}
         assert {case[1:] for case in mine} == wanted
+
+
+def test_cases_of_a_road_share_a_rig(files):
+    campaign, mistakes = parse_campaign(parse_yaml(files[CAMPAIGN_FILE].decode(), CAMPAIGN_FILE))
+    assert campaign is not None, mistakes
+    keys = Counter((rig_key(case), case.rig.scene) for case in expand(campaign))
+    assert {scene: count for (_, scene), count in keys.items()} == {
+        f"{road_class.name}.xodr": 32 for road_class in CLASSES
+    }
+    assert len(keys) == 3
 
 
 def test_a_part_is_100_km_and_most_of_it_fast():
