@@ -118,6 +118,7 @@ def worker(
         connect=target.endpoint,
         namespace=target.namespace,
         key=target.key,
+        key_path=target.key.path if target.key else None,
         slots=slots or (GPU_SLOTS if device.startswith("cuda") else 1),
         fit=slots is None and device.startswith("cuda"),
         device=device,

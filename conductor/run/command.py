@@ -319,7 +319,8 @@ def _work(
     shown = options.report and campaign.simulator != "noop"
     report = ReportPreload(options.out) if shown else None
     try:
-        workers.serve(WorkerStart(conductor.endpoint, slots, key), places)
+        told = WorkerStart(conductor.endpoint, slots, key)
+        workers.serve(told, places, conductor.worker_socket)
         _wait(conductor, campaign, workers, report, listener, signals)
         workers.ask()
         if report is not None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import socket
 import subprocess
 import sys
 import tempfile
@@ -37,6 +38,8 @@ class WorkerChild:
     number: int
     process: subprocess.Popen[bytes]
     log: IO[bytes]
+    handover: socket.socket
+    """Where it is handed the conductor's socket; closed once it is told whom to serve."""
     told: int = 0
     """Bytes of the log that were looked at."""
 
@@ -56,6 +59,8 @@ class LocalWorkers:
     told: WorkerStart | None = None
     """Start message of the conductor that they serve; None: it is not known yet. The log is each
     worker's own."""
+    handed: int | None = None
+    """Descriptor of the socket by which they join; None: they take the endpoint."""
     children: list[WorkerChild] = field(default_factory=list)
     started: int = 0
     died: int = 0
@@ -79,16 +84,28 @@ class LocalWorkers:
             self.started += 1
             # Until it is told it has no log on disk, and nothing to say.
             log = tempfile.TemporaryFile()  # noqa: SIM115
-            worker = self.places[index].placed(self.worker)
-            text = msgspec.json.encode(worker).decode()
-            command = [sys.executable, "-m", "twin", *LOCAL_WORKER, text]
-            process = spawn(command, environment={PLACE_VARIABLE: str(index)}, log=log)
-            self.children.append(WorkerChild(index, self.started, process, log))
+            ours, theirs = socket.socketpair()
+            with theirs:
+                worker = self.places[index].placed(self.worker)
+                worker = msgspec.structs.replace(worker, handover=theirs.fileno())
+                text = msgspec.json.encode(worker).decode()
+                process = spawn(
+                    [sys.executable, "-m", "twin", *LOCAL_WORKER, text],
+                    environment={PLACE_VARIABLE: str(index)},
+                    log=log,
+                    descriptors=[theirs.fileno()],
+                )
+            self.children.append(WorkerChild(index, self.started, process, log, ours))
             self._tell(self.children[-1])
 
-    def serve(self, told: WorkerStart, places: Sequence[WorkerPlace]) -> None:
-        """The conductor listens: tell those that run, and end those that have no place any more."""
-        self.told, self.places = told, places
+    def serve(
+        self, told: WorkerStart, places: Sequence[WorkerPlace], handed: int | None = None
+    ) -> None:
+        """The conductor listens: tell those that run, and end those that have no place any more.
+
+        ``handed``: descriptor of its socket for them, which stays open; None: it has none.
+        """
+        self.told, self.places, self.handed = told, places, handed
         surplus = [child for child in self.children if child.place >= len(places)]
         self.children = [child for child in self.children if child.place < len(places)]
         _end(surplus)
@@ -102,9 +119,12 @@ class LocalWorkers:
         child.log.close()
         child.log = path.open("w+b")
         share = self.places[child.place].share
-        start = msgspec.structs.replace(self.told, log=str(path), share=share)
+        handed = self.handed is not None
+        start = msgspec.structs.replace(self.told, log=str(path), share=share, handed=handed)
         assert child.process.stdin is not None
-        with contextlib.suppress(BrokenPipeError):  # it dies just now, and is replaced
+        with contextlib.suppress(ConnectionError), child.handover:  # it dies just now: replaced
+            if self.handed is not None:
+                socket.send_fds(child.handover, [b"\n"], [self.handed])
             child.process.stdin.write(msgspec.json.encode(start) + b"\n")
 
     def look(self) -> list[str]:
@@ -120,6 +140,7 @@ class LocalWorkers:
             tail = last_lines(child.log, 1)
             end(child.process)
             child.log.close()
+            child.handover.close()
             reason = f"{how_it_ended(code)}, replaced" + (
                 f"; its last words: {tail}" if tail else ""
             )
@@ -162,3 +183,4 @@ def _end(children: Sequence[WorkerChild]) -> None:
             child.process.wait(STOP_S)
         end(child.process)
         child.log.close()
+        child.handover.close()

@@ -227,7 +227,7 @@ class Conductor:
                 host=socket.gethostname(),
                 epoch=self._engine.state.epoch,
                 namespace=self.namespace,
-                version=_version(),
+                version=own_version() or "0",
                 key=str(shared(self.key)) if self.key else "",
                 insecure=not is_tls(self._listen),
                 fabric=self.fabric,
@@ -360,6 +360,11 @@ class Conductor:
     def alive(self) -> bool:
         """Whether it has started and has not begun to shut down; from any thread."""
         return self.started.is_set() and not self._stopping
+
+    @property
+    def worker_socket(self) -> int | None:
+        """Descriptor of a nameless socket by which its own workers join; None: it has no front."""
+        return self._fronted.socket_of(Role.worker) if self._fronted is not None else None
 
     def snapshot(self) -> ConductorStatus:
         """Status as of the last commit; from any thread."""
@@ -575,8 +580,7 @@ class Conductor:
     def _open_at(self, endpoint: str) -> Bus:
         if self.key is None or not is_tls(endpoint) or self._bus_factory is not open_router:
             return self._bus_factory([endpoint], self.namespace, self.key)
-        # Late: it imports Zenoh.
-        from twin.fabric.front.router import Fronted
+        from twin.fabric.front.router import Fronted  # late: it imports Zenoh
 
         self._fronted = Fronted(endpoint, self.namespace, self.key, self._audit.heard)
         return self._fronted.bus
@@ -594,7 +598,3 @@ def _reachable(endpoint: str) -> str:
     for everywhere in ("/0.0.0.0:", "/[::]:"):
         endpoint = endpoint.replace(everywhere, f"/{socket.gethostname()}:")
     return endpoint
-
-
-def _version() -> str:
-    return own_version() or "0"

@@ -9,13 +9,13 @@ running package imports.
 from __future__ import annotations
 
 import importlib
-import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, NamedTuple, Protocol, TypeVar
 
 from schemas.escape import escape
+from schemas.kinds.installed import ImportPath, import_path, metadata_folders, normalized
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
@@ -162,46 +162,70 @@ def _attribute(reference: str) -> Any:
     return getattr(importlib.import_module(module), attribute)
 
 
-def _all_foreign() -> list[EntryPoint]:
-    """Entry points of other distributions, of all groups that bring kinds."""
-    points = _entry_points()
-    groups = [name for name in points.groups if name.startswith(f"{OUR_DISTRIBUTION}.")]
-    return [point for name in groups for point in _others(points.select(group=name))]
-
-
 def _foreign(group: str) -> list[EntryPoint]:
     """Entry points of other distributions."""
-    return _others(_entry_points().select(group=group))
+    return [point for point in _all_foreign() if point.group == group]
 
 
-_looked: dict[tuple[tuple[str, int], ...], Any] = {}
-"""Import path with the times at which its folders changed -> all entry points, the latest look."""
+_looked: dict[ImportPath, list[EntryPoint]] = {}
+"""Import path -> the latest look."""
 
 
-def _entry_points() -> Any:
-    """All entry points. A look reads a file of each distribution, and every table of kinds needs
-    one, so it is kept as long as nothing was installed."""
-    from importlib.metadata import entry_points  # takes 10 ms, and some commands need no kinds
-
-    place = tuple((folder, _changed_ns(folder)) for folder in sys.path)
+def _all_foreign() -> list[EntryPoint]:
+    """Entry points of other distributions, of all groups that bring kinds. A look reads a file of
+    each distribution, and every table of kinds needs one, so it is kept as long as nothing was
+    installed."""
+    place = import_path()
     points = _looked.get(place)
     if points is None:
-        points = entry_points()
+        folders = metadata_folders()
+        points = _asked() if folders is None else _bringing(folders)
         _looked.clear()  # perhaps of another thread, which has its points already
         _looked[place] = points
     return points
 
 
-def _changed_ns(folder: str) -> int:
-    """When an entry of the import path changed; 0: it is not there [ns]."""
+def _bringing(folders: Mapping[str, str]) -> list[EntryPoint]:
+    """:func:`_all_foreign` of distributions whose metadata lie in ``folders``, by name."""
+    ours = {normalized(name) for name in OUR_DISTRIBUTIONS}
+    points: list[EntryPoint] = []
+    for name, folder in folders.items():
+        if name in ours or _GROUPS not in _content(f"{folder}/entry_points.txt"):
+            continue
+        from importlib.metadata import PathDistribution  # takes 10 ms, and is hardly ever needed
+
+        points += _others(PathDistribution(Path(folder)).entry_points)
+    return points
+
+
+def _asked() -> list[EntryPoint]:
+    """:func:`_all_foreign` of whatever distributions there are."""
+    from importlib.metadata import entry_points
+
+    points = entry_points()
+    return [point for group in points.groups for point in _others(points.select(group=group))]
+
+
+_GROUPS = f"[{OUR_DISTRIBUTION}.".encode()
+"""Begins the heads of groups that bring kinds, in a file of entry points."""
+
+
+def _content(path: str) -> bytes:
     try:
-        return Path(folder or ".").stat().st_mtime_ns
+        with open(path, "rb", buffering=0) as file:  # noqa: PTH123 - for hundreds of files
+            return file.read()
     except OSError:
-        return 0
+        return b""
 
 
 def _others(points: Iterable[EntryPoint]) -> list[EntryPoint]:
-    return [p for p in points if p.dist is None or p.dist.name not in OUR_DISTRIBUTIONS]
+    """Those that bring kinds, and are not ours."""
+    return [
+        point
+        for point in points
+        if point.group.startswith(f"{OUR_DISTRIBUTION}.")
+        and (point.dist is None or point.dist.name not in OUR_DISTRIBUTIONS)
+    ]
 
 
 def _distribution(point: EntryPoint) -> str:

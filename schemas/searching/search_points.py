@@ -9,7 +9,6 @@ import msgspec
 from msgspec import UNSET, UnsetType
 
 from schemas.axes import axes_allowed, is_axis
-from schemas.formulas.objective import formula_mistakes
 from schemas.kinds.kpi import scalars_by_name
 from schemas.kinds.registry import implementation
 from schemas.kinds.sampler import sampler_kinds
@@ -255,6 +254,8 @@ def correlation_factor(search: Search) -> list[list[float]]:
 def _objective_mistakes(search: Search, scenario: Scenario) -> list[Mistake]:
     objective, kind = search.objective, kind_of(scenario)
     if objective.formula is not UNSET:
+        from schemas.formulas.objective import formula_mistakes  # few campaigns need it
+
         return formula_mistakes(objective, objective.formula, kind)
     known = [scalar.name for scalar in kind.scalars if scalar.type != "name"]
     mistakes = []

@@ -22,6 +22,7 @@ from schemas.files.software import (
     digest_of,
     machine_class,
 )
+from schemas.kinds.installed import version_of
 from schemas.kinds.registry import OUR_DISTRIBUTIONS
 from twin.base.errors import UsageError
 from twin.base.gpu.nvml import gpu_handle, library
@@ -47,7 +48,7 @@ def software_digest() -> str:
 def own_version() -> str:
     """Version of this project, whichever of its distributions is installed; empty beside a source
     tree that is not."""
-    return next(filter(None, map(_version, OUR_DISTRIBUTIONS)), "")
+    return next(filter(None, map(version_of, OUR_DISTRIBUTIONS)), "")
 
 
 def software_files() -> dict[str, str]:
@@ -109,28 +110,11 @@ def _sha256(path: str, chunk: memoryview) -> str:
 def library_versions() -> dict[str, str]:
     """Versions of the libraries that reach a KPI, as far as they are installed, sorted; and of
     Python, whose ``sum`` of floats is another one from 3.12 on."""
-    versions = {name: version for name in _LIBRARIES if (version := _version(name))}
+    versions = {name: version for name in _LIBRARIES if (version := version_of(name))}
     versions["python"] = f"{sys.version_info.major}.{sys.version_info.minor}"
     if "onnxruntime-gpu" in versions:
-        versions |= {name: version for name in GPU_LIBRARIES if (version := _version(name))}
+        versions |= {name: version for name in GPU_LIBRARIES if (version := version_of(name))}
     return dict(sorted(versions.items()))
-
-
-_VERSION = re.compile(r"^Version: *(\S+) *$", re.MULTILINE)
-
-
-def _version(library: str) -> str:
-    """Empty if it is not installed."""
-    import importlib.metadata  # takes 10 ms, and every command loads this module
-
-    try:
-        distribution = importlib.metadata.distribution(library)
-    except importlib.metadata.PackageNotFoundError:
-        return ""
-    # Its head alone: the text of the project's page behind it takes ten times as long to read.
-    head = (distribution.read_text("METADATA") or "").partition("\n\n")[0]
-    found = _VERSION.search(head)
-    return found[1] if found else distribution.version
 
 
 def check_packages() -> None:

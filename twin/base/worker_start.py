@@ -27,6 +27,8 @@ class LocalWorker(Struct, frozen=True, omit_defaults=True):
     memory_gb: float | None = None
     join_dir: str = ""
     spool: str = ""
+    handover: int = -1
+    """Descriptor of a socket through which it may be handed that of the conductor's own."""
 
 
 class WorkerStart(Struct, frozen=True):
@@ -42,6 +44,9 @@ class WorkerStart(Struct, frozen=True):
     """File to which it writes from then on; empty: where it did before."""
     share: Share | None = None
     """Cases that the worker prefers, where several work side by side; None: any."""
+    handed: bool = False
+    """Whether a socket of the conductor lies at :attr:`LocalWorker.handover`, by which the worker
+    joins instead of ``connect``."""
 
     @property
     def key_path(self) -> Path | None:

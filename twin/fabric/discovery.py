@@ -13,7 +13,6 @@ from schemas.files.regular_file import RUN_FILE_BYTES_MAX, read_regular
 from twin.base.errors import UnreachableError, UsageError
 from twin.base.own_folder import VARIABLE
 from twin.fabric.endpoint import NAMESPACE, is_tls
-from twin.fabric.handshake import greet
 from twin.fabric.keys.key_file import MemberKey, UnfitKeyError, load_key
 from twin.fabric.keys.own_keys import fabric_folder
 from twin.fabric.keys.roles import Role
@@ -73,6 +72,8 @@ def await_conductor(folder: Path, wait_s: float, role: Role, key: Path | None = 
         UsageError: there is no file, or it is damaged; or the key does not fit.
         UnreachableError: nobody answers at its endpoint.
     """
+    from twin.fabric.handshake import greet  # late: it loads OpenSSL for Python
+
     until_s = time.monotonic() + wait_s
     while True:
         try:
@@ -99,6 +100,8 @@ def await_endpoint(target: Target, wait_s: float) -> None:
         UsageError: who answers is not of the key's fabric.
         UnreachableError: nobody answers.
     """
+    from twin.fabric.handshake import greet
+
     until_s = time.monotonic() + wait_s
     while True:
         try:

@@ -5,11 +5,12 @@ from __future__ import annotations
 import base64
 import contextlib
 import json
+import os
+import socket
 import threading
 from collections.abc import Callable, Sequence
 from typing import Any, Literal
 
-import psutil
 import zenoh
 
 from twin.base.errors import InfrastructureError, TwinError, UnreachableError, UsageError
@@ -17,7 +18,6 @@ from twin.fabric.address import IN_USE
 from twin.fabric.bus import Bus, Cancel, Respond, Sample
 from twin.fabric.discovery import Target
 from twin.fabric.endpoint import SOCKET, check_protected, is_socket, is_tls
-from twin.fabric.handshake import greet
 from twin.fabric.keys.key_file import MemberKey, WrongRoleError
 from twin.fabric.keys.rights import Act, access_control, may, refusal
 from twin.fabric.keys.roles import Role
@@ -72,6 +72,8 @@ def open_bus(
             check_protected(endpoint, keyed=key is not None)
     if connect_required:
         for endpoint in filter(is_tls, connect):
+            from twin.fabric.handshake import greet  # late: it loads OpenSSL for Python
+
             # Nobody there yet: Zenoh keeps trying until its time-out.
             with contextlib.suppress(UnreachableError):
                 greet(endpoint, key)
@@ -226,8 +228,25 @@ def _tls(key: MemberKey) -> dict[str, Any]:
 
 def _listening() -> list[int]:
     """Ports this process listens on; Zenoh does not tell which one it took for port 0."""
-    connections = psutil.Process().net_connections("tcp")
-    return [c.laddr.port for c in connections if c.status == psutil.CONN_LISTEN]
+    ports = (_listening_port(int(name)) for name in os.listdir("/proc/self/fd"))
+    return sorted(port for port in ports if port)
+
+
+def _listening_port(descriptor: int) -> int:
+    """Port at which an open file listens; 0: it does not, or is no socket of the network."""
+    try:
+        looked_at = socket.socket(fileno=descriptor)
+    except OSError:
+        return 0
+    try:
+        if looked_at.family not in (socket.AF_INET, socket.AF_INET6):
+            return 0
+        listens = looked_at.getsockopt(socket.SOL_SOCKET, socket.SO_ACCEPTCONN)
+        return int(looked_at.getsockname()[1]) if listens else 0
+    except OSError:  # another thread has closed it
+        return 0
+    finally:
+        looked_at.detach()  # it is somebody else's, and stays open
 
 
 def _is_free_port(endpoint: str) -> bool:
@@ -259,6 +278,8 @@ def _explain(
         return UnreachableError(
             f"{connect[0]}: no simulator answers after {timeout_s:g} s; its rig may have ended"
         )
+    from twin.fabric.handshake import greet
+
     try:
         greet(connect[0], key, linger_s=1.0)
     except UsageError as refused:

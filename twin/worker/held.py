@@ -9,6 +9,17 @@ from schemas.wire.control import Ended, Lease, Release, Result, Touch
 from schemas.words import counted
 
 
+@dataclass(frozen=True, slots=True)
+class CampaignWork:
+    """Cases of one campaign that the worker holds."""
+
+    out: str
+    """Campaign folder."""
+    cases: int
+    batch: int
+    """Batch of all of them; 0: none, or several."""
+
+
 @dataclass(slots=True)
 class Held:
     """Lease that the worker holds."""

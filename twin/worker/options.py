@@ -33,7 +33,12 @@ class WorkerOptions:
     """Endpoint of the conductor."""
     namespace: str = "twin"
     key: MemberKey | None = None
-    """The worker's key; with it the rig's own sessions are TLS too."""
+    """The worker's key; None: it has none, or needs none, see ``handed``."""
+    key_path: Path | None = None
+    """Where that lies, for simulators and recorders; with it the rig's own sessions are TLS too."""
+    handed: str = ""
+    """Endpoint by which it joins a conductor that has started it, of a socket without a name;
+    empty: as others do."""
     slots: int = 1
     fit: bool = False
     """Take fewer if a GPU's free memory holds no more."""

@@ -6,6 +6,7 @@ It reads no command line: what parses one takes as long to load as everything el
 from __future__ import annotations
 
 import os
+import socket
 import sys
 import tempfile
 from pathlib import Path
@@ -15,7 +16,7 @@ from twin.base.command import run
 from twin.base.errors import UsageError
 from twin.base.process import keep_to_itself
 from twin.base.worker_start import LocalWorker, WorkerStart
-from twin.fabric.endpoint import NAMESPACE, allow_plain, demand_keys, is_tls
+from twin.fabric.endpoint import NAMESPACE, SOCKET, allow_plain, demand_keys, is_tls
 from twin.fabric.rig_folder import RigFolder
 from twin.rig.sim_process import start_simulator
 from twin.worker.allocation import stay_on, walltime_s
@@ -56,6 +57,14 @@ def await_start(loading: Loading | None) -> WorkerStart:
     return start
 
 
+def _handed(handover: int) -> str:
+    """Endpoint of the conductor's socket that was handed over; its descriptor stays open."""
+    with socket.socket(fileno=handover) as ours:
+        _, descriptors, _, _ = socket.recv_fds(ours, 1, 1)
+    os.set_inheritable(descriptors[0], False)
+    return f"{SOCKET}//proc/self/fd/{descriptors[0]}"
+
+
 def main(text: str) -> None:
     """Entry of ``twin worker -``; ends the process.
 
@@ -77,20 +86,25 @@ def _work(text: str) -> None:
         lacking_recorder(local.view)
     loading = begin_loading(local.device) if local.load_simulator else None
     # Beside those processes: this takes long, too.
-    import cryptography.x509  # noqa: F401 - it will read a key
-
-    from twin.fabric.discovery import choose_target
+    from twin.fabric.discovery import Target, choose_target
+    from twin.fabric.keys.key_file import key_path
     from twin.fabric.keys.roles import Role
     from twin.worker.shell import Abilities, Worker
 
     keep_to_itself()  # its session and its keys are nothing for a stack of the same user
     abilities = Abilities.here()  # before it is told, so that it joins at once
     told = await_start(loading)
-    target = choose_target(told.connect, None, NAMESPACE, told.key_path, Role.worker)
+    path = key_path(told.key_path.absolute(), Role.worker) if told.key_path else None
+    if told.handed:  # it needs no key, and reads none: that takes long, too
+        target = Target(told.connect, NAMESPACE, None)
+    else:
+        target = choose_target(told.connect, None, NAMESPACE, told.key_path, Role.worker)
     options = WorkerOptions(
         connect=target.endpoint,
         namespace=target.namespace,
         key=target.key,
+        key_path=path,
+        handed=_handed(local.handover) if told.handed else "",
         slots=told.slots or 1,
         device=local.device,
         join_dir=local.join_dir,

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import psutil
 
 from schemas.files.resources import ProcessUse, ResourceSample
+from twin.worker.held import CampaignWork
 from twin.worker.resources_gpu import Gpu
 
 _ROLES = {
@@ -30,17 +31,6 @@ class ProcessReading:
     cpu_s: float
     """CPU time since it started [s]."""
     rss_bytes: int
-
-
-@dataclass(frozen=True, slots=True)
-class CampaignWork:
-    """Cases of one campaign that the worker holds."""
-
-    out: str
-    """Campaign folder."""
-    cases: int
-    batch: int
-    """Batch of all of them; 0: none, or several."""
 
 
 class Meter:

@@ -20,7 +20,6 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
 import msgspec
-import psutil
 
 from schemas.case import Case
 from schemas.kinds.bridge import bridges
@@ -199,7 +198,8 @@ class RigProcess:
             return self._folder.drive
         listen = self._options.drive_listen
         # A rig has keys of its own: whatever the conductor speaks, it is TLS beyond loopback.
-        return to_listen(listen, keyed=self._options.key is not None or not is_loopback(listen))
+        keyed = self._options.key_path is not None or not is_loopback(listen)
+        return to_listen(listen, keyed=keyed)
 
     def _building(self, listen: str) -> BuildRig:
         """First message to the simulator."""
@@ -218,7 +218,7 @@ class RigProcess:
             view=view,
             view_namespace=options.namespace,
             view_connect=options.connect,
-            key=str(options.key.path) if options.key else "",
+            key=str(options.key_path or ""),
             rig_key=self._keys.simulator_key if self._keys else b"",
             output=-1 if elsewhere else self._stack_log.fileno(),
         )
@@ -230,7 +230,7 @@ class RigProcess:
     @property
     def _key(self) -> tuple[str, ...]:
         """Children are told where the key lies, never the key."""
-        return ("--key", str(self._options.key.path)) if self._options.key else ()
+        return ("--key", str(self._options.key_path)) if self._options.key_path else ()
 
     def assign(self, lease: Lease, replay: Sequence[RecordedAction] = ()) -> None:
         """Hand a lease to the simulator; ``replay``: with the interventions of its journal."""
@@ -392,7 +392,7 @@ class RigProcess:
 
     @property
     def _secrets(self) -> list[Path]:
-        return [self._options.key.path] if self._options.key else []
+        return [self._options.key_path] if self._options.key_path else []
 
     def start_recorder(self, endpoint: str) -> bool:
         """The simulator's view feed listens: start a recorder beside it, or another one in place of
@@ -509,6 +509,8 @@ def _joined(detail: str, last_words: str) -> str:
 
 def runs_fetch(pid: int) -> bool:
     """Whether the host of a stack waits for ``hpc fetch``."""
+    import psutil  # takes 10 ms, and workers of cases that simulate nothing load this module
+
     with contextlib.suppress(psutil.Error):
         for child in psutil.Process(pid).children():
             if FETCH in " ".join(child.cmdline()):
@@ -550,6 +552,8 @@ def _usable(child: RigChild, wanted: bool) -> RigChild | None:
 
 def _resident_bytes(pid: int) -> int:
     """Memory of a process and its descendants; 0 when it is gone [bytes]."""
+    import psutil  # late, see runs_fetch
+
     total = 0
     with contextlib.suppress(psutil.Error):
         process = psutil.Process(pid)
@@ -565,6 +569,8 @@ def _wait_unless_stopped(recorder: subprocess.Popen[bytes]) -> None:
     Raises:
         TimeoutExpired: it still runs.
     """
+    import psutil  # late, see runs_fetch
+
     stopped = 0.0
     until_s = time.monotonic() + FEED_GRACE_S
     while True:

@@ -254,7 +254,7 @@ class Worker:
             signal.signal(number, self._on_signal)
         self._bus = open_bus(
             "client",
-            connect=[self._options.connect],
+            connect=[self._options.handed or self._options.connect],
             namespace=self._options.namespace,
             key=self._options.key,
         )

@@ -8,10 +8,10 @@ of device, outside every sandbox; stacks read them there and cannot write.
 from __future__ import annotations
 
 import hashlib
-import importlib.metadata
 import os
 from pathlib import Path
 
+from schemas.kinds.installed import version_of
 from twin.base.cache import cache_folder, is_trusted
 from twin.base.errors import UsageError
 from twin.base.software import hardware_class, package_folder
@@ -33,7 +33,7 @@ def compiled_folder(device: str) -> Path | None:
     """
     cache = cache_folder()
     try:
-        parts = [hardware_class(device), importlib.metadata.version("warp-lang")]
+        parts = [hardware_class(device), version_of("warp-lang")]
     except UsageError:
         return None
     if not is_trusted(cache):

@@ -25,7 +25,7 @@ from typing import Any
 
 import msgspec
 
-from twin.base.process import bind_to_parent, leave_signals_to_the_parent
+from twin.base.process import bind_to_parent, keep_to_itself, leave_signals_to_the_parent
 from twin.fabric.front.messages import FrontEvent, Settings
 from twin.fabric.front.rules import (
     FIRST_WORD_S,
@@ -444,6 +444,7 @@ def main() -> None:
     """Serve what standard input says until it ends."""
     bind_to_parent()
     leave_signals_to_the_parent()
+    keep_to_itself()  # its key and its sockets are nothing for a stack of the same user
     most = resource.getrlimit(resource.RLIMIT_NOFILE)[1]
     resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
     logging.disable()  # asyncio has a line for every stranger

@@ -12,6 +12,7 @@ import contextlib
 import errno
 import logging
 import os
+import select
 import socket
 import subprocess
 import sys
@@ -31,12 +32,15 @@ from twin.fabric.endpoint import LOOPBACK, host_and_port, to_listen
 from twin.fabric.front.messages import FrontEvent, Settings
 from twin.fabric.keys.authority import inner_key
 from twin.fabric.keys.key_file import MemberKey
-from twin.fabric.keys.roles import MEMBERS
+from twin.fabric.keys.revoked import read_revoked
+from twin.fabric.keys.roles import MEMBERS, Role
 from twin.fabric.rig_folder import PrivateFolder
 from twin.fabric.zenoh_bus import open_bus, router_count
 
 BACKLOG = 1024
 """Connections that wait for the front to accept them."""
+LOOK_S = 0.25
+"""How often the list of withdrawn keys is looked at before there is a front [s]."""
 RESTART_S = 0.5
 """How long to wait before a front that died is started again [s]."""
 
@@ -85,6 +89,8 @@ class Fronted:
         self._key = key
         self._relayed = bool(connect)
         self._closing = threading.Event()
+        self._woken, self._waker = socket.socketpair()
+        """The former is readable once it closes."""
         self._thread = threading.Thread(target=self._run, name="front", daemon=True)
         self._process: subprocess.Popen[bytes] | None = None
         self._buses: list[Bus] = []
@@ -100,9 +106,15 @@ class Fronted:
             self.close()
             raise
 
+    def socket_of(self, role: Role) -> int:
+        """Descriptor of the socket at which whoever opens it is let in as ``role``, past the front:
+        for children of this process alone."""
+        return self._sockets[role]
+
     def close(self) -> None:
         """Stop listening, and end every session; safe at any stage."""
         self._closing.set()
+        self._waker.close()
         if self._thread.ident is not None:
             if self._process is not None:
                 _let_go(self._process)
@@ -112,6 +124,7 @@ class Fronted:
             self._thread.join()
         self._leave()
         self._listener.close()
+        self._woken.close()
         while self._sockets:
             os.close(self._sockets.popitem()[1])
 
@@ -160,8 +173,10 @@ class Fronted:
         return self._buses[0]
 
     def _run(self) -> None:
-        """Start the front, hear what it tells, and start it again if it dies. All on one thread:
-        the kernel ends a child with the thread that started it."""
+        """Start the front when there is something for it to do, hear what it tells, and start it
+        again if it dies. All on one thread: the kernel ends a child with the thread that started
+        it."""
+        self._await_need()
         while not self._closing.is_set():
             process = self._start()
             if self._closing.is_set():  # whoever closes may not have seen it
@@ -173,6 +188,16 @@ class Fronted:
             end(process)
             if not self._closing.wait(RESTART_S):
                 _log.error("the front %s; started again", how_it_ended(process.returncode))
+
+    def _await_need(self) -> None:
+        """Return once somebody connects, a key was withdrawn, or it closes."""
+        poll = select.poll()
+        for awaited in (self._listener, self._woken):
+            poll.register(awaited, select.POLLIN)
+        while not poll.poll(LOOK_S * 1000):
+            with contextlib.suppress(OSError):  # a shared file system may be away for a while
+                if read_revoked(self._key.path.parent):
+                    return
 
     def _start(self) -> subprocess.Popen[bytes]:
         process = spawn(

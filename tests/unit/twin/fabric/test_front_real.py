@@ -18,7 +18,7 @@ from waiting import PATIENCE_S, wait_for
 from schemas.wire import topics
 from twin.base.errors import TwinError
 from twin.fabric.bus import Bus
-from twin.fabric.endpoint import host_and_port
+from twin.fabric.endpoint import SOCKET, host_and_port
 from twin.fabric.front.messages import FrontEvent
 from twin.fabric.front.router import Fronted
 from twin.fabric.front.rules import SHAKING_PER_ADDRESS_MAX
@@ -199,8 +199,38 @@ def test_who_closes_while_it_begins_does_not_wait_for_ever(tmp_path: Path) -> No
     key = load_key(make_keys(tmp_path / "keys"), Role.conductor)
     others = fronts()
     fronted = Fronted("tls/127.0.0.1:0", "twin", key, lambda _: None)
-    fronted.close()
+    with stranger(fronted.bus.endpoints[0]):
+        fronted.close()
     assert set(fronts()) <= set(others)
+
+
+def test_a_front_begins_when_somebody_connects(tmp_path: Path) -> None:
+    """A child of the conductor comes past it, by a socket that has no name, and is let do what a
+    worker may; nobody else makes a front of it."""
+    others = fronts()
+    door = Door(make_keys(tmp_path / "keys"))
+    try:
+        heard = threading.Event()
+        door.fronted.bus.serve(topics.RPC_ADMIN.key, lambda *_: heard.set())
+        path = f"/proc/self/fd/{door.fronted.socket_of(Role.worker)}"
+        child = open_bus("client", connect=[f"{SOCKET}/{path}"])
+        wait_for(lambda: child.request(STATUS, b"here", 1.0) == b"here", "an answer")
+        assert child.request(topics.RPC_ADMIN.key, b"stop", 0.5) is None
+        assert not heard.is_set()
+        assert set(fronts()) <= set(others)
+        with stranger(door.endpoint):
+            the_front(others)
+        child.close()
+    finally:
+        door.fronted.close()
+
+
+def test_a_front_begins_when_a_key_is_withdrawn(door: Door) -> None:
+    serial = read_certificate(door.keys / "viewer.key").serial_number
+    revoke(door.keys, serial)
+    wait_for(lambda: door.told_of("cut", "withdrawn"), "the front to tell it")
+    (event,) = door.told_of("cut", "withdrawn")
+    assert (event.key, event.count) == (f"{serial:x}", 0)
 
 
 @pytest.mark.slow
@@ -208,9 +238,10 @@ def test_a_front_that_is_stopped_holds_up_nobody(tmp_path: Path) -> None:
     key = load_key(make_keys(tmp_path / "keys"), Role.conductor)
     others = fronts()
     fronted = Fronted("tls/127.0.0.1:0", "twin", key, lambda _: None)
-    front = the_front(others)
-    front.suspend()
-    fronted.close()
+    with stranger(fronted.bus.endpoints[0]):
+        front = the_front(others)
+        front.suspend()
+        fronted.close()
     assert not front.is_running()
 
 

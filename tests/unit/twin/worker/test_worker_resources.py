@@ -14,7 +14,8 @@ import pytest
 
 from schemas.files.resources import PERIOD_S, ResourceSample
 from twin.base.gpu.nvml import visible_device
-from twin.worker.resources import CampaignWork, Meter, ProcessReading, read_tree, used
+from twin.worker.held import CampaignWork
+from twin.worker.resources import Meter, ProcessReading, read_tree, used
 from twin.worker.resources_gpu import Gpu, GpuReading
 from twin.worker.resources_log import ResourceLog, append_sample, until_next, work_of
 
