@@ -27,10 +27,12 @@ from twin.render.trace.visibility import (
     NOTHING,
     PixelsSeen,
     list_is_done,
-    next_of_list,
     pixel_of,
+    place_of_ticket,
+    put_on_either_list,
     put_on_list,
     threads,
+    ticket_of_list,
 )
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
@@ -212,10 +214,12 @@ def hits_kernel(build: KernelOptions, features: Features = NONE) -> wp.Kernel:
     ):
         """Trace mirrored rays of the pixels on the list; the launch may be shorter than it."""
         count = seen.listed_count[0]
+        ticket = ticket_of_list(seen.listed_count)
         while True:
-            place = next_of_list(seen.listed_count)
+            place = place_of_ticket(ticket)
             if list_is_done(place, count):
                 break
+            ticket = ticket_of_list(seen.listed_count)
             if place >= count:
                 continue
             thread = seen.listed[place]
@@ -273,9 +277,13 @@ def hits_kernel(build: KernelOptions, features: Features = NONE) -> wp.Kernel:
                 hits.flags[place] = flags
             hits.face[place] = face
             if wp.static(looks):
-                if detailed:
-                    put_on_list(hits.detailed, hits.detailed_count, place)
-                else:
-                    put_on_list(hits.plain, hits.plain_count, place)
+                put_on_either_list(
+                    hits.plain,
+                    hits.plain_count,
+                    hits.detailed,
+                    hits.detailed_count,
+                    detailed,
+                    place,
+                )
 
     return second_hits_kernel
