@@ -256,21 +256,23 @@ def hits_kernel(build: KernelOptions, features: Features = NONE) -> wp.Kernel:
             if hit.found:
                 face = hit.face
                 flags = hit.object + 1
-                p = ahead_of(ahead_of(aim.p, aim.n, 0.02), aim.ahead, hit.t)
-                facing = hit.normal
                 if wp.static(looks):
                     detailed = scene.faces[hit.face].uv_per_m < 0.0
-                    if detailed:
-                        smooth = smooth_point(
-                            scene, slot, hit.face, hit.object, hit.u, hit.v, hit.normal
-                        )
-                        facing = smooth.n
-                        p = p + smooth.lift
-                sun = lights[slot].sun_direction
-                if lights[slot].shadows != 0 and dot(facing, sun) > 0.0:
-                    p = p + hit.normal * 0.02
-                    if not occluded(scene, slot, p, sun, RANGE_M):
-                        flags = flags | LIT
+                if lights[slot].shadows != 0:
+                    p = ahead_of(ahead_of(aim.p, aim.n, 0.02), aim.ahead, hit.t)
+                    facing = hit.normal
+                    if wp.static(looks):  # noqa: SIM102 (resolved before the kernel is compiled)
+                        if detailed:
+                            smooth = smooth_point(
+                                scene, slot, hit.face, hit.object, hit.u, hit.v, hit.normal
+                            )
+                            facing = smooth.n
+                            p = p + smooth.lift
+                    sun = lights[slot].sun_direction
+                    if dot(facing, sun) > 0.0:
+                        p = p + hit.normal * 0.02
+                        if not occluded(scene, slot, p, sun, RANGE_M):
+                            flags = flags | LIT
                 hits.t[place] = hit.t
                 hits.u[place] = hit.u
                 hits.v[place] = hit.v
