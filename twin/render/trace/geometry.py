@@ -193,7 +193,7 @@ def mixed(
     v: wp.float32,
     w: wp.float32,
 ) -> wp.float32:
-    """What three corners have from ``first`` on, with these weights."""
+    """Mean of the numbers of three corners from ``first`` on, with these weights."""
 
 
 _LOAD2 = "const float2 c = ((const float2*)corners.data)[first + k]; return wp::vec2(c.x, c.y);"
@@ -203,14 +203,14 @@ _LOAD2 = "const float2 c = ((const float2*)corners.data)[first + k]; return wp::
 def mixed2(
     corners: wp.array(dtype=wp.vec2), first: wp.int32, u: wp.float32, v: wp.float32, w: wp.float32
 ) -> wp.vec2:
-    """The same of vectors."""
+    """Mean of the vectors of three corners from ``first`` on, with these weights."""
 
 
 @wp.func_native(_MIXED.format(load="return corners.data[first + k];"))
 def mixed3(
     corners: wp.array(dtype=wp.vec3), first: wp.int32, u: wp.float32, v: wp.float32, w: wp.float32
 ) -> wp.vec3:
-    """The same of vectors."""
+    """Mean of the vectors of three corners from ``first`` on, with these weights."""
 
 
 _LOAD4 = """const float4 c = ((const float4*)corners.data)[first + k];
@@ -221,7 +221,7 @@ _LOAD4 = """const float4 c = ((const float4*)corners.data)[first + k];
 def mixed4(
     corners: wp.array(dtype=wp.vec4), first: wp.int32, u: wp.float32, v: wp.float32, w: wp.float32
 ) -> wp.vec4:
-    """The same of vectors."""
+    """Mean of the vectors of three corners from ``first`` on, with these weights."""
 
 
 def ray_functions(
