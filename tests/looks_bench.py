@@ -1,11 +1,11 @@
 """What materials from files cost a camera: the street with a yard of them before every view.
 
 ``PYTHONPATH=tests python tests/looks_bench.py [fast|mirrors|full ...] [--device cuda:0]
-[--check]``. The kinds of pictures and the views are those of ``twin bench camera``, once in its
-lights in turn and once at noon, when no lamps are on and pictures take least. All worlds take
-turns, and the best of many rounds counts, on a CPU in time of the process. Pictures of the
-materials are compared with two others of the same faces, both of kernels without the code of
-materials:
+[--check | --kernels] [--one-stream] [--blocks KERNEL=COUNT ...]``. The kinds of pictures and the
+views are those of ``twin bench camera``, once in its lights in turn and once at noon, when no lamps
+are on and pictures take least. All worlds take turns, and the best of many rounds counts, on a CPU
+in time of the process. Pictures of the materials are compared with two others of the same faces,
+both of kernels without the code of materials:
 
 - ``bare``: one colour each. Nothing in the yard is polished, so the materials also pay for the
   second rays of polished metal, which any polished surface asks for.
@@ -13,6 +13,13 @@ materials:
   needs no material from a file. The same pixels ask for second rays: what differs is the cost of
   the features, that is holes, smooth normals, vertex colours, normal, roughness and emissive maps.
   ``--check`` exits with 1 where it is more than 10 %.
+
+``--kernels`` prints the time of every kernel on a GPU instead, in the lights of the bench: of
+lacquer, of the materials, and of the materials without normal maps (``level``), by which mirrored
+rays stay together as those of lacquer do. Kernels run one after another then, as they do with
+``--one-stream``. ``--blocks look=7 light_detailed=5`` compiles kernels
+of a GPU for other numbers of blocks on a multiprocessor than
+:data:`twin.render.build.CUDA` says.
 """
 
 from __future__ import annotations
@@ -32,8 +39,10 @@ import warp as wp
 from golden.looks_scene import write_yard
 
 from twin.bench.camera import PICTURES, SCENE, CameraBench, Size, views
+from twin.render.build import Tuning, tuning_for
 from twin.world.content import MeshFile
 from twin.world.kernel_cache import prepare_kernels
+from twin.world.meshes.details import NORMAL
 from twin.world.meshes.materials import CAR_PAINT
 from twin.world.scene import load_scene
 from twin.world.street.build import World, build_world
@@ -43,7 +52,7 @@ LAUNCHES = 20
 """Pictures of all views between two looks at the clock, on a GPU."""
 LIGHTS = {"all weathers, from dawn on": -1, "noon in all weathers": 12 * 60}
 """Minute of the day; -1: that of the camera bench."""
-BARE, LACQUER, MATERIALS = "bare", "lacquer", "materials"
+BARE, LACQUER, MATERIALS, LEVEL = "bare", "lacquer", "materials", "level"
 LIMIT_PERCENT = 10.0
 """What the features may cost."""
 
@@ -75,6 +84,56 @@ def polished(world: World) -> np.ndarray:
     wall = (details.row >= 0) & (details.look[details.row] == metal)
     middle_m = mesh.points_m[mesh.faces].mean(axis=1)[:, 2]
     return wall & (middle_m > middle_m[wall].mean())
+
+
+def without_normal_maps(world: World) -> World:
+    """The same faces and kernels, no bumps."""
+    looks = []
+    for look in world.looks:
+        maps = list(look.maps)
+        maps[NORMAL] = -1
+        looks.append(replace(look, maps=tuple(maps)))
+    return replace(world, looks=tuple(looks))
+
+
+def kernel_times(bench: CameraBench) -> dict[str, float]:
+    """Time of every kernel of one picture of all views on a GPU [ms], in their order; of several
+    with one name the second has a 2 behind it."""
+    wp.synchronize_device(bench.device)
+    wp.timing_begin(cuda_filter=wp.TIMING_KERNEL)
+    bench.launch()
+    times: dict[str, float] = {}
+    for result in wp.timing_end():
+        name = kernel = result.name.removeprefix("forward kernel ").partition("_kernel")[0]
+        while name in times:
+            name = f"{kernel} {int(name.removeprefix(kernel) or 1) + 1}"
+        times[name] = result.elapsed
+    return times
+
+
+def compare_kernels(benches: dict[str, CameraBench], rounds: int) -> None:
+    """Print the least time of every kernel in each world [ms], and what the materials add to it in
+    percent of a whole picture of lacquer."""
+    least: dict[str, dict[str, float]] = {name: {} for name in benches}
+    for bench in benches.values():
+        bench.launch()
+    for _ in range(rounds):
+        for name, bench in benches.items():
+            for kernel, ms in kernel_times(bench).items():
+                least[name][kernel] = min(ms, least[name].get(kernel, math.inf))
+    whole = sum(least[LACQUER].values())
+    kernels = dict.fromkeys(kernel for times in least.values() for kernel in times)
+    print("".join(f"{word:>12}" for word in ("kernel", *benches, "more", "%")))
+    for kernel in (*kernels, "all"):
+        row = {
+            name: sum(times.values()) if kernel == "all" else times.get(kernel, 0.0)
+            for name, times in least.items()
+        }
+        more = row[MATERIALS] - row[LACQUER]
+        cells = "".join(f"{ms:12.3f}" for ms in (*row.values(), more))
+        print(f"{kernel:>12}{cells}{100.0 * more / whole:12.1f}", flush=True)
+    for name, bench in benches.items():
+        print(f"  {name}: {bench.second_pixels():,} second rays {bench.camera.second_kinds()}")
 
 
 def seconds(bench: CameraBench) -> float:
@@ -111,43 +170,76 @@ def compare(benches: dict[str, CameraBench], rounds: int) -> float:
     return lacquer
 
 
-def compiled(picture: str, device: str) -> None:
+def compiled(picture: str, device: str, tuning: Tuning) -> None:
     """Compile the kernels of one kind of picture for a GPU, and leave them in the cache."""
     prepare_kernels()
     for world in worlds(SIZES["cuda"]).values():
-        CameraBench(world, SIZES["cuda"], device, picture)
+        CameraBench(world, SIZES["cuda"], device, picture, tuning)
 
 
-def compile_together(pictures: list[str], device: str) -> None:
+def compile_together(pictures: list[str], device: str, tuning: Tuning) -> None:
     """Compile for a GPU, each kind of picture in a process: a compiler uses one core for long."""
     context = multiprocessing.get_context("spawn")
-    jobs = [context.Process(target=compiled, args=(picture, device)) for picture in pictures]
+    jobs = [
+        context.Process(target=compiled, args=(picture, device, tuning)) for picture in pictures
+    ]
     for job in jobs:
         job.start()
     for job in jobs:
         job.join()
 
 
-def main() -> int:
-    """Compare on one device; 1: the features cost too much."""
+def tuned(device: str, blocks: list[str], *, beside: bool) -> Tuning:
+    """The usual compile options of a device, with other numbers of blocks: ``KERNEL=COUNT``;
+    not ``beside``: kernels run one after another."""
+    tuning = tuning_for(wp.get_device(device))
+    for word in blocks:
+        kernel, _, count = word.partition("=")
+        options = replace(getattr(tuning, kernel), blocks=int(count))
+        tuning = replace(tuning, **{kernel: options})
+    return replace(tuning, side_by_side=tuning.side_by_side and beside)
+
+
+def read_arguments() -> argparse.Namespace:
+    """What was asked for."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("pictures", nargs="*", default=list(PICTURES), metavar="PICTURE")
     parser.add_argument("--device", default="cpu")
     parser.add_argument("--rounds", type=int, default=40)
     parser.add_argument("--check", action="store_true")
+    parser.add_argument("--kernels", action="store_true")
+    parser.add_argument("--one-stream", action="store_true")
+    parser.add_argument("--blocks", nargs="*", default=[], metavar="KERNEL=COUNT")
     arguments = parser.parse_args()
+    if arguments.device == "cpu" and (arguments.kernels or arguments.blocks):
+        parser.error("--kernels and --blocks are for a GPU: --device cuda:0")
+    return arguments
+
+
+def main() -> int:
+    """Compare on one device; 1: the features cost too much."""
+    arguments = read_arguments()
     kind = arguments.device.partition(":")[0]
     size = SIZES[kind]
+    beside = not (arguments.kernels or arguments.one_stream)
+    tuning = tuned(arguments.device, arguments.blocks, beside=beside)
     if kind == "cuda":
-        compile_together(arguments.pictures, arguments.device)
+        compile_together(arguments.pictures, arguments.device, tuning)
     prepare_kernels()
     chosen = worlds(size)
+    if arguments.kernels:
+        chosen = {name: chosen[name] for name in (LACQUER, MATERIALS)}
+        chosen[LEVEL] = without_normal_maps(chosen[MATERIALS])
     most = 0.0
     for picture in arguments.pictures:
         benches = {
-            name: CameraBench(world, size, arguments.device, picture)
+            name: CameraBench(world, size, arguments.device, picture, tuning)
             for name, world in chosen.items()
         }
+        if arguments.kernels:
+            print(picture)
+            compare_kernels(benches, arguments.rounds)
+            continue
         images = {name: benches[name].render().astype(int) for name in (BARE, MATERIALS)}
         apart = np.abs(images[MATERIALS] - images[BARE]).max(axis=-1) > 2
         print(f"{picture}: {100 * apart.mean():.0f} % of pixels differ from bare ones", flush=True)

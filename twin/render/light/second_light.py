@@ -28,8 +28,9 @@ from twin.render.trace.visibility import (
     OBJECT_MASK,
     PixelsSeen,
     list_is_done,
-    next_of_list,
     pixel_of,
+    place_of_ticket,
+    ticket_of_list,
 )
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
@@ -139,13 +140,18 @@ def second_light_kernel(
             count = hits.plain_count[0]
             if wp.static(detailed):
                 count = hits.detailed_count[0]
+        if wp.static(detailed):
+            ticket = ticket_of_list(hits.detailed_count)
+        else:
+            ticket = ticket_of_list(hits.plain_count)
         while True:
-            if wp.static(detailed):
-                place = next_of_list(hits.detailed_count)
-            else:
-                place = next_of_list(hits.plain_count)
+            place = place_of_ticket(ticket)
             if list_is_done(place, count):
                 break
+            if wp.static(detailed):
+                ticket = ticket_of_list(hits.detailed_count)
+            else:
+                ticket = ticket_of_list(hits.plain_count)
             if place >= count:
                 continue
             if wp.static(looks):
