@@ -206,9 +206,10 @@ def find_threats(
         (vx > MOVING_MPS) & (tracks.accel_mps2 < -BRAKES_MPS2), -tracks.accel_mps2, 0.0
     )
     needed = 0.5 * fast * fast / room + np.where(fast > SLACK_MPS, brakes, 0.0)
-    by_two, by_one = in_way & (agreed | (alone & blind)), in_way & alone
     # Who walks towards the path may still stop: time for a warning, and for the brake's last word.
     late = needed > staging.crossing_deceleration_mps2
+    alone &= late | ~_shown_alone(tracks, shown)
+    by_two, by_one = in_way & (agreed | (alone & blind)), in_way & alone
     # Who drives on may turn off; who is braked for behind them is another track.
     drives_on = (vx > AWAY_MPS) & (brakes == 0.0)
     now = inside | crosses.soon | late
@@ -219,6 +220,8 @@ def find_threats(
     comes = _straight(tracks, ego) & (lane_sigma_m < LANE_SURE_M)
     known = np.where(vx < -COMES_MPS, comes, (vx != 0.0) | late)
     named = (tracks.label > 0) | (gap < PATH_SURE_M) | known
+    # Where the car turns, nobody knows how the road goes on for what stands far ahead.
+    now &= _straight(tracks, ego) | (gap < PATH_SURE_M) | (vx != 0.0) | late
     foreseen = by_two | by_one | (ahead & probable & _echoes_on(tracks, ego, ttc, staging))
     return Threats(by_two & now, by_one & now & named, foreseen, blocking, gap, ttc, needed)
 
@@ -287,9 +290,8 @@ def _in_path(tracks: TrackStore) -> tuple[np.ndarray, np.ndarray]:
     # A box may be of two parked cars. The latest echoes together know a direction as well.
     often = np.where(_is_any(tracks.label, _VEHICLES), BOX_ECHOES, WALKS_ECHOES)
     echoes = (tracks.radar.hits >= often) & (tracks.radar.age_s < RECENT_S)
-    boxes = np.where(
-        echoes, 0.5 * (tracks.camera.inside + tracks.radar.inside), tracks.camera.inside
-    )
+    both = np.minimum(tracks.camera.inside, tracks.radar.inside)
+    boxes = np.where(echoes, both, tracks.camera.inside)
     says = np.where(seen, boxes, tracks.radar.inside)
     # Nor are one or two sweeps, where radar has seen it for a second: at 40 m LiDAR misses cars.
     swept = (tracks.lidar.hits >= SIGHTINGS_MIN) | (tracks.radar.hits < WALKS_ECHOES)
@@ -378,10 +380,11 @@ def _may_be_vehicle(
     move by Doppler too. Where LiDAR does not see, nobody knows how wide it is; where it would have
     ``shown`` a vehicle, there is none.
     """
-    unseen = (tracks.lidar.hits < SIGHTINGS_MIN) & ~shown
+    unseen = tracks.lidar.hits < SIGHTINGS_MIN
     often = tracks.lidar.hits >= WALKS_SIGHTINGS
-    seen: np.ndarray = ~narrow | (often & doppler)
-    seen |= unseen & ((tracks.label > 0) | (tracks.radar.hits >= SIGHTINGS_MIN))
+    # One sweep may be of another thing, and its width too.
+    seen: np.ndarray = (~narrow & ~unseen) | (often & doppler)
+    seen |= unseen & ~shown & ((tracks.label > 0) | (tracks.radar.hits >= SIGHTINGS_MIN))
     return seen
 
 
@@ -461,6 +464,13 @@ def _contradicted(tracks: TrackStore, health: SensorHealth) -> np.ndarray:
     would_see &= health.reach_m[:, None] > REACH_RATIO * tracks.x_m
     contradicted: np.ndarray = only_camera & (sees_road | would_see)
     return contradicted
+
+
+def _shown_alone(tracks: TrackStore, shown: np.ndarray) -> np.ndarray:
+    """Persons whom the camera alone shows, where LiDAR sees further: how far away he is nobody
+    measures, and who walks beside a curve that begins is straight ahead."""
+    alone: np.ndarray = _persons(tracks) & shown & (tracks.lidar.age_s >= HELD_S)
+    return alone & (tracks.radar.hits < SIGHTINGS_MIN)
 
 
 def _unechoed(tracks: TrackStore, ego: EgoMotion, health: SensorHealth) -> np.ndarray:
