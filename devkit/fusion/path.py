@@ -117,15 +117,15 @@ class CarPath:
             held = held & (((left > -half_m) & (right < half_m)) | ~turns_on)
         grows = np.asarray(self.grows_per_m2)
         if (grows != 0.0).any():
-            aside_m = self._grown_aside_m(x_m)
+            aside_m = self.beside_growing_m(x_m)
             left = self.beside_arc_m(x_m, left_m - aside_m)
             right = left if right_m is left_m else self.beside_arc_m(x_m, right_m - aside_m)
             held = held & (((left > -half_m) & (right < half_m)) | (grows == 0.0))
         return held
 
-    def _grown_aside_m(self, x_m: np.ndarray | float) -> np.ndarray:
+    def beside_growing_m(self, x_m: np.ndarray | float) -> np.ndarray:
         """How far left of the arc the third path lies: c x^3 / 6 as far as its curvature grows by c
-        per metre, and on along a circle [m]."""
+        per metre, and on along a circle; for slopes that are small [m]."""
         way = np.minimum(x_m, GROWS_M)
         rest = x_m - way
         grown = np.asarray(self.grows_per_m2) * way

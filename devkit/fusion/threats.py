@@ -18,6 +18,8 @@ INSIDE_MIN = 0.5
 """How much a sensor must say that a track is in the path for it to count [-]."""
 STAYS_MIN = 0.3
 """The same for one that the car brakes for already [-]."""
+BESIDE_PATH_M = 1.0
+"""Error of a place: what is further beside the path by its own place is not in it [m]."""
 MOVING_MPS = 0.8
 """A track that may be slower counts as standing [m/s]."""
 SURE_VARIANCES = 4.0
@@ -165,7 +167,7 @@ def find_threats(
     doppler, echoed = _moves_by_doppler(tracks, staging)
     vy = _known_across(tracks, ego, doppler)
     closing = speed - vx
-    inside, stays = _in_path(tracks)
+    inside, stays = _in_path(tracks, ego, staging)
     gap = np.maximum(tracks.x_m + np.where(inside, tracks.path_m, 0.0) - staging.front_m, 0.0)
     nearing = closing > 0.1
     ttc = np.where(nearing, gap / np.where(nearing, closing, 1.0), TIME_MAX_S)
@@ -280,9 +282,11 @@ def _is_speed(
     return moves
 
 
-def _in_path(tracks: TrackStore) -> tuple[np.ndarray, np.ndarray]:
+def _in_path(
+    tracks: TrackStore, ego: EgoMotion, staging: StagingParameters
+) -> tuple[np.ndarray, np.ndarray]:
     """Whether tracks are in the path, to brake for and to stay braked for: LiDAR says so where it
-    sees them, then the camera, then radar."""
+    sees them, then the camera, then radar. Nobody is in it whose place is far beside it."""
     # The camera's directions at the radar's distance are better than the radar's own.
     # One or two boxes are no measurement, where radar has made some.
     seen = (tracks.camera.hits >= SIGHTINGS_MIN) | (tracks.radar.hits < SIGHTINGS_MIN)
@@ -296,7 +300,13 @@ def _in_path(tracks: TrackStore) -> tuple[np.ndarray, np.ndarray]:
     # Nor are one or two sweeps, where radar has seen it for a second: at 40 m LiDAR misses cars.
     swept = (tracks.lidar.hits >= SIGHTINGS_MIN) | (tracks.radar.hits < WALKS_ECHOES)
     says = np.where(swept & (tracks.lidar.age_s < HELD_S), tracks.lidar.inside, says)
-    return says > INSIDE_MIN, says > STAYS_MIN
+    near = ego.path.spread(2).holds(
+        tracks.x_m,
+        tracks.y_m + tracks.right_m,
+        tracks.y_m + tracks.left_m,
+        staging.corridor_half_m + BESIDE_PATH_M,
+    )
+    return near & (says > INSIDE_MIN), near & (says > STAYS_MIN)
 
 
 def _crosses(

@@ -81,3 +81,31 @@ def test_arrays_say_the_same_as_each_slot_alone():
             bool(one.holds(x[slot, k], right[slot, k], right[slot, k] + 1.8, 1.1)) for k in range(4)
         ]
         assert together[slot].tolist() == alone
+
+
+def test_a_curve_that_begins_passes_what_is_parked_beside_it():
+    """A clothoid of 30 m to a radius of 200 m, 10 m after its beginning: a car that stands at its
+    right edge, 2 m from its middle, lies on the arc."""
+    growth = 1.0 / (200.0 * 30.0)
+    bend, x_m = 10.0 * growth, 28.0
+    way_m = 20.0
+    road_m = 0.5 * bend * way_m**2 + growth * way_m**3 / 6.0
+    slope = bend * way_m + 0.5 * growth * way_m**2
+    road_m += slope * (x_m - way_m) + 0.5 * 30.0 * growth * (x_m - way_m) ** 2
+    right, left = road_m - 2.0 - 0.9, road_m - 2.0 + 0.9
+    assert CarPath(bend).holds(x_m, right, left, 1.1)
+    assert not CarPath(bend, grows_per_m2=growth).holds(x_m, right, left, 1.1)
+    assert CarPath(bend, grows_per_m2=growth).holds(x_m, road_m - 0.9, road_m + 0.9, 1.1)
+
+
+def test_a_curvature_grows_for_thirty_metres():
+    """Beside a reference of small steps."""
+    growth, step_m = 2e-4, 0.01
+    y, slope, bend = 0.0, 0.0, 0.0
+    for k in range(5000):
+        y, slope = y + slope * step_m, slope + bend * step_m
+        bend = min(bend + growth * step_m, 30.0 * growth)
+        if k + 1 in (2000, 4000):
+            path = CarPath(0.0, grows_per_m2=growth)
+            found = path.beside_growing_m((k + 1) * step_m)
+            assert found == pytest.approx(y, abs=0.02)

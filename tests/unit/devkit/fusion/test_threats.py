@@ -164,6 +164,7 @@ def beside(
     radar_age_s=0.0,
     lidar_age_s=0.0,
     bend_per_m=0.0,
+    reach_m=0.0,
     **values,
 ):
     """Whether somebody beside the path of a car at ``speed_mps`` is braked for."""
@@ -195,7 +196,7 @@ def beside(
         tracks.camera.inside[0, 0] = float(boxes_inside)
     ego, health = EgoMotion(1), SensorHealth(1)
     ego.speed_mps[:], health.radar_sees[:] = speed_mps, has_radar
-    ego.curvature_per_m[:] = bend_per_m
+    ego.curvature_per_m[:], health.reach_m[:] = bend_per_m, reach_m
     found = find_threats(tracks, ego, health, STAGING)
     near = found.ttc_s[0, 0] < STAGING.partial_ttc_s
     return bool(near and (found.agreed[0, 0] | found.single[0, 0]))
@@ -380,10 +381,30 @@ def inside(**values):
 
 def test_two_boxes_are_no_measurement_where_radar_has_made_some():
     """A car comes along the next lane, and two boxes half a second apart reach into the path."""
-    comes = {"x_m": 27.0, "y_m": 2.4, "vx_mps": -4.0, "lidar_hits": 0, "boxes_inside": True}
+    comes = {"x_m": 27.0, "y_m": 2.3, "vx_mps": -4.0, "lidar_hits": 0, "boxes_inside": True}
     assert not beside("car", camera_hits=2, radar_hits=19, **comes)
     assert beside("car", camera_hits=3, radar_hits=4, **comes)
+    assert not beside("car", camera_hits=3, radar_hits=4, **(comes | {"y_m": 2.6})), "far beside"
     assert beside("car", camera_hits=2, **(comes | {"radar_hits": 2, "lidar_hits": 3})) is False
+
+
+def test_a_person_whom_the_camera_alone_shows_is_braked_for_late():
+    """Where a curve begins, who walks beside it is straight ahead, and nobody measures how far."""
+    walker = {"x_m": 26.0, "y_m": 0.2, "vx_mps": 0.0, "vy_mps": 0.0, "lidar_hits": 0}
+    walker |= {"inside": True, "speed_mps": 11.6}
+    assert beside("pedestrian", radar_hits=1, **walker), "LiDAR does not see so far"
+    assert not beside("pedestrian", radar_hits=1, reach_m=47.0, **walker)
+    assert beside("pedestrian", radar_hits=1, reach_m=47.0, **(walker | {"x_m": 18.0})), "late"
+    assert beside("pedestrian", radar_hits=3, reach_m=47.0, **walker), "radar sees him"
+
+
+def test_what_stands_far_ahead_in_a_curve_is_left_for_later():
+    parked = {"x_m": 38.0, "y_m": 0.005 * 0.5 * 38.0**2, "vx_mps": 0.0, "vy_mps": 0.0}
+    parked |= {"inside": True, "bend_per_m": 0.005, "speed_mps": 12.0}
+    assert not beside("car", **parked)
+    assert beside("car", **(parked | {"x_m": 33.0, "y_m": 0.005 * 0.5 * 33.0**2})), "near"
+    assert beside("car", **(parked | {"speed_mps": 19.0})), "late"
+    assert beside("car", **(parked | {"bend_per_m": 0.0, "y_m": 0.0})), "a straight road"
 
 
 def test_boxes_and_many_echoes_have_the_same_say_in_who_is_in_the_path():
