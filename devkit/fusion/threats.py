@@ -84,6 +84,9 @@ AGREES_MIN = 0.5
 LiDAR goes from one thing to the next [-]."""
 EARLY_LATE_S = 0.25
 """Who would be in the path so shortly before or after the car is there crosses it [s]."""
+TOO_LATE_S = 0.3
+"""A brake that begins so late changes nothing; a vehicle that seems to cross so near goes by in the
+next lane, and its front and flank are seen one after the other [s]."""
 FLANK_SHARE = 0.5
 """Who would meet the car's flank may as well meet its front, if he is only so much later as this
 share of the time to collision: speeds change until then, and nobody brakes for his flank [-]."""
@@ -375,6 +378,7 @@ def _crosses(
         & (person | aside)
         & (enters < ttc_s + passes + EARLY_LATE_S)
         & (leaves > ttc_s - EARLY_LATE_S)
+        & (person | (ttc_s > TOO_LATE_S))
     )
     comes = moves & (person | aside) & (enters < ttc_s + passes + EARLY_LATE_S)
     return PathCrossing(meets, comes, meets & (enters < IMMINENT_S), departs, walks)
