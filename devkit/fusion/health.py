@@ -20,6 +20,8 @@ VIEW_MIN_M = 25.0
 """A camera that sees less far through fog is blind [m]."""
 CONTRAST = 3.0
 """Optical depth at which a dark object fades to 5 % contrast (Koschmieder), -ln 0.05 [-]."""
+CLEAR_M = 1e4
+"""Sight in clear air, which is not told apart from better ones [m]."""
 DARK_LX = 0.05
 """Below this illuminance a camera sees only what lamps light: less than a full moon [lx]."""
 BOXLESS_S = 8.0
@@ -36,6 +38,8 @@ class SensorHealth:
         """LiDAR sees the road in the path up to here."""
         self.reach_m = np.zeros(slots)
         """LiDAR has seen obstacles as far as this lately."""
+        self.sight_m = np.full(slots, CLEAR_M)
+        """How far a dark object can be seen through air, fog and rain."""
         self.camera_blind = np.zeros(slots, bool)
         self.range_blind = np.zeros(slots, bool)
         """Whether all sensors of distance (LiDAR, radar) are blind; not where there are none."""
@@ -58,6 +62,7 @@ class SensorHealth:
         ):
             values[slot] = 0
         self._returned[slot] = 1.0
+        self.sight_m[slot] = CLEAR_M
         self._words[slot] = ()
         self._limited_s[slot] = {}
 
@@ -100,6 +105,7 @@ class SensorHealth:
         self._boxless_s += np.where(in_view, period_s, 0.0)
         illuminance, extinction = environment[:, 0], environment[:, 1]
         self._foggy = extinction * VIEW_MIN_M > CONTRAST
+        self.sight_m = CONTRAST / np.maximum(extinction, CONTRAST / CLEAR_M)
         self._dark = illuminance < DARK_LX
         self._covered = self._boxless_s > BOXLESS_S
         silent = self._camera_s > SILENT_S

@@ -72,6 +72,8 @@ CROSSES_MPS = 2.0
 RUNS_MPS, RUNS_NARROW_MPS, RUNS_SIGHTINGS = 3.5, 5.0, 5
 """What LiDAR alone has seen so often come from the side at this speed crosses, also if it is as
 narrow as a motorcycle [m/s, m/s, -]."""
+SIGHT_RATIO = 5.0
+"""Where sight ends before so many times the distance, LiDAR is near the end of its own [-]."""
 BESIDE_M, BESIDE_SIGHTINGS = 9.0, 4
 """What is further aside has a speed across as soon as LiDAR has seen it :data:`RUNS_SIGHTINGS`
 times, or so often if it moves by Doppler: there is no lane in which it would drive along the road
@@ -178,7 +180,8 @@ def find_threats(
     slow = tracks.vx_mps * tracks.vx_mps + tracks.vy_mps * tracks.vy_mps < SLOW_MPS * SLOW_MPS
     driven = doppler | ((vx != 0.0) & ~(echoed & (slow | (tracks.agrees < AGREES_MIN))))
     shown = health.reach_m[:, None] > REACH_RATIO * tracks.x_m
-    crosses = _crosses(tracks, ego, vx, vy, ttc, closing, doppler, driven, shown, staging)
+    clear = health.sight_m[:, None] > SIGHT_RATIO * (tracks.x_m + np.abs(tracks.y_m))
+    crosses = _crosses(tracks, ego, vx, vy, ttc, closing, doppler, driven, shown, clear, staging)
     crossing = crosses.meets
     departs = crosses.departs | _passes_by(tracks, ego, vx, ttc, staging)
     ahead = tracks.live & (tracks.x_m > staging.front_m - 1.0)
@@ -322,6 +325,7 @@ def _crosses(
     doppler: np.ndarray,
     driven: np.ndarray,
     shown: np.ndarray,
+    clear: np.ndarray,
     staging: StagingParameters,
 ) -> PathCrossing:
     """Who crosses the path.
@@ -358,7 +362,7 @@ def _crosses(
     runs &= _has_walked(tracks, path, across)
     runs &= vy_mps * vy_mps > ALONE_SURE_VARIANCES * tracks.q_vv
     # In fog nothing is seen so far aside, and LiDAR goes from one thing to the next.
-    runs &= np.abs(path.beside_circle_m(tracks.from_x_m, tracks.from_y_m)) > BESIDE_M
+    runs &= clear & (np.abs(path.beside_circle_m(tracks.from_x_m, tracks.from_y_m)) > BESIDE_M)
     person = (_persons(tracks) | ((tracks.label == 0) & walks)) & (vy_mps != 0.0)
     # A vehicle that comes along a curve is no crossing one, though it goes aside for a while.
     aside = (speed > np.abs(vx_mps)) | (tracks.x_m < PATH_SURE_M)
@@ -442,6 +446,8 @@ def _passes_by(
     sideways = np.sqrt(tracks.q_vv)
     beside_sigma_m = (sideways + 0.5 * TURN_SIGMA_RADPS * np.abs(tracks.vx_mps) * ttc_s) * ttc_s
     lane_m, lane_sigma_m = _lane_of(tracks)
+    # Far ahead the likelier of two lanes counts, near by the one that is not sure to be another.
+    lane_sigma_m = np.where(tracks.x_m < PATH_SURE_M, lane_sigma_m, 0.0)
     half_m = staging.corridor_half_m
     passes: np.ndarray = comes & (
         (_misses(tracks, beside_m, half_m + beside_sigma_m) & ~_straight(tracks, ego))

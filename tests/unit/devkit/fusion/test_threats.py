@@ -165,6 +165,7 @@ def beside(
     lidar_age_s=0.0,
     bend_per_m=0.0,
     reach_m=0.0,
+    sight_m=1e4,
     **values,
 ):
     """Whether somebody beside the path of a car at ``speed_mps`` is braked for."""
@@ -197,6 +198,7 @@ def beside(
     ego, health = EgoMotion(1), SensorHealth(1)
     ego.speed_mps[:], health.radar_sees[:] = speed_mps, has_radar
     ego.curvature_per_m[:], health.reach_m[:] = bend_per_m, reach_m
+    health.sight_m[:] = sight_m
     found = find_threats(tracks, ego, health, STAGING)
     near = found.ttc_s[0, 0] < STAGING.partial_ttc_s
     return bool(near and (found.agreed[0, 0] | found.single[0, 0]))
@@ -405,6 +407,21 @@ def test_what_stands_far_ahead_in_a_curve_is_left_for_later():
     assert beside("car", **(parked | {"x_m": 33.0, "y_m": 0.005 * 0.5 * 33.0**2})), "near"
     assert beside("car", **(parked | {"speed_mps": 19.0})), "late"
     assert beside("car", **(parked | {"bend_per_m": 0.0, "y_m": 0.0})), "a straight road"
+
+
+def test_what_lidar_sees_run_at_the_end_of_its_sight_is_fog():
+    runs = {"x_m": 20.9, "y_m": -11.2, "vx_mps": 0.5, "vy_mps": 6.05, "q_vv": 0.2, "lidar_hits": 8}
+    runs |= {"radar_hits": 0, "from_x_m": 20.5, "from_y_m": -15.9, "speed_mps": 12.3}
+    assert beside(**runs)
+    assert not beside(sight_m=120.0, **runs), "heavy fog"
+
+
+def test_who_seems_to_cross_within_a_moment_goes_by():
+    """A car in the next lane, whose front and flank LiDAR sees one after the other."""
+    passing = {"x_m": 7.1, "y_m": 2.51, "vx_mps": -10.1, "vy_mps": -2.57, "from_x_m": 12.9}
+    passing |= {"from_y_m": 4.6, "right_m": -0.62, "left_m": 0.62, "speed_mps": 11.6}
+    assert not beside(lidar_hits=8, radar_hits=3, **passing)
+    assert beside(lidar_hits=8, radar_hits=3, **(passing | {"x_m": 14.0, "from_x_m": 20.0}))
 
 
 def test_boxes_and_many_echoes_have_the_same_say_in_who_is_in_the_path():
