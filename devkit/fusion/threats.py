@@ -357,12 +357,7 @@ def _crosses(
     walks &= tracks.radar.age_s < VOUCHED_S
     narrow = tracks.left_m - tracks.right_m < NARROW_M
     walks &= narrow & (speed > WALKS_MPS) & (np.abs(vx_mps) < WALKS_ALONG_MPS)
-    # At a right angle to the path nothing is fast along it, and radar does not look so far aside.
-    runs = (tracks.lidar.hits >= RUNS_SIGHTINGS) & (speed > RUNS_MPS)
-    runs &= _has_walked(tracks, path, across)
-    runs &= vy_mps * vy_mps > ALONE_SURE_VARIANCES * tracks.q_vv
-    # In fog nothing is seen so far aside, and LiDAR goes from one thing to the next.
-    runs &= clear & (np.abs(path.beside_circle_m(tracks.from_x_m, tracks.from_y_m)) > BESIDE_M)
+    runs = clear & _runs(tracks, path, across, vy_mps)
     person = (_persons(tracks) | ((tracks.label == 0) & walks)) & (vy_mps != 0.0)
     # A vehicle that comes along a curve is no crossing one, though it goes aside for a while.
     aside = (speed > np.abs(vx_mps)) | (tracks.x_m < PATH_SURE_M)
@@ -386,6 +381,19 @@ def _crosses(
     )
     comes = moves & (person | aside) & (enters < ttc_s + passes + EARLY_LATE_S)
     return PathCrossing(meets, comes, meets & (enters < IMMINENT_S), departs, walks)
+
+
+def _runs(
+    tracks: TrackStore, path: CarPath, across_mps: np.ndarray, vy_mps: np.ndarray
+) -> np.ndarray:
+    """What LiDAR alone has seen come from far aside: at a right angle to the path nothing is fast
+    along it, and radar does not look so far aside."""
+    runs: np.ndarray = (tracks.lidar.hits >= RUNS_SIGHTINGS) & (np.abs(across_mps) > RUNS_MPS)
+    runs &= _has_walked(tracks, path, across_mps)
+    runs &= vy_mps * vy_mps > ALONE_SURE_VARIANCES * tracks.q_vv
+    # In fog nothing is seen so far aside, and LiDAR goes from one thing to the next.
+    runs &= np.abs(path.beside_circle_m(tracks.from_x_m, tracks.from_y_m)) > BESIDE_M
+    return runs
 
 
 def _may_be_vehicle(

@@ -84,7 +84,7 @@ CUDA = Tuning(
     hits=KernelOptions(blocks=6),
     light=KernelOptions(blocks=5),
     light_detailed=KernelOptions(blocks=4),
-    side_by_side=True,
+    side_by_side=False,
 )
 
 
