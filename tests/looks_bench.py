@@ -1,11 +1,11 @@
 """What materials from files cost a camera: the street with a yard of them before every view.
 
 ``PYTHONPATH=tests python tests/looks_bench.py [fast|mirrors|full ...] [--device cuda:0]
-[--check | --kernels] [--one-stream] [--blocks KERNEL=COUNT ...]``. The kinds of pictures and the
-views are those of ``twin bench camera``, once in its lights in turn and once at noon, when no lamps
-are on and pictures take least. All worlds take turns, and the best of many rounds counts, on a CPU
-in time of the process. Pictures of the materials are compared with two others of the same faces,
-both of kernels without the code of materials:
+[--check | --kernels] [--blocks KERNEL=COUNT ...]``. The kinds of pictures and the views are those
+of ``twin bench camera``, once in its lights in turn and once at noon, when no lamps are on and
+pictures take least. All worlds take turns, and the best of many rounds counts, on a CPU in time of
+the process. Pictures of the materials are compared with two others of the same faces, both of
+kernels without the code of materials:
 
 - ``bare``: one colour each. Nothing in the yard is polished, so the materials also pay for the
   second rays of polished metal, which any polished surface asks for.
@@ -16,8 +16,7 @@ both of kernels without the code of materials:
 
 ``--kernels`` prints the time of every kernel on a GPU instead, in the lights of the bench: of
 lacquer, of the materials, and of the materials without normal maps (``level``), by which mirrored
-rays stay together as those of lacquer do. Kernels run one after another then, as they do with
-``--one-stream``. ``--blocks look=7 light_detailed=5`` compiles kernels
+rays stay together as those of lacquer do. ``--blocks look=7 light_detailed=5`` compiles kernels
 of a GPU for other numbers of blocks on a multiprocessor than
 :data:`twin.render.build.CUDA` says.
 """
@@ -189,15 +188,14 @@ def compile_together(pictures: list[str], device: str, tuning: Tuning) -> None:
         job.join()
 
 
-def tuned(device: str, blocks: list[str], *, beside: bool) -> Tuning:
-    """The usual compile options of a device, with other numbers of blocks: ``KERNEL=COUNT``;
-    not ``beside``: kernels run one after another."""
+def tuned(device: str, blocks: list[str]) -> Tuning:
+    """The usual compile options of a device, with other numbers of blocks: ``KERNEL=COUNT``."""
     tuning = tuning_for(wp.get_device(device))
     for word in blocks:
         kernel, _, count = word.partition("=")
         options = replace(getattr(tuning, kernel), blocks=int(count))
         tuning = replace(tuning, **{kernel: options})
-    return replace(tuning, side_by_side=tuning.side_by_side and beside)
+    return tuning
 
 
 def read_arguments() -> argparse.Namespace:
@@ -208,7 +206,6 @@ def read_arguments() -> argparse.Namespace:
     parser.add_argument("--rounds", type=int, default=40)
     parser.add_argument("--check", action="store_true")
     parser.add_argument("--kernels", action="store_true")
-    parser.add_argument("--one-stream", action="store_true")
     parser.add_argument("--blocks", nargs="*", default=[], metavar="KERNEL=COUNT")
     arguments = parser.parse_args()
     if arguments.device == "cpu" and (arguments.kernels or arguments.blocks):
@@ -221,8 +218,7 @@ def main() -> int:
     arguments = read_arguments()
     kind = arguments.device.partition(":")[0]
     size = SIZES[kind]
-    beside = not (arguments.kernels or arguments.one_stream)
-    tuning = tuned(arguments.device, arguments.blocks, beside=beside)
+    tuning = tuned(arguments.device, arguments.blocks)
     if kind == "cuda":
         compile_together(arguments.pictures, arguments.device, tuning)
     prepare_kernels()

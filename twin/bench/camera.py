@@ -242,11 +242,7 @@ class CameraBench:
         self.camera.launch(self._poses)
 
     def kernel_ms(self) -> dict[str, float]:
-        """Time of every kernel in one picture of all views, by its name; on a CPU of all [ms].
-
-        Kernels that run beside each other (:attr:`twin.render.build.Tuning.side_by_side`) have
-        their common time each.
-        """
+        """Time of every kernel in one picture of all views, by its name; on a CPU of all [ms]."""
         self.launch()
         if self.device.is_cpu:
             return {"all": round(1e3 / best_rate(self.launch, self.device, 2), 3)}

@@ -64,8 +64,6 @@ class Tuning:
     """Of the kernel that shades what they have met."""
     light_detailed: KernelOptions | None = None
     """Of the one for faces with details."""
-    side_by_side: bool = False
-    """The kernels that shade second rays run beside each other, on two streams of a GPU."""
     without: frozenset[str] = frozenset()
     """Parts of :data:`twin.render.picture.PARTS` to leave out, to see what they cost."""
 
@@ -84,7 +82,6 @@ CUDA = Tuning(
     hits=KernelOptions(blocks=6),
     light=KernelOptions(blocks=5),
     light_detailed=KernelOptions(blocks=4),
-    side_by_side=False,
 )
 
 

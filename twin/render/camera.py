@@ -34,7 +34,7 @@ from twin.render.trace.rays import Optics, SlotPose
 from twin.render.trace.second_hits import SecondHits
 from twin.render.trace.visibility import PixelsSeen
 from twin.world.mirror import Mirror
-from twin.world.relaunch import Relaunch, SideStream
+from twin.world.relaunch import Relaunch
 from twin.world.scene import Furniture
 from twin.world.street.build import World
 
@@ -51,8 +51,6 @@ class _Pass(NamedTuple):
     """Threads."""
     inputs: list[Any]
     outputs: list[Any]
-    beside: bool = False
-    """It may run beside all that follow it but the last."""
 
 
 class RayCamera:
@@ -122,7 +120,7 @@ class RayCamera:
         self._first = self._first_kernel(mount, table, camera.hfov_deg)
         self._look = look_kernel(tuning.look, second) if features.looks else None
         self._mirror = mirror_kernel(tuning.mirror, features) if second else None
-        self._hits, self._left, self._side = self._beyond(second, size)
+        self._hits, self._left = self._beyond(second, size)
         self._picture = picture_kernel(self._wanted, tuning.picture, tuning.without, features)
         self._allocate(camera, image_out, outputs_out or {})
         for module in (rays, lamps):
@@ -132,15 +130,13 @@ class RayCamera:
 
     def _beyond(
         self, second: bool, size: tuple[int, int]
-    ) -> tuple[SecondHits | None, PixelsSeen, SideStream | None]:
-        """Memory of what second rays meet, pixels with the list of those that are left, and the
-        stream beside the device's own."""
+    ) -> tuple[SecondHits | None, PixelsSeen]:
+        """Memory of what second rays meet, and pixels with the list of those that are left."""
         device, tuning = self._device, self._tuning
         if not second or tuning.hits is None:
-            return None, self._seen, None
+            return None, self._seen
         hits = second_hits.allocate_hits(self._chunk, *size, device, self.geometry.features)
-        side = SideStream(device) if tuning.side_by_side else None
-        return hits, second_hits.left_pixels(self._seen, hits), side
+        return hits, second_hits.left_pixels(self._seen, hits)
 
     def _first_kernel(self, mount: CameraMount, table: np.ndarray, hfov_deg: float) -> wp.Kernel:
         """Rays to what is seen; where drawing is faster, only those to the sun are left."""
@@ -182,14 +178,11 @@ class RayCamera:
             kernel = second_hits.hits_kernel(tuning.hits, features)
             inputs = [scene, optics, self._rays, lights, poses, seen, first]
             yield _Pass(kernel, tuning.hits, stride, inputs, [hits])
-        # The few pixels that are left come first: their threads have the longest ways of all.
-        inputs, beside = [*model, *state, first, stride], hits is not None
-        yield _Pass(mirror, tuning.mirror, stride, inputs, [self._left], beside)
-        for detailed, build in ((True, tuning.light_detailed), (False, tuning.light)):
-            if hits is not None and build is not None and (features.looks or not detailed):
-                kernel = second_light_kernel(build, features, detailed)
-                inputs = [*model, *state, hits, first]
-                yield _Pass(kernel, build, stride, inputs, [seen], detailed)
+            for detailed, build in ((False, tuning.light), (True, tuning.light_detailed)):
+                if build is not None and (features.looks or not detailed):
+                    kernel = second_light_kernel(build, features, detailed)
+                    yield _Pass(kernel, build, stride, [*model, *state, hits, first], [seen])
+        yield _Pass(mirror, tuning.mirror, stride, [*model, *state, first, stride], [self._left])
 
     def _allocate(
         self, camera: Camera, image_out: np.ndarray | None, outputs_out: Mapping[str, np.ndarray]
@@ -290,7 +283,8 @@ class RayCamera:
                     [scene, optics, self._raster, lights, poses, first],
                     [seen],
                 )
-            self._launch_passes([*self._passes(first, chunk)])
+            for each in self._passes(first, chunk):
+                self._launch(each.kernel, each.size, each.inputs, each.outputs, each.build.block)
         if self._effects is not None:
             out = self._out
             self._effects.apply(
@@ -302,19 +296,6 @@ class RayCamera:
                 out.image,
             )
         self._before.keep()
-
-    def _launch_passes(self, passes: Sequence[_Pass]) -> None:
-        side = self._side
-        forked = False
-        for each in passes:
-            if side is not None and each.beside and not forked:
-                side.fork()
-                forked = True
-            if side is not None and forked and each is passes[-1]:
-                side.join()
-            stream = side.stream if side is not None and each.beside else None
-            block = each.build.block
-            self._launch(each.kernel, each.size, each.inputs, each.outputs, block, stream)
 
     def _place(self, pose: wp.array) -> None:
         kernel = rays.flat_pose_kernel if pose.shape[1] == _POSE_COLUMNS else rays.pose_kernel

@@ -31,9 +31,8 @@ class Relaunch:
         inputs: Sequence[Any],
         outputs: Sequence[Any],
         block_dim: int | None = None,
-        stream: wp.Stream | None = None,
     ) -> None:
-        """Launch as :func:`wp.launch` does; ``stream``: of a GPU, by default the device's own."""
+        """Launch as :func:`wp.launch` does."""
         launch = partial(
             wp.launch,
             kernel,
@@ -55,24 +54,4 @@ class Relaunch:
             self._commands[key] = launch(record_cmd=True)
         command = self._commands[key]
         if command is not None:  # there is something to launch
-            command.launch(stream)
-
-
-class SideStream:
-    """A second stream of a GPU, for launches that have nothing to do with those beside them: one
-    fills the multiprocessors that the last threads of the other leave idle."""
-
-    def __init__(self, device: wp.Device) -> None:
-        self._device = device
-        self.stream = wp.Stream(device)
-        self._forked, self._done = wp.Event(device), wp.Event(device)
-
-    def fork(self) -> None:
-        """What is launched on it from now on begins after what is on the device's own stream."""
-        self._device.stream.record_event(self._forked)
-        self.stream.wait_event(self._forked)
-
-    def join(self) -> None:
-        """What is launched on the device's own stream from now on begins after what is on it."""
-        self.stream.record_event(self._done)
-        self._device.stream.wait_event(self._done)
+            command.launch()
