@@ -19,7 +19,7 @@ from devkit.detector.model_files import shipped_models
 from schemas.sections.foreign import Foreign
 from schemas.sections.view_mode import ViewMode
 from schemas.wire.control import Lease
-from twin.rig.pipe import BuildRig, Built, Listening, pack
+from twin.rig.pipe import BuildRig, Building, Built, Listening, pack
 from twin.sandbox.start import own_code
 from twin.worker.options import WorkerOptions
 from twin.worker.preload import begin_loading
@@ -231,7 +231,7 @@ def test_another_stack_takes_the_place_of_one_that_died_while_it_waited(tmp_path
                 loading.stack.process.kill()
                 loading.stack.process.wait()
                 rig.start_stack(message.endpoint)
-            assert isinstance(message, Listening | Built), message
+            assert isinstance(message, Building | Listening | Built), message
         assert rig.memory_bytes()["simulator"] > 0
         assert rig.memory_bytes()["stack"] > 0
     finally:
