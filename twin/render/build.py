@@ -42,8 +42,6 @@ class Features:
     """Some faces have holes that rays pass."""
     looks: bool = False
     """Some faces have normals or colours at their corners, maps, or images that do not repeat."""
-    moving_holes: bool = False
-    """Some faces of movable objects have holes."""
 
 
 NONE = Features()

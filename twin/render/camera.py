@@ -31,8 +31,6 @@ from twin.render.trace import raster, rays, second_hits, sun_packet, visibility
 from twin.render.trace.geometry import Geometry
 from twin.render.trace.raster import raster_of
 from twin.render.trace.rays import Optics, SlotPose
-from twin.render.trace.second_hits import SecondHits
-from twin.render.trace.visibility import PixelsSeen
 from twin.world.mirror import Mirror
 from twin.world.relaunch import Relaunch
 from twin.world.scene import Furniture
@@ -120,23 +118,16 @@ class RayCamera:
         self._first = self._first_kernel(mount, table, camera.hfov_deg)
         self._look = look_kernel(tuning.look, second) if features.looks else None
         self._mirror = mirror_kernel(tuning.mirror, features) if second else None
-        self._hits, self._left = self._beyond(second, size)
+        self._hits, self._left = None, self._seen
+        if second and tuning.hits is not None:
+            self._hits = second_hits.allocate_hits(self._chunk, *size, device, features)
+            self._left = second_hits.left_pixels(self._seen, self._hits)
         self._picture = picture_kernel(self._wanted, tuning.picture, tuning.without, features)
         self._allocate(camera, image_out, outputs_out or {})
         for module in (rays, lamps):
             wp.load_module(module, device=device)
         for each in self._passes(0, self._chunk):
             each.kernel.module.load(device, each.build.block)
-
-    def _beyond(
-        self, second: bool, size: tuple[int, int]
-    ) -> tuple[SecondHits | None, PixelsSeen]:
-        """Memory of what second rays meet, and pixels with the list of those that are left."""
-        device, tuning = self._device, self._tuning
-        if not second or tuning.hits is None:
-            return None, self._seen
-        hits = second_hits.allocate_hits(self._chunk, *size, device, self.geometry.features)
-        return hits, second_hits.left_pixels(self._seen, hits)
 
     def _first_kernel(self, mount: CameraMount, table: np.ndarray, hfov_deg: float) -> wp.Kernel:
         """Rays to what is seen; where drawing is faster, only those to the sun are left."""

@@ -25,10 +25,9 @@ from twin.render.trace.visibility import (
     PixelsSeen,
     list_is_done,
     needs_second_rays,
+    next_of_list,
     pixel_of,
-    place_of_ticket,
     put_on_list,
-    ticket_of_list,
 )
 from twin.world.meshes.details import MIRROR_MIN
 
@@ -57,12 +56,10 @@ def look_kernel(build: KernelOptions, second: bool) -> wp.Kernel:
     ):
         """Work out the points of the pixels on the list; the launch may be shorter than it."""
         count = seen.detailed_count[0]
-        ticket = ticket_of_list(seen.detailed_count)
         while True:
-            place = place_of_ticket(ticket)
+            place = next_of_list(seen.detailed_count)
             if list_is_done(place, count):
                 break
-            ticket = ticket_of_list(seen.detailed_count)
             if place >= count:
                 continue
             thread = seen.detailed[place]

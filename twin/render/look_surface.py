@@ -9,7 +9,7 @@ from twin.render.light.light import SlotLight
 from twin.render.looks import SMOOTH
 from twin.render.surface import SurfacePoint, snow_share
 from twin.render.texture import sample
-from twin.render.trace.geometry import RayScene, into_object, mixed3, mixed4, out_of_object
+from twin.render.trace.geometry import RayScene, into_object, out_of_object
 from twin.world.meshes.details import DIELECTRIC, EMISSION, MATT_FROM, NORMAL, SHARP_TO
 
 _SMOOTH, _ROW = wp.constant(SMOOTH), wp.constant(SMOOTH - 1)
@@ -151,7 +151,9 @@ def _mapped(
 ) -> wp.vec3:
     """``front``, in the mesh's axes, as a texel of the normal map bends it; ``first``: row of the
     first of the face's corners."""
-    mean = mixed4(scene.looks.tangent, first, u, v, 1.0 - u - v)
+    w = 1.0 - u - v
+    mean = scene.looks.tangent[first] * u + scene.looks.tangent[first + 1] * v
+    mean = mean + scene.looks.tangent[first + 2] * w
     along = wp.vec3(mean[0], mean[1], mean[2])
     along = along - front * dot(front, along)
     if dot(along, along) < 1.0e-8:
@@ -192,7 +194,8 @@ def look_point(
     at = LookPoint()
     base = scene.faces[face].color
     if scene.looks.table[look].colored != 0:
-        base = mixed3(scene.looks.color, 3 * row, u, v, 1.0 - u - v)
+        base = scene.looks.color[3 * row] * u + scene.looks.color[3 * row + 1] * v
+        base = base + scene.looks.color[3 * row + 2] * (1.0 - u - v)
     metallic = scene.looks.table[look].metallic
     roughness = scene.looks.table[look].roughness
     at.emission = scene.looks.table[look].emission

@@ -23,14 +23,7 @@ from twin.render.look_surface import LookPoint, bent_normal, look_point
 from twin.render.surface import SurfacePoint, surface_at
 from twin.render.texture import texture_at
 from twin.render.trace import traverse
-from twin.render.trace.geometry import (
-    Face,
-    RayScene,
-    into_object,
-    mixed,
-    mixed2,
-    out_of_object,
-)
+from twin.render.trace.geometry import Face, RayScene, into_object, out_of_object
 from twin.render.trace.rays import Optics, SlotPose
 from twin.render.trace.visibility import LIT, OBJECT_MASK, PixelsSeen
 from twin.world.meshes import materials
@@ -114,7 +107,8 @@ def fresnel_of(normal: wp.float32, cosine: wp.float32) -> wp.float32:
 @wp.func
 def uv_at(scene: RayScene, row: wp.int32, u: wp.float32, v: wp.float32) -> wp.vec2:
     """Texture coordinates at weights ``u``, ``v`` of the first two corners of a face."""
-    return mixed2(scene.uv, 3 * row, u, v, 1.0 - u - v)
+    first = 3 * row
+    return scene.uv[first] * u + scene.uv[first + 1] * v + scene.uv[first + 2] * (1.0 - u - v)
 
 
 @wp.func
@@ -132,7 +126,9 @@ def albedo_at(
 @wp.func
 def _ambient(scene: RayScene, at: ShadedPoint) -> wp.float32:
     """Share of the sky that the point sees [-], baked."""
-    return mixed(scene.ambient, 3 * at.face, at.u, at.v, 1.0 - at.u - at.v)
+    row = 3 * at.face
+    share = scene.ambient[row] * at.u + scene.ambient[row + 1] * at.v
+    return share + scene.ambient[row + 2] * (1.0 - at.u - at.v)
 
 
 @wp.func

@@ -12,6 +12,9 @@ from twin.base.portable.whole import whole_within_f32
 from twin.world.meshes.details import CLAMP, DATA, MIRRORED, REPEAT
 from twin.world.meshes.srgb import linear, srgb
 
+_REPEAT, _CLAMP, _MIRRORED = (wp.constant(n) for n in (REPEAT, CLAMP, MIRRORED))
+_DATA = wp.constant(DATA)
+
 
 @wp.struct
 class TextureImage:
@@ -177,62 +180,55 @@ def texture_at(
     return _between(textures, 0, first + top, first + bottom, left, right, a, b)
 
 
-# Native, and without branches wherever all ways are short: on a GPU a branch that some threads take
-# costs more than what it saves. Numbers are whole as of :mod:`twin.base.portable.whole`.
-_SAMPLE = f"""
-    const auto& image = textures.images.data[texture];
-    const int kind = image.kind;
-    int first = image.first, width = image.width, height = image.height;
-    float texels = footprint * (float)(width > height ? width : height);
-    for (int level = 1; texels > 1.5f && level < image.levels; ++level) {{
-        first += width * height;
-        width = (width + 1) >> 1;
-        height = (height + 1) >> 1;
-        texels = texels * 0.5f;
-    }}
-    // A texture coordinate brought into 0..1 as the image does beyond its borders.
-    auto into = [](float c, int mode) -> float {{
-        const float span = mode == {MIRRORED} ? 2.0f : 1.0f;
-        const float share = mode == {MIRRORED} ? 0.5f : 1.0f;
-        const float m = c - span * wp::floor(share * c);
-        return mode == {CLAMP} ? wp::clamp(c, 0.0f, 1.0f) : m > 1.0f ? 2.0f - m : m;
-    }};
-    auto whole = [](float c, int size) -> float {{
-        const float low = wp::floor(c) >= -1.0f ? wp::floor(c) : -1.0f;
-        return low < (float)size ? low : (float)size;
-    }};
-    // Texel i, from -1 to size, as the image goes on; a division would take most of the time of an
-    // image.
-    auto texel_of = [](int i, int size, int mode) -> int {{
-        const int below = mode == {REPEAT} ? size - 1 : 0;
-        const int ahead = i < size ? i : size - 1 - below;
-        return i < 0 ? below : ahead;
-    }};
-    const int across = kind & 3, down = (kind >> 2) & 3;
-    const float x = into(uv[0], across) * (float)width - 0.5f;
-    const float y = (1.0f - into(uv[1], down)) * (float)height - 0.5f;
-    const float column = whole(x, width), row = whole(y, height);
-    const float a = x - column, b = y - row;
-    const int i = (int)column, j = (int)row;
-    const int left = texel_of(i, width, across), right = texel_of(i + 1, width, across);
-    const int upper = first + texel_of(j, height, down) * width;
-    const int lower = first + texel_of(j + 1, height, down) * width;
-    const unsigned* words = textures.texels.data;
-    const unsigned one = words[upper + left], two = words[upper + right];
-    const unsigned three = words[lower + left], four = words[lower + right];
-    const float* light = textures.linear.data + (kind & {DATA} ? 256 : 0);
-    const float not_a = 1.0f - a, not_b = 1.0f - b;
-    auto channel = [&](int shift) -> float {{
-        const float above = light[(one >> shift) & 255u] * not_a
-            + light[(two >> shift) & 255u] * a;
-        const float below = light[(three >> shift) & 255u] * not_a
-            + light[(four >> shift) & 255u] * a;
-        return above * not_b + below * b;
-    }};
-    return wp::vec3(channel(0), channel(8), channel(16));
-"""
+@wp.func
+def _into(c: wp.float32, mode: wp.int32) -> wp.float32:
+    """A texture coordinate brought into 0..1 as the image does beyond its borders."""
+    if mode == _CLAMP:
+        return wp.clamp(c, 0.0, 1.0)
+    if mode == _MIRRORED:
+        m = c - 2.0 * wp.floor(0.5 * c)
+        return wp.where(m > 1.0, 2.0 - m, m)
+    return c - wp.floor(c)
 
 
-@wp.func_native(_SAMPLE)
+@wp.func
+def _neighbour(i: wp.int32, size: wp.int32, mode: wp.int32) -> wp.int32:
+    """Texel ``i``, from -1 to ``size``, as the image goes on; division would take most of the time
+    of an image."""
+    if i < 0:
+        return wp.where(mode == _REPEAT, size - 1, 0)
+    if i < size:
+        return i
+    return wp.where(mode == _REPEAT, 0, size - 1)
+
+
+@wp.func
 def sample(textures: Textures, texture: wp.int32, uv: wp.vec2, footprint: wp.float32) -> wp.vec3:
     """What :func:`texture_at` gives, of images of any kind: linear RGB, or numbers 0..1."""
+    kind = textures.images[texture].kind
+    across = kind & 3
+    down = (kind >> 2) & 3
+    table = wp.where((kind & _DATA) != 0, 256, 0)
+    width = textures.images[texture].width
+    height = textures.images[texture].height
+    first = textures.images[texture].first
+    levels = textures.images[texture].levels
+    texels = footprint * wp.float32(wp.max(width, height))
+    level = wp.int32(1)
+    while texels > 1.5 and level < levels:
+        first += width * height
+        width = (width + 1) / 2
+        height = (height + 1) / 2
+        texels = texels * 0.5
+        level += 1
+    x = _into(uv[0], across) * wp.float32(width) - 0.5
+    y = (1.0 - _into(uv[1], down)) * wp.float32(height) - 0.5
+    i = whole_within_f32(wp.floor(x), -1, width)
+    j = whole_within_f32(wp.floor(y), -1, height)
+    a = x - wp.float32(i)
+    b = y - wp.float32(j)
+    left = _neighbour(i, width, across)
+    right = _neighbour(i + 1, width, across)
+    top = _neighbour(j, height, down) * width
+    bottom = _neighbour(j + 1, height, down) * width
+    return _between(textures, table, first + top, first + bottom, left, right, a, b)

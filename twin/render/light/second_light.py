@@ -28,9 +28,8 @@ from twin.render.trace.visibility import (
     OBJECT_MASK,
     PixelsSeen,
     list_is_done,
+    next_of_list,
     pixel_of,
-    place_of_ticket,
-    ticket_of_list,
 )
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
@@ -140,18 +139,13 @@ def second_light_kernel(
             count = hits.plain_count[0]
             if wp.static(detailed):
                 count = hits.detailed_count[0]
-        if wp.static(detailed):
-            ticket = ticket_of_list(hits.detailed_count)
-        else:
-            ticket = ticket_of_list(hits.plain_count)
         while True:
-            place = place_of_ticket(ticket)
+            if wp.static(detailed):
+                place = next_of_list(hits.detailed_count)
+            else:
+                place = next_of_list(hits.plain_count)
             if list_is_done(place, count):
                 break
-            if wp.static(detailed):
-                ticket = ticket_of_list(hits.detailed_count)
-            else:
-                ticket = ticket_of_list(hits.plain_count)
             if place >= count:
                 continue
             if wp.static(looks):

@@ -171,72 +171,9 @@ def out_of_object(v: wp.vec3, pose: ObjectPose) -> wp.vec3:
     return turned(level, pose.cosine, pose.sine)
 
 
-# Native: an index that might be negative costs a GPU three instructions more, and a vector's
-# numbers are loaded one by one.
-_MIXED = """
-    auto corner = [&](int k) {{
-        #if defined(__CUDA_ARCH__)
-        {load}
-        #else
-        return corners.data[first + k];
-        #endif
-    }};
-    return corner(0) * u + corner(1) * v + corner(2) * w;
-"""
-
-
-@wp.func_native(_MIXED.format(load="return corners.data[first + k];"))
-def mixed(
-    corners: wp.array(dtype=wp.float32),
-    first: wp.int32,
-    u: wp.float32,
-    v: wp.float32,
-    w: wp.float32,
-) -> wp.float32:
-    """Mean of the numbers of three corners from ``first`` on, with these weights."""
-
-
-_LOAD2 = "const float2 c = ((const float2*)corners.data)[first + k]; return wp::vec2(c.x, c.y);"
-
-
-@wp.func_native(_MIXED.format(load=_LOAD2))
-def mixed2(
-    corners: wp.array(dtype=wp.vec2), first: wp.int32, u: wp.float32, v: wp.float32, w: wp.float32
-) -> wp.vec2:
-    """Mean of the vectors of three corners from ``first`` on, with these weights."""
-
-
-@wp.func_native(_MIXED.format(load="return corners.data[first + k];"))
-def mixed3(
-    corners: wp.array(dtype=wp.vec3), first: wp.int32, u: wp.float32, v: wp.float32, w: wp.float32
-) -> wp.vec3:
-    """Mean of the vectors of three corners from ``first`` on, with these weights."""
-
-
-_LOAD4 = """const float4 c = ((const float4*)corners.data)[first + k];
-        return wp::vec4(c.x, c.y, c.z, c.w);"""
-
-
-@wp.func_native(_MIXED.format(load=_LOAD4))
-def mixed4(
-    corners: wp.array(dtype=wp.vec4), first: wp.int32, u: wp.float32, v: wp.float32, w: wp.float32
-) -> wp.vec4:
-    """Mean of the vectors of three corners from ``first`` on, with these weights."""
-
-
-def ray_functions(
-    closest: Any, blocked: Any, *, holes: bool = False, moving: tuple[Any, Any] | None = None
-) -> tuple[Any, Any]:
-    """``trace`` and ``occluded`` on traversals like those of :mod:`twin.render.trace.traverse`.
-
-    Args:
-        closest: what a ray meets first.
-        blocked: whether it meets anything.
-        holes: both are like those that pass holes.
-        moving: the same two for movable objects if those have no holes.
-    """
-    moving_holes = holes and moving is None
-    moving_closest, moving_blocked = moving or (closest, blocked)
+def ray_functions(closest: Any, blocked: Any, *, holes: bool = False) -> tuple[Any, Any]:
+    """``trace`` and ``occluded`` on traversals like those of :mod:`twin.render.trace.traverse`;
+    ``holes``: like those that pass holes."""
 
     @wp.func
     def trace(
@@ -268,8 +205,8 @@ def ray_functions(
                 pose = scene.objects[slot, m]
                 local = into_object(origin - pose.position, pose)
                 ahead = into_object(direction, pose)
-                if wp.static(moving_holes):
-                    own = moving_closest(
+                if wp.static(holes):
+                    own = closest(
                         scene.nodes,
                         scene.leaves,
                         scene.uv,
@@ -282,7 +219,7 @@ def ray_functions(
                         found[0],
                     )
                 else:
-                    own = moving_closest(
+                    own = closest(
                         scene.nodes, scene.leaves, pose.root, local, ahead, near, found[0]
                     )
                 face = wp.cast(own[3], wp.int32)
@@ -326,8 +263,8 @@ def ray_functions(
                 pose = scene.objects[slot, m]
                 local = into_object(origin - pose.position, pose)
                 ahead = into_object(direction, pose)
-                if wp.static(moving_holes):
-                    if moving_blocked(
+                if wp.static(holes):
+                    if blocked(
                         scene.nodes,
                         scene.leaves,
                         scene.uv,
@@ -341,7 +278,7 @@ def ray_functions(
                     ):
                         return True
                 else:
-                    if moving_blocked(scene.nodes, scene.leaves, pose.root, local, ahead, 0.0, far):
+                    if blocked(scene.nodes, scene.leaves, pose.root, local, ahead, 0.0, far):
                         return True
         return False
 
@@ -356,9 +293,7 @@ def rays_of(features: Features) -> tuple[Any, Any]:
     """``trace`` and ``occluded`` for worlds with such ``features``."""
     if not features.holes:
         return trace, occluded
-    moving = None if features.moving_holes else (traverse.closest, traverse.blocked)
-    there = traverse.closest_there, traverse.blocked_there
-    return ray_functions(*there, holes=True, moving=moving)
+    return ray_functions(traverse.closest_there, traverse.blocked_there, holes=True)
 
 
 class Geometry:
@@ -387,8 +322,7 @@ class Geometry:
             leaves = mark_holes(leaves, of_face, self._first_face)
         scene.nodes = wp.array(nodes, dtype=wp.float32, device=device)
         scene.leaves = wp.array(leaves, dtype=wp.float32, device=device)
-        moving_holes = bool((of_face[self._first_face[1] :] >= 0).any())
-        self.features = Features(bool(world.masks), has_looks(world), moving_holes)
+        self.features = Features(holes=bool(world.masks), looks=has_looks(world))
         """What the materials of the world ask of kernels."""
         rows = np.concatenate([_face_rows(mesh, self.features) for mesh in meshes])
         scene.faces = wp.array(rows, dtype=Face, device=device)

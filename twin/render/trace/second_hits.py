@@ -27,12 +27,10 @@ from twin.render.trace.visibility import (
     NOTHING,
     PixelsSeen,
     list_is_done,
+    next_of_list,
     pixel_of,
-    place_of_ticket,
-    put_on_either_list,
     put_on_list,
     threads,
-    ticket_of_list,
 )
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
@@ -214,12 +212,10 @@ def hits_kernel(build: KernelOptions, features: Features = NONE) -> wp.Kernel:
     ):
         """Trace mirrored rays of the pixels on the list; the launch may be shorter than it."""
         count = seen.listed_count[0]
-        ticket = ticket_of_list(seen.listed_count)
         while True:
-            place = place_of_ticket(ticket)
+            place = next_of_list(seen.listed_count)
             if list_is_done(place, count):
                 break
-            ticket = ticket_of_list(seen.listed_count)
             if place >= count:
                 continue
             thread = seen.listed[place]
@@ -256,36 +252,30 @@ def hits_kernel(build: KernelOptions, features: Features = NONE) -> wp.Kernel:
             if hit.found:
                 face = hit.face
                 flags = hit.object + 1
+                p = ahead_of(ahead_of(aim.p, aim.n, 0.02), aim.ahead, hit.t)
+                facing = hit.normal
                 if wp.static(looks):
                     detailed = scene.faces[hit.face].uv_per_m < 0.0
-                if lights[slot].shadows != 0:
-                    p = ahead_of(ahead_of(aim.p, aim.n, 0.02), aim.ahead, hit.t)
-                    facing = hit.normal
-                    if wp.static(looks):  # noqa: SIM102 (resolved before the kernel is compiled)
-                        if detailed:
-                            smooth = smooth_point(
-                                scene, slot, hit.face, hit.object, hit.u, hit.v, hit.normal
-                            )
-                            facing = smooth.n
-                            p = p + smooth.lift
-                    sun = lights[slot].sun_direction
-                    if dot(facing, sun) > 0.0:
-                        p = p + hit.normal * 0.02
-                        if not occluded(scene, slot, p, sun, RANGE_M):
-                            flags = flags | LIT
+                    if detailed:
+                        smooth = smooth_point(
+                            scene, slot, hit.face, hit.object, hit.u, hit.v, hit.normal
+                        )
+                        facing = smooth.n
+                        p = p + smooth.lift
+                sun = lights[slot].sun_direction
+                if lights[slot].shadows != 0 and dot(facing, sun) > 0.0:
+                    p = p + hit.normal * 0.02
+                    if not occluded(scene, slot, p, sun, RANGE_M):
+                        flags = flags | LIT
                 hits.t[place] = hit.t
                 hits.u[place] = hit.u
                 hits.v[place] = hit.v
                 hits.flags[place] = flags
             hits.face[place] = face
             if wp.static(looks):
-                put_on_either_list(
-                    hits.plain,
-                    hits.plain_count,
-                    hits.detailed,
-                    hits.detailed_count,
-                    detailed,
-                    place,
-                )
+                if detailed:
+                    put_on_list(hits.detailed, hits.detailed_count, place)
+                else:
+                    put_on_list(hits.plain, hits.plain_count, place)
 
     return second_hits_kernel

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from twin.base.portable.quick import QUICK, ahead_of, dot, of_axes, reciprocal
+from twin.base.portable.quick import ahead_of, dot, of_axes, reciprocal
 from twin.render.build import NONE, Features, KernelOptions
 from twin.render.light.light import SlotLight
 from twin.render.look_pixels import PARTS
@@ -77,8 +77,7 @@ class PixelsSeen:
     listed: wp.array(dtype=wp.int32)
     """Threads whose pixels need second rays, in any order."""
     listed_count: wp.array(dtype=wp.int32)
-    """Number of listed pixels, and how many of them :func:`ticket_of_list` has given out, those
-    beyond the end included [2]."""
+    """Number of listed pixels, and how many of them :func:`next_of_list` has given out [2]."""
     second: wp.array2d(dtype=wp.float16)
     """Luminance that comes by mirrors and through glass, RGB, where flagged [cd/m^2]."""
     detailed: wp.array(dtype=wp.int32)
@@ -165,76 +164,24 @@ def put_on_list(
     """Append ``thread`` to the first ``count[0]`` of ``list``."""
 
 
-# The leaders of both lists ask for places with one instruction: an answer takes a GPU long.
-_EITHER = """
+# All threads of a warp wait for each other here.
+_NEXT = """
     #if defined(__CUDA_ARCH__)
-    const unsigned all = __activemask();
-    const unsigned others = __ballot_sync(all, other);
-    const unsigned mates = other ? others : all & ~others;
     unsigned lane;
     asm("mov.u32 %0, %%laneid;" : "=r"(lane));
-    const int leader = __ffs(mates) - 1;
-    int* own_count = other ? other_count.data : count.data;
-    int* own_places = other ? other_places.data : places.data;
     int first = 0;
-    if (lane == leader) first = atomicAdd(own_count, __popc(mates));
-    first = __shfl_sync(all, first, leader);
-    own_places[first + __popc(mates & ((1u << lane) - 1u))] = thread;
-    #else
-    if (other) other_places.data[other_count.data[0]++] = thread;
-    else places.data[count.data[0]++] = thread;
-    #endif
-"""
-
-
-@wp.func_native(_EITHER)
-def put_on_either_list(
-    places: wp.array(dtype=wp.int32),
-    count: wp.array(dtype=wp.int32),
-    other_places: wp.array(dtype=wp.int32),
-    other_count: wp.array(dtype=wp.int32),
-    other: wp.bool,
-    thread: wp.int32,
-):
-    """Append ``thread`` to the first list or to the ``other`` one, as :func:`put_on_list` does."""
-
-
-_TICKET = """
-    #if defined(__CUDA_ARCH__)
-    unsigned lane;
-    asm("mov.u32 %0, %%laneid;" : "=r"(lane));
-    return lane == 0 ? atomicAdd(count.data + 1, 32) : 0;
+    if (lane == 0) first = atomicAdd(count.data + 1, 32);
+    return __shfl_sync(0xffffffffu, first, 0) + (int)lane;
     #else
     return count.data[1]++;
     #endif
 """
 
 
-@wp.func_native(_TICKET)
-def ticket_of_list(count: wp.array(dtype=wp.int32)) -> wp.int32:
-    """A claim on the next place of a list that no thread has worked on: a GPU's warps take 32 at a
-    time, as they get done, so that none is left with the longest rays of all.
-
-    It is for :func:`place_of_ticket`, and taken a round ahead: an answer takes a GPU long, and
-    nothing waits for it until it is used.
-    """
-
-
-# All threads of a warp wait for each other here.
-_PLACE = """
-    #if defined(__CUDA_ARCH__)
-    unsigned lane;
-    asm("mov.u32 %0, %%laneid;" : "=r"(lane));
-    return __shfl_sync(0xffffffffu, ticket, 0) + (int)lane;
-    #else
-    return ticket;
-    #endif
-"""
-
-
-@wp.func_native(_PLACE)
-def place_of_ticket(ticket: wp.int32) -> wp.int32:
-    """The place on the list, perhaps beyond its end."""
+@wp.func_native(_NEXT)
+def next_of_list(count: wp.array(dtype=wp.int32)) -> wp.int32:
+    """Next place on a list that no thread has worked on, perhaps beyond its end: a GPU's warps take
+    32 at a time, as they get done, so that none is left with the longest rays of all."""
 
 
 @wp.func
@@ -271,23 +218,6 @@ def needs_second_rays(
     return needs
 
 
-# Right while both numbers are below 2**20: the quotient with 0.5 added to a lies half of 1 / b from
-# whole numbers at least, and is rounded by less. A GPU divides whole numbers in three times as many
-# instructions.
-@wp.func_native(
-    f"""
-    #if defined(__CUDA_ARCH__)
-    {QUICK}
-    return (int)(((float)a + 0.5f) * one_over((float)b));
-    #else
-    return a / b;
-    #endif
-    """
-)
-def whole_quotient(a: wp.int32, b: wp.int32) -> wp.int32:
-    """``a`` over ``b`` without the rest, of numbers that are not negative and below 2**20."""
-
-
 @wp.func
 def pixel_of(thread: wp.int32, first_slot: wp.int32, optics: Optics) -> Pixel:
     """The pixel of a thread."""
@@ -296,9 +226,9 @@ def pixel_of(thread: wp.int32, first_slot: wp.int32, optics: Optics) -> Pixel:
     tiles_y = (optics.height + _TILE_ROWS - 1) / _TILE_ROWS
     tile = thread / _TILE
     place = thread - tile * _TILE
-    slot = whole_quotient(tile, tiles_x * tiles_y)
+    slot = tile / (tiles_x * tiles_y)
     tile = tile - slot * tiles_x * tiles_y
-    line = whole_quotient(tile, tiles_x)
+    line = tile / tiles_x
     pixel.slot = first_slot + slot
     pixel.row = line * _TILE_ROWS + place / _TILE_COLUMNS
     pixel.column = (tile - line * tiles_x) * _TILE_COLUMNS + place % _TILE_COLUMNS
@@ -355,6 +285,7 @@ def visibility_kernel(build: KernelOptions, second: bool, features: Features = N
             detailed = scene.faces[hit.face].uv_per_m < 0.0
             if detailed:
                 flags = flags | DETAILED
+                put_on_list(seen.detailed, seen.detailed_count, thread)
         if lights[slot].shadows != 0:
             sun = lights[slot].sun_direction
             facing = hit.normal
@@ -374,26 +305,15 @@ def visibility_kernel(build: KernelOptions, second: bool, features: Features = N
         seen.t[thread] = hit.t
         seen.face[thread] = hit.face
         seen.flags[thread] = flags
-        seen.bary[thread] = (u << 16) | v
         if wp.static(second):
             material = scene.faces[hit.face].material
             cosine = -dot(hit.normal, direction)
             needs = needs_second_rays(material, lights[slot].wetness, cosine, hit.t)
             if wp.static(looks):
-                if needs or detailed:
-                    put_on_either_list(
-                        seen.listed,
-                        seen.listed_count,
-                        seen.detailed,
-                        seen.detailed_count,
-                        detailed,
-                        thread,
-                    )
-            elif needs:
+                needs = needs and not detailed
+            if needs:
                 put_on_list(seen.listed, seen.listed_count, thread)
-        elif wp.static(looks):  # noqa: SIM102 (resolved before the kernel is compiled)
-            if detailed:
-                put_on_list(seen.detailed, seen.detailed_count, thread)
+        seen.bary[thread] = (u << 16) | v
 
     return first_kernel
 
