@@ -19,7 +19,7 @@ from devkit.detector.model_files import shipped_models
 from schemas.sections.foreign import Foreign
 from schemas.sections.view_mode import ViewMode
 from schemas.wire.control import Lease
-from twin.rig.pipe import BuildRig, Building, Built, Listening, pack
+from twin.rig.pipe import Building, BuildRig, Built, Listening, pack
 from twin.sandbox.start import own_code
 from twin.worker.options import WorkerOptions
 from twin.worker.preload import begin_loading
