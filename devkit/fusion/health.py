@@ -39,7 +39,7 @@ class SensorHealth:
         self.reach_m = np.zeros(slots)
         """LiDAR has seen obstacles as far as this lately."""
         self.sight_m = np.full(slots, CLEAR_M)
-        """How far a dark object can be seen through air, fog and rain."""
+        """Distance up to which a dark object is seen through air, fog and rain."""
         self.camera_blind = np.zeros(slots, bool)
         self.range_blind = np.zeros(slots, bool)
         """Whether all sensors of distance (LiDAR, radar) are blind; not where there are none."""

@@ -124,7 +124,7 @@ class CarPath:
         return held
 
     def beside_growing_m(self, x_m: np.ndarray | float) -> np.ndarray:
-        """How far left of the arc the third path lies: c x^3 / 6 as far as its curvature grows by c
+        """Distance of the third path, left of the arc: c x^3 / 6 as far as its curvature grows by c
         per metre, and on along a circle; for slopes that are small [m]."""
         way = np.minimum(x_m, GROWS_M)
         rest = x_m - way

@@ -18,7 +18,7 @@ PERSONS = (LABELS.index("pedestrian"), LABELS.index("bicycle"))
 
 
 def is_person(label: np.ndarray) -> np.ndarray:
-    """Which labels are of pedestrians and cyclists."""
+    """Whether labels are of pedestrians and cyclists."""
     person: np.ndarray = (label == PERSONS[0]) | (label == PERSONS[1])
     return person
 

@@ -465,8 +465,8 @@ def _passes_by(
 
 
 def _lane_of(tracks: TrackStore) -> tuple[np.ndarray, np.ndarray]:
-    """How far left of the car's own lane the lane of what comes is, and the deviation of that [m]:
-    the road at its place runs as its way does, and begins where the car is."""
+    """Distance of the lane of what comes, left of the car's own, and the deviation of that [m]: the
+    road at its place runs as its way does, and begins where the car is."""
     slope_x = 0.5 * tracks.x_m / np.minimum(tracks.vx_mps, -1.0)
     return tracks.y_m - tracks.vy_mps * slope_x, np.sqrt(tracks.q_vv) * np.abs(slope_x)
 

@@ -61,7 +61,7 @@ TURNS_FROM_MPS = 4.0
 OVERLAP_MIN = 0.3
 """Share of a camera box that must lie on a track for it to be of it [-]."""
 NAMED_BOXES = 2.0
-"""So many boxes name a person for good, unless as many others say otherwise [-]."""
+"""Boxes that name a person for good, unless as many others say otherwise [-]."""
 SETTLED_S, SETTLED_SWEEPS = 0.5, 2
 """The place of a younger track that LiDAR has seen less often is not known well enough to tell how
 far it has gone since [s, -]."""

@@ -219,7 +219,7 @@ def _content(path: str) -> bytes:
 
 
 def _others(points: Iterable[EntryPoint]) -> list[EntryPoint]:
-    """Those that bring kinds, and are not ours."""
+    """Entry points that bring kinds, and are not ours."""
     return [
         point
         for point in points
