@@ -36,7 +36,7 @@ def test_files_that_decide_a_result_are_part_of_it(monkeypatch, tmp_path):
 def test_libraries_of_a_gpu_count_where_something_computes_with_them(monkeypatch, tmp_path):
     monkeypatch.setattr(software, "package_folder", lambda package: tmp_path)
     versions = {"numpy": "2.4.0", "nvidia-cudnn-cu13": "9.1"}
-    monkeypatch.setattr(software, "_version", lambda name: versions.get(name, ""))
+    monkeypatch.setattr(software, "version_of", lambda name: versions.get(name, ""))
 
     def other_cudnn() -> bool:
         before = software.software_digest()
@@ -125,7 +125,7 @@ def test_opencv_is_part_of_the_device_class_alone(
 ):
     """What Python imports counts: a distribution of another name brings the same package."""
     plain, digest = software.hardware_class("cpu"), software.software_digest()
-    find, metadata = importlib.util.find_spec, importlib.metadata.distribution
+    find, version_of = importlib.util.find_spec, software.version_of
 
     def spec(name: str) -> object:
         if name != "cv2":
@@ -133,17 +133,15 @@ def test_opencv_is_part_of_the_device_class_alone(
         folders = [str(tmp_path / "nothing"), str(tmp_path)]
         return None if installed is None else SimpleNamespace(submodule_search_locations=folders)
 
-    def distribution_of(name: str) -> object:
+    def installed_version(name: str) -> str:
         if name != OPENCV:
-            return metadata(name)
-        if name != distribution:
-            raise importlib.metadata.PackageNotFoundError(name)
-        return SimpleNamespace(read_text=lambda _name: "Version: 5.0.7.7\n")
+            return version_of(name)
+        return "5.0.7.7" if name == distribution else ""
 
     if installed:
         (tmp_path / "version.py").write_text(installed)
     monkeypatch.setattr(importlib.util, "find_spec", spec)
-    monkeypatch.setattr(importlib.metadata, "distribution", distribution_of)
+    monkeypatch.setattr(software, "version_of", installed_version)
     assert software.device_class("cpu") == plain + named
     assert software.hardware_class("cpu") == plain
     assert software.software_digest() == digest
