@@ -167,12 +167,13 @@ def find_threats(
     tracks: TrackStore, ego: EgoMotion, health: SensorHealth, staging: StagingParameters
 ) -> Threats:
     """Judge all tracks of all slots."""
+    path, straight = ego.path.spread(2), _straight(tracks, ego)
     speed = ego.speed_mps[:, None]
     vx = np.where(_is_speed(tracks.vx_mps, tracks.p_vv, SURE_VARIANCES), tracks.vx_mps, 0.0)
     doppler, echoed = _moves_by_doppler(tracks, staging)
-    vy = _known_across(tracks, ego, doppler)
+    vy = _known_across(tracks, path, doppler)
     closing = speed - vx
-    inside, stays = _in_path(tracks, ego, staging)
+    inside, stays = _in_path(tracks, path, staging)
     gap = np.maximum(tracks.x_m + np.where(inside, tracks.path_m, 0.0) - staging.front_m, 0.0)
     nearing = closing > 0.1
     ttc = np.where(nearing, gap / np.where(nearing, closing, 1.0), TIME_MAX_S)
@@ -181,7 +182,7 @@ def find_threats(
     driven = doppler | ((vx != 0.0) & ~(echoed & (slow | (tracks.agrees < AGREES_MIN))))
     shown = health.reach_m[:, None] > REACH_RATIO * tracks.x_m
     clear = health.sight_m[:, None] > SIGHT_RATIO * (tracks.x_m + np.abs(tracks.y_m))
-    crosses = _crosses(tracks, ego, vx, vy, ttc, closing, doppler, driven, shown, clear, staging)
+    crosses = _crosses(tracks, path, vx, vy, ttc, closing, doppler, driven, shown, clear, staging)
     crossing = crosses.meets
     departs = crosses.departs | _passes_by(tracks, ego, vx, ttc, staging)
     ahead = tracks.live & (tracks.x_m > staging.front_m - 1.0)
@@ -196,7 +197,7 @@ def find_threats(
     probable = tracks.probability > staging.single_probability
     # What radar alone sees standing are manhole covers, bridges and mirrors as often as cars.
     trusted = camera | (tracks.lidar.age_s < RECENT_S) | (places & (driven | crosses.walks))
-    denied = _contradicted(tracks, health) | _unechoed(tracks, ego, health)
+    denied = _contradicted(tracks, shown, health) | _unechoed(tracks, ego, health)
     alone = probable & trusted & ~denied
     blind = health.camera_blind[:, None] | health.range_blind[:, None]
     # One cell of spray or one echo, and a box somewhere behind it, are no agreement.
@@ -225,16 +226,16 @@ def find_threats(
     # What no camera names and what stands may be beside a curve that has not begun; what comes may
     # be in the other lane of one in which the car is.
     _, lane_sigma_m = _lane_of(tracks)
-    comes = _straight(tracks, ego) & (lane_sigma_m < LANE_SURE_M)
+    comes = straight & (lane_sigma_m < LANE_SURE_M)
     known = np.where(vx < -COMES_MPS, comes, (vx != 0.0) | late)
     named = (tracks.label > 0) | (gap < PATH_SURE_M) | known
     # Where the car turns, nobody knows how the road goes on for what stands far ahead.
-    now &= _straight(tracks, ego) | (gap < PATH_SURE_M) | (vx != 0.0) | late
+    now &= straight | (gap < PATH_SURE_M) | (vx != 0.0) | late
     foreseen = by_two | by_one | (ahead & probable & _echoes_on(tracks, ego, ttc, staging))
     return Threats(by_two & now, by_one & now & named, foreseen, blocking, gap, ttc, needed)
 
 
-def _known_across(tracks: TrackStore, ego: EgoMotion, doppler: np.ndarray) -> np.ndarray:
+def _known_across(tracks: TrackStore, path: CarPath, doppler: np.ndarray) -> np.ndarray:
     """Speed across of the tracks of which it is known, 0 of others [m/s]."""
     person = _persons(tracks)
     twice = tracks.named >= NAMED_BOXES
@@ -244,7 +245,7 @@ def _known_across(tracks: TrackStore, ego: EgoMotion, doppler: np.ndarray) -> np
     placed = (tracks.label > 0) & (tracks.lidar.hits >= SIGHTINGS_MIN)
     placed &= is_person(tracks.label) | (tracks.left_m - tracks.right_m > NARROW_M)
     comes = tracks.lidar.hits >= np.where(doppler, BESIDE_SIGHTINGS, RUNS_SIGHTINGS)
-    comes &= np.abs(ego.path.spread(2).beside_circle_m(tracks.x_m, tracks.y_m)) > BESIDE_M
+    comes &= np.abs(path.beside_circle_m(tracks.x_m, tracks.y_m)) > BESIDE_M
     ripe = person | placed | comes | (tracks.age_s > RIPE_S)
     known = ripe & _is_speed(tracks.vy_mps, tracks.q_vv, sure)
     return np.where(known, tracks.vy_mps, 0.0)
@@ -289,7 +290,7 @@ def _is_speed(
 
 
 def _in_path(
-    tracks: TrackStore, ego: EgoMotion, staging: StagingParameters
+    tracks: TrackStore, path: CarPath, staging: StagingParameters
 ) -> tuple[np.ndarray, np.ndarray]:
     """Whether tracks are in the path, to brake for and to stay braked for: LiDAR says so where it
     sees them, then the camera, then radar. Nobody is in it whose place is far beside it."""
@@ -306,7 +307,7 @@ def _in_path(
     # Nor are one or two sweeps, where radar has seen it for a second: at 40 m LiDAR misses cars.
     swept = (tracks.lidar.hits >= SIGHTINGS_MIN) | (tracks.radar.hits < WALKS_ECHOES)
     says = np.where(swept & (tracks.lidar.age_s < HELD_S), tracks.lidar.inside, says)
-    near = ego.path.spread(2).holds(
+    near = path.holds(
         tracks.x_m,
         tracks.y_m + tracks.right_m,
         tracks.y_m + tracks.left_m,
@@ -317,7 +318,7 @@ def _in_path(
 
 def _crosses(
     tracks: TrackStore,
-    ego: EgoMotion,
+    path: CarPath,
     vx_mps: np.ndarray,
     vy_mps: np.ndarray,
     ttc_s: np.ndarray,
@@ -335,7 +336,6 @@ def _crosses(
     turn adds. The times at which its ends enter and leave the path follow from that; the car is at
     its place from the time to collision on, for as long as its own length takes.
     """
-    path = ego.path.spread(2)
     half = staging.corridor_half_m
     inward, along = 1.0 - path.bend_per_m * tracks.y_m, path.bend_per_m * tracks.x_m
     across = inward * vy_mps - along * vx_mps
@@ -484,12 +484,11 @@ def _misses(tracks: TrackStore, beside_m: np.ndarray, half_m: np.ndarray) -> np.
     return misses
 
 
-def _contradicted(tracks: TrackStore, health: SensorHealth) -> np.ndarray:
+def _contradicted(tracks: TrackStore, shown: np.ndarray, health: SensorHealth) -> np.ndarray:
     """Tracks that the camera alone sees where LiDAR sees the road, or would see a vehicle."""
     only_camera = tracks.lidar.age_s >= HELD_S
     sees_road = health.free_to_m[:, None] > tracks.x_m + FREE_MARGIN_M
-    would_see = _is_any(tracks.label, _VEHICLES)
-    would_see &= health.reach_m[:, None] > REACH_RATIO * tracks.x_m
+    would_see = _is_any(tracks.label, _VEHICLES) & shown
     contradicted: np.ndarray = only_camera & (sees_road | would_see)
     return contradicted
 
