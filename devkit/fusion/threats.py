@@ -24,7 +24,7 @@ MOVING_MPS = 0.8
 """A track that may be slower counts as standing [m/s]."""
 SURE_VARIANCES = 4.0
 """Square of a speed over its variance from which on it counts as a speed [-]."""
-PERSON_SURE_VARIANCES = 2.25
+PERSON_SURE_VARIANCES = 6.25
 """The same across of pedestrians and cyclists whom two boxes name: there is no time to be surer."""
 AWAY_MPS = 2.0
 """Who drives ahead, at least so fast and not slower than the car, is not in the way [m/s]."""
@@ -33,6 +33,8 @@ COMES_MPS = 2.0
 ALONE_SURE_VARIANCES = 25.0
 """The same across of what radar alone sees cross: it sees one end and wheel of a lorry that goes by
 after the other."""
+WALKS_SURE_VARIANCES = 9.0
+"""The same of whom no camera names."""
 TURN_RIPE_S = 1.0
 """Age of a track from which on its turn rate counts [s]."""
 TURN_SIGMA_RADPS = 0.03
@@ -43,14 +45,22 @@ BRAKES_MPS2 = 1.5
 """Who slows down less does not count as braking [m/s^2]."""
 SIGHTINGS_MIN = 3
 """Fewest sightings by one sensor of what counts: two give no speed."""
+BOXES_MIN = 2
+"""Fewest boxes of what stands for a camera to agree [-]."""
 WALKS_SIGHTINGS = 6
 """LiDAR has to see so often what is taken for walking or crossing, though no camera names it: where
 radar saw it first, LiDAR corrects its direction, which looks like a step aside."""
+WALKED_S = 0.06
+"""What a vehicle has to have gone further across, per speed of the car [s]."""
 WALKS_ECHOES, WALKED_M = 20, 1.5
 """The same of radar, which alone has to have seen him walk so far too: half the width of a car and
 its own error at 50 m [-, m]."""
 LANE_SURE_M = 1.0
 """Deviation of the lane of what comes and no camera has named, up to which it counts [m]."""
+STEADY_MIN = 0.5
+"""Share of the places across that a track's way has to explain for its speed across to count [-]."""
+PERSON_SWEEPS, PERSON_MPS = 4, 8.0
+"""Sweeps from which on LiDAR places a person, and the fastest cyclist's speed [-, m/s]."""
 WARNED_S = 0.8
 """A driver is warned so long before the brake begins (UN R152, 5.2.1.1) [s]."""
 WARNED_ECHOES, WARNED_INSIDE = 30, 0.95
@@ -74,6 +84,9 @@ RUNS_MPS, RUNS_NARROW_MPS, RUNS_SIGHTINGS = 3.5, 5.0, 5
 narrow as a motorcycle [m/s, m/s, -]."""
 SIGHT_RATIO = 5.0
 """Where sight ends before so many times the distance, LiDAR is near the end of its own [-]."""
+ALONG_SHARE = 0.3
+"""What comes and is no faster across than this share of its speed along the path goes by in the
+other lane: radar sees its middle first and its near corner at last [-]."""
 BESIDE_M, BESIDE_SIGHTINGS = 9.0, 4
 """What is further aside has a speed across as soon as LiDAR has seen it :data:`RUNS_SIGHTINGS`
 times, or so often if it moves by Doppler: there is no lane in which it would drive along the road
@@ -81,6 +94,8 @@ times, or so often if it moves by Doppler: there is no lane in which it would dr
 SLOW_MPS = 4.0
 """A slower vehicle moves only if radar, where it sees it, says so: beside a car that turns, what
 stands is seen from other sides, and other parts of it [m/s]."""
+CONTRARY_MPS = 3.0
+"""Difference of a radial speed from that of a track from which on the latter is wrong [m/s]."""
 AGREES_MIN = 0.5
 """Share of radial speeds that have to agree with a velocity for radar to vouch for it: in fog
 LiDAR goes from one thing to the next [-]."""
@@ -141,10 +156,14 @@ def _is_any(values: np.ndarray, wanted: tuple[int, ...]) -> np.ndarray:
 
 
 def _persons(tracks: TrackStore) -> np.ndarray:
-    """Whom a camera names a pedestrian or cyclist: a single box is soon forgotten, networks take
-    posts for people once in a while."""
-    named = (tracks.named >= NAMED_BOXES) | (tracks.camera.age_s < RECENT_S)
-    return named & is_person(tracks.label)
+    """Whom a camera names a pedestrian or cyclist. One box does not make one: networks take posts
+    for people once in a while, and gaps between parked cars. Nor do three sweeps of something that
+    is nowhere else a moment later; and nobody is faster than a cyclist."""
+    named = (tracks.named >= NAMED_BOXES) & is_person(tracks.label)
+    unseen = tracks.lidar.age_s >= HELD_S
+    named &= unseen | (tracks.lidar.hits >= PERSON_SWEEPS)
+    result: np.ndarray = named & (np.abs(tracks.radial_mps) < PERSON_MPS)
+    return result
 
 
 class PathCrossing(NamedTuple):
@@ -170,7 +189,7 @@ def find_threats(
     path, straight = ego.path.spread(2), _straight(tracks, ego)
     speed = ego.speed_mps[:, None]
     vx = np.where(_is_speed(tracks.vx_mps, tracks.p_vv, SURE_VARIANCES), tracks.vx_mps, 0.0)
-    doppler, echoed = _moves_by_doppler(tracks, staging)
+    doppler, echoed, contrary = _moves_by_doppler(tracks, staging)
     vy = _known_across(tracks, path, doppler)
     closing = speed - vx
     inside, stays = _in_path(tracks, path, staging)
@@ -179,7 +198,7 @@ def find_threats(
     ttc = np.where(nearing, gap / np.where(nearing, closing, 1.0), TIME_MAX_S)
     ttc = np.minimum(ttc, TIME_MAX_S)
     slow = tracks.vx_mps * tracks.vx_mps + tracks.vy_mps * tracks.vy_mps < SLOW_MPS * SLOW_MPS
-    driven = doppler | ((vx != 0.0) & ~(echoed & (slow | (tracks.agrees < AGREES_MIN))))
+    driven = doppler | ((vx != 0.0) & ~(echoed & (slow | (tracks.agrees < AGREES_MIN))) & ~contrary)
     shown = health.reach_m[:, None] > REACH_RATIO * tracks.x_m
     clear = health.sight_m[:, None] > SIGHT_RATIO * (tracks.x_m + np.abs(tracks.y_m))
     crosses = _crosses(tracks, path, vx, vy, ttc, closing, doppler, driven, shown, clear, staging)
@@ -187,7 +206,8 @@ def find_threats(
     departs = crosses.departs | _passes_by(tracks, ego, vx, ttc, staging)
     ahead = tracks.live & (tracks.x_m > staging.front_m - 1.0)
     in_way = ahead & ((inside & ~departs) | crossing)
-    camera = tracks.camera.age_s < RECENT_S
+    # Networks see cars where none are, once in a while.
+    camera = (tracks.camera.age_s < RECENT_S) & ((tracks.camera.hits >= BOXES_MIN) | (vx != 0.0))
     places = np.minimum(tracks.lidar.age_s, tracks.radar.age_s) < RECENT_S
     sightings = np.maximum(tracks.lidar.hits, np.maximum(tracks.radar.hits, tracks.camera.hits))
     in_way &= sightings >= SIGHTINGS_MIN
@@ -247,6 +267,8 @@ def _known_across(tracks: TrackStore, path: CarPath, doppler: np.ndarray) -> np.
     comes = tracks.lidar.hits >= np.where(doppler, BESIDE_SIGHTINGS, RUNS_SIGHTINGS)
     comes &= np.abs(path.beside_circle_m(tracks.x_m, tracks.y_m)) > BESIDE_M
     ripe = person | placed | comes | (tracks.age_s > RIPE_S)
+    # A filter that what it sees contradicts, place after place, knows no speed either.
+    ripe &= tracks.steady > STEADY_MIN
     known = ripe & _is_speed(tracks.vy_mps, tracks.q_vv, sure)
     return np.where(known, tracks.vy_mps, 0.0)
 
@@ -263,9 +285,9 @@ def _echoes_on(
 
 def _moves_by_doppler(
     tracks: TrackStore, staging: StagingParameters
-) -> tuple[np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Whether a track that radar has seen moves along the ray from the car's front: who crosses
-    has no speed along x; and whether radar sees it now. What radar measures has to be nearer to the
+    has no speed along x; whether radar sees it now; and whether it measures another speed. What radar measures has to be nearer to the
     track's speed than to none: a track's own may come from places of other and other things."""
     ahead_m = np.maximum(tracks.x_m - staging.front_m, 0.1)
     square_m2 = ahead_m * ahead_m + tracks.y_m * tracks.y_m
@@ -276,8 +298,10 @@ def _moves_by_doppler(
     moves = _is_speed(radial, variance, SURE_VARIANCES)
     known = tracks.radar.hits >= SIGHTINGS_MIN
     moves &= known & (tracks.agrees >= AGREES_MIN)
-    moves &= np.abs(tracks.radial_mps - radial) < np.abs(tracks.radial_mps)
-    return moves, known & (tracks.radar.age_s < RECENT_S)
+    differs = np.abs(tracks.radial_mps - radial)
+    moves &= differs < np.abs(tracks.radial_mps)
+    sees = tracks.radar.age_s < RECENT_S
+    return moves, known & sees, sees & (differs > CONTRARY_MPS)
 
 
 def _is_speed(
@@ -300,7 +324,7 @@ def _in_path(
     seen &= tracks.camera.age_s < RECENT_S
     # A box may be of two parked cars. The latest echoes together know a direction as well.
     often = np.where(_is_any(tracks.label, _VEHICLES), BOX_ECHOES, WALKS_ECHOES)
-    echoes = (tracks.radar.hits >= often) & (tracks.radar.age_s < RECENT_S)
+    echoes = (tracks.radar.hits >= often) & (tracks.radar.age_s < HELD_S)
     both = np.minimum(tracks.camera.inside, tracks.radar.inside)
     boxes = np.where(echoes, both, tracks.camera.inside)
     says = np.where(seen, boxes, tracks.radar.inside)
@@ -352,15 +376,18 @@ def _crosses(
     # Networks miss people; what LiDAR and radar see walk is one.
     walks = (tracks.lidar.hits >= WALKS_SIGHTINGS) & (tracks.radar.hits >= SIGHTINGS_MIN)
     # Of what is wide another part is seen while the car goes by: its middle wanders.
-    walks |= (tracks.radar.hits >= WALKS_ECHOES) & _has_walked(tracks, path, across)
+    walks |= (tracks.radar.hits >= WALKS_ECHOES) & _has_walked(tracks, path, across, 0.0)
     # LiDAR goes on from a post to the parked car before it, and across its tail.
     walks &= tracks.radar.age_s < VOUCHED_S
     narrow = tracks.left_m - tracks.right_m < NARROW_M
+    walks &= vy_mps * vy_mps > WALKS_SURE_VARIANCES * tracks.q_vv
     walks &= narrow & (speed > WALKS_MPS) & (np.abs(vx_mps) < WALKS_ALONG_MPS)
     runs = clear & _runs(tracks, path, across, vy_mps)
-    person = (_persons(tracks) | ((tracks.label == 0) & walks)) & (vy_mps != 0.0)
+    person = walks & ((tracks.label == 0) | is_person(tracks.label))
+    person = (_persons(tracks) | person) & (vy_mps != 0.0)
     # A vehicle that comes along a curve is no crossing one, though it goes aside for a while.
-    aside = (speed > np.abs(vx_mps)) | (tracks.x_m < PATH_SURE_M)
+    along = (vx_mps < -COMES_MPS) & (speed < ALONG_SHARE * np.abs(vx_mps))
+    aside = (speed > np.abs(vx_mps)) | ((tracks.x_m < PATH_SURE_M) & ~along)
     seen = _may_be_vehicle(tracks, doppler, narrow, shown)
     vehicle = seen | (runs & (speed > RUNS_NARROW_MPS))
     moves &= person | (vehicle & (speed > CROSSES_MPS) & (driven | runs))
@@ -368,7 +395,7 @@ def _crosses(
     departs = moves & ~person & (leaves < ttc_s - EARLY_LATE_S)
     moves &= (ttc_s < staging.crossing_s) & (leaves > 0.0)
     # The parts of a vehicle that are seen one after the other look like a step across.
-    moves &= person | _has_walked(tracks, path, across)
+    moves &= person | _has_walked(tracks, path, across, closing_mps + vx_mps)
     sure = vy_mps * vy_mps > ALONE_SURE_VARIANCES * tracks.q_vv
     moves &= (tracks.label > 0) | (tracks.lidar.hits >= WALKS_SIGHTINGS) | sure | walks | runs
     passes = np.minimum(LENGTH_M / np.maximum(closing_mps, 1.0), FLANK_SHARE * ttc_s)
@@ -389,7 +416,7 @@ def _runs(
     """What LiDAR alone has seen come from far aside: at a right angle to the path nothing is fast
     along it, and radar does not look so far aside."""
     runs: np.ndarray = (tracks.lidar.hits >= RUNS_SIGHTINGS) & (np.abs(across_mps) > RUNS_MPS)
-    runs &= _has_walked(tracks, path, across_mps)
+    runs &= _has_walked(tracks, path, across_mps, 0.0)
     runs &= vy_mps * vy_mps > ALONE_SURE_VARIANCES * tracks.q_vv
     # In fog nothing is seen so far aside, and LiDAR goes from one thing to the next.
     runs &= np.abs(path.beside_circle_m(tracks.from_x_m, tracks.from_y_m)) > BESIDE_M
@@ -414,15 +441,17 @@ def _may_be_vehicle(
     return seen
 
 
-def _has_walked(tracks: TrackStore, path: CarPath, across_mps: np.ndarray) -> np.ndarray:
+def _has_walked(
+    tracks: TrackStore, path: CarPath, across_mps: np.ndarray, ego_mps: np.ndarray | float
+) -> np.ndarray:
     """Whether tracks have been seen to go on across the path so far as they seem to go now: what is
     seen of a vehicle goes from one of its ends to the other, and no further. Who goes along a curve
     goes aside in the car's axes, and stays as far from the arc. The way since a track was placed
-    last is a guess."""
+    last is a guess. A fast car sees other parts sooner."""
     way_m = path.beside_circle_m(tracks.x_m, tracks.y_m)
     way_m = way_m - path.beside_circle_m(tracks.from_x_m, tracks.from_y_m)
     way_m = np.where(across_mps > 0.0, way_m, -way_m) - np.abs(across_mps) * tracks.placed_s()
-    walked: np.ndarray = way_m > WALKED_M
+    walked: np.ndarray = way_m > WALKED_M + WALKED_S * ego_mps
     return walked
 
 
@@ -485,18 +514,20 @@ def _misses(tracks: TrackStore, beside_m: np.ndarray, half_m: np.ndarray) -> np.
 
 
 def _contradicted(tracks: TrackStore, shown: np.ndarray, health: SensorHealth) -> np.ndarray:
-    """Tracks that the camera alone sees where LiDAR sees the road, or would see a vehicle."""
-    only_camera = tracks.lidar.age_s >= HELD_S
+    """Tracks that LiDAR does not see where it sees the road, or would see them."""
+    unswept = tracks.lidar.age_s >= HELD_S
     sees_road = health.free_to_m[:, None] > tracks.x_m + FREE_MARGIN_M
     would_see = _is_any(tracks.label, _VEHICLES) & shown
-    contradicted: np.ndarray = only_camera & (sees_road | would_see)
+    # What comes near by radar alone is a mirror image of what drives elsewhere.
+    mirrored = (tracks.camera.age_s >= RECENT_S) & shown & (tracks.x_m < PATH_SURE_M)
+    contradicted: np.ndarray = unswept & (sees_road | would_see | mirrored)
     return contradicted
 
 
 def _shown_alone(tracks: TrackStore, shown: np.ndarray) -> np.ndarray:
     """Persons whom the camera alone shows, where LiDAR sees further: how far away he is nobody
     measures, and who walks beside a curve that begins is straight ahead."""
-    alone: np.ndarray = _persons(tracks) & shown & (tracks.lidar.age_s >= HELD_S)
+    alone: np.ndarray = is_person(tracks.label) & shown & (tracks.lidar.age_s >= HELD_S)
     return alone & (tracks.radar.hits < SIGHTINGS_MIN)
 
 
@@ -505,7 +536,9 @@ def _unechoed(tracks: TrackStore, ego: EgoMotion, health: SensorHealth) -> np.nd
     car seems half as far away, and one echo of a guard rail in its direction makes it stand."""
     echoes: np.ndarray = (tracks.radar.hits < BOX_ECHOES) | (tracks.radar.age_s > HELD_S)
     unseen = echoes & (tracks.lidar.age_s >= HELD_S) & _is_any(tracks.label, _VEHICLES)
-    return unseen & (health.radar_sees & (ego.speed_mps > BOX_MPS))[:, None]
+    # A person near by has an echo, too.
+    never = (tracks.radar.hits + tracks.lidar.hits == 0.0) & is_person(tracks.label)
+    return (unseen | never) & (health.radar_sees & (ego.speed_mps > BOX_MPS))[:, None]
 
 
 def drives_in_view(tracks: TrackStore) -> np.ndarray:

@@ -38,6 +38,8 @@ agree with its velocity [-]."""
 HELD_S = 1.0
 """A sensor that measures places and has seen a track so lately tells where it is, though a few
 sweeps may have missed it: the camera's guess does not take its place at once [s]."""
+LOST_S = 0.35
+"""LiDAR that sees a track again after so long begins to count anew [s]."""
 VOUCHED_S = 0.25
 """A sensor that misses what another one has seen so lately says nothing against it: a pedestrian's
 echo comes and goes [s]."""
@@ -69,6 +71,8 @@ BEHIND_M = -2.0
 """Tracks further behind the rear axle are forgotten [m]."""
 KNOWN_VARIANCE = 2.0
 """Variance of a speed that is known [m^2/s^2]."""
+PLACE_GATE = 4.0
+"""Largest squared residual of a place across over its variance [-]."""
 SPEED_GATE = 9.0
 """Largest squared residual of a radial speed over its variance [-]."""
 PROBABILITY_MAX = 0.999
@@ -141,6 +145,8 @@ class TrackStore:
         """Where it was at the age of :data:`SETTLED_S`, a place on the road, in the axes of now."""
         self.agrees = np.ones((slots, TRACKS_MAX))
         """Share of the radial speeds lately that its velocity explains, 1 at first."""
+        self.steady = np.ones((slots, TRACKS_MAX))
+        """Share of the places across lately that its way explains, 1 at first."""
         self.radial_mps = np.zeros((slots, TRACKS_MAX))
         """What radar measures along the ray lately, smoothed."""
         self.probability, self.age_s = _arrays(slots, 2)
@@ -342,6 +348,9 @@ class TrackStore:
         self.y_m = np.where(moved, self.y_m + aside, self.y_m)
         if memory is self.lidar:
             self._begin_along(moved & (step > 0.0), x - self.x_m, sigma, 2.0 * grown)
+        beside = middle - self.y_m
+        fits = beside * beside < PLACE_GATE * (self.q_xx + sideways)
+        self.steady = np.where(moved, self.steady + INSIDE_SHARE * (fits - self.steady), self.steady)
         self._filter(moved, x, middle, sigma * sigma, sideways)
         radial = of(seen.radial_mps)
         told = paired & np.isfinite(radial)
@@ -364,8 +373,10 @@ class TrackStore:
         memory.inside[...] = np.where(
             paired, memory.inside + INSIDE_SHARE * (inside - memory.inside), memory.inside
         )
+        # After a while it may be another thing that LiDAR sees.
+        lost = paired & (memory is self.lidar) & (memory.age_s > LOST_S)
+        memory.hits[...] = np.where(lost, 1.0, memory.hits + paired)
         memory.age_s[...] = np.where(paired, 0.0, memory.age_s)
-        memory.hits[...] = memory.hits + paired
         self.probability = np.where(paired, self._seen_probability(), self.probability)
         if by_camera:
             self._name(paired, of(seen.label))
@@ -575,6 +586,7 @@ class TrackStore:
             "turn_radps": 0.0,
             "accel_mps2": 0.0,
             "agrees": 1.0,
+            "steady": 1.0,
             "radial_mps": np.where(told, radial, 0.0),
             "live": True,
             "label": seen.label[slot, fresh],
