@@ -51,7 +51,7 @@ WALKS_SIGHTINGS = 6
 """LiDAR has to see so often what is taken for walking or crossing, though no camera names it: where
 radar saw it first, LiDAR corrects its direction, which looks like a step aside."""
 WALKED_S = 0.06
-"""What a vehicle has to have gone further across, per speed of the car [s]."""
+"""What a vehicle has to have gone further across, per speed of the car above :data:`BOX_MPS` [s]."""
 WALKS_ECHOES, WALKED_M = 20, 1.5
 """The same of radar, which alone has to have seen him walk so far too: half the width of a car and
 its own error at 50 m [-, m]."""
@@ -70,6 +70,8 @@ RIPE_S = 0.6
 the step from one corner or thing to the next [s]."""
 RECENT_S = 0.5
 """Sensors agree on a track that each of them has seen so lately [s]."""
+ECHOED_S = 0.75
+"""Many echoes have a say so long: of parked cars in a row radar sees now this one, now that [s]."""
 FREE_MARGIN_M = 2.0
 """LiDAR that sees the road so much further than a box says that nothing stands there [m]."""
 REACH_RATIO = 1.2
@@ -85,8 +87,8 @@ narrow as a motorcycle [m/s, m/s, -]."""
 SIGHT_RATIO = 5.0
 """Where sight ends before so many times the distance, LiDAR is near the end of its own [-]."""
 ALONG_SHARE = 0.3
-"""What comes and is no faster across than this share of its speed along the path goes by in the
-other lane: radar sees its middle first and its near corner at last [-]."""
+"""What comes, is no faster across than this share of its speed along the path and is hardly seen by
+LiDAR goes by in the other lane: radar sees its middle first and its near corner at last [-]."""
 BESIDE_M, BESIDE_SIGHTINGS = 9.0, 4
 """What is further aside has a speed across as soon as LiDAR has seen it :data:`RUNS_SIGHTINGS`
 times, or so often if it moves by Doppler: there is no lane in which it would drive along the road
@@ -324,7 +326,7 @@ def _in_path(
     seen &= tracks.camera.age_s < RECENT_S
     # A box may be of two parked cars. The latest echoes together know a direction as well.
     often = np.where(_is_any(tracks.label, _VEHICLES), BOX_ECHOES, WALKS_ECHOES)
-    echoes = (tracks.radar.hits >= often) & (tracks.radar.age_s < HELD_S)
+    echoes = (tracks.radar.hits >= often) & (tracks.radar.age_s < ECHOED_S)
     both = np.minimum(tracks.camera.inside, tracks.radar.inside)
     boxes = np.where(echoes, both, tracks.camera.inside)
     says = np.where(seen, boxes, tracks.radar.inside)
@@ -387,6 +389,7 @@ def _crosses(
     person = (_persons(tracks) | person) & (vy_mps != 0.0)
     # A vehicle that comes along a curve is no crossing one, though it goes aside for a while.
     along = (vx_mps < -COMES_MPS) & (speed < ALONG_SHARE * np.abs(vx_mps))
+    along &= tracks.lidar.hits < WALKS_SIGHTINGS
     aside = (speed > np.abs(vx_mps)) | ((tracks.x_m < PATH_SURE_M) & ~along)
     seen = _may_be_vehicle(tracks, doppler, narrow, shown)
     vehicle = seen | (runs & (speed > RUNS_NARROW_MPS))
@@ -451,7 +454,7 @@ def _has_walked(
     way_m = path.beside_circle_m(tracks.x_m, tracks.y_m)
     way_m = way_m - path.beside_circle_m(tracks.from_x_m, tracks.from_y_m)
     way_m = np.where(across_mps > 0.0, way_m, -way_m) - np.abs(across_mps) * tracks.placed_s()
-    walked: np.ndarray = way_m > WALKED_M + WALKED_S * ego_mps
+    walked: np.ndarray = way_m > WALKED_M + WALKED_S * np.maximum(ego_mps - BOX_MPS, 0.0)
     return walked
 
 

@@ -350,7 +350,9 @@ class TrackStore:
             self._begin_along(moved & (step > 0.0), x - self.x_m, sigma, 2.0 * grown)
         beside = middle - self.y_m
         fits = beside * beside < PLACE_GATE * (self.q_xx + sideways)
-        self.steady = np.where(moved, self.steady + INSIDE_SHARE * (fits - self.steady), self.steady)
+        self.steady = np.where(
+            moved, self.steady + INSIDE_SHARE * (fits - self.steady), self.steady
+        )
         self._filter(moved, x, middle, sigma * sigma, sideways)
         radial = of(seen.radial_mps)
         told = paired & np.isfinite(radial)

@@ -45,6 +45,7 @@ def comes(bends, way_m, lane_m, *, named=True, q_vv=0.1):
         "q_vv": q_vv,
         "right_m": -0.9,
         "left_m": 0.9,
+        "radial_mps": -SPEED_MPS,
         "probability": 0.999,
         "age_s": 3.0,
         "turn_radps": -SPEED_MPS * next(b for s, b in bends_from(bends, way_m) if s > 0),
@@ -216,7 +217,10 @@ def test_a_vehicle_that_crosses_is_braked_for_once_its_speed_across_is_known(lab
     thin = CROSSES | {"right_m": -0.1, "left_m": 0.1}
     assert not beside("car", age_s=0.3, **thin), "a vehicle is no single point of LiDAR"
     assert beside("bicycle", age_s=0.3, **CROSSES), "there is no time to be surer"
-    unsure = CROSSES | {"q_vv": 5.0}
+    unsure = CROSSES | {"q_vv": 2.5}
+    assert beside("bicycle", age_s=0.3, **unsure)
+    assert not beside("bicycle", age_s=0.3, **(CROSSES | {"q_vv": 2.6}))
+    unsure |= {"right_m": -0.3, "left_m": 0.3}
     assert beside("bicycle", age_s=0.3, **unsure)
     once = "the box of somebody on the footway behind a lorry's corner"
     assert not beside("bicycle", age_s=0.3, camera_hits=1, **unsure), once
@@ -431,7 +435,7 @@ def test_boxes_and_many_echoes_have_the_same_say_in_who_is_in_the_path():
     assert not beside("car", radar_hits=5, **parked)
     assert beside("pedestrian", radar_hits=19, **parked), "nobody parks people in rows"
     assert not beside("car", radar_hits=20, **(parked | {"lidar_hits": 1})), "nor one sweep"
-    assert beside("car", radar_hits=20, radar_age_s=0.6, **parked), "echoes of long ago"
+    assert beside("car", radar_hits=20, radar_age_s=0.8, **parked), "echoes of long ago"
     assert beside("car", radar_hits=20, **(parked | {"inside": True}))
     assert not beside("car", radar_hits=4, **(parked | {"lidar_hits": 3})), "LiDAR knows best"
     ahead = parked | {"y_m": 0.0, "inside": True, "boxes_inside": False}
