@@ -2,6 +2,7 @@
 pytest-xdist runs together in one process."""
 
 import atexit
+import gc
 import os
 import re
 import shutil
@@ -82,6 +83,12 @@ def pytest_configure(config: pytest.Config) -> None:
     """For ``tests/again.py``, which runs what failed once more."""
     if getattr(config, "cache", None) is not None and not hasattr(config, "workerinput"):
         config.pluginmanager.register(Ends())
+
+
+def pytest_collection_finish() -> None:
+    """Thousands of tests lie in memory until the end: no collection of garbage goes through them
+    again, which took a sixth of the time."""
+    gc.freeze()
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:

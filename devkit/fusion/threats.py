@@ -51,14 +51,14 @@ WALKS_SIGHTINGS = 6
 """LiDAR has to see so often what is taken for walking or crossing, though no camera names it: where
 radar saw it first, LiDAR corrects its direction, which looks like a step aside."""
 WALKED_S = 0.06
-"""What a vehicle has to have gone further across, per speed of the car above :data:`BOX_MPS` [s]."""
+"""What a vehicle has to have gone further across, per speed of the car above ``BOX_MPS`` [s]."""
 WALKS_ECHOES, WALKED_M = 20, 1.5
 """The same of radar, which alone has to have seen him walk so far too: half the width of a car and
 its own error at 50 m [-, m]."""
 LANE_SURE_M = 1.0
 """Deviation of the lane of what comes and no camera has named, up to which it counts [m]."""
 STEADY_MIN = 0.5
-"""Share of the places across that a track's way has to explain for its speed across to count [-]."""
+"""Share of the places across that a way explains from which on its speed across counts [-]."""
 PERSON_SWEEPS, PERSON_MPS = 4, 8.0
 """Sweeps from which on LiDAR places a person, and the fastest cyclist's speed [-, m/s]."""
 WARNED_S = 0.8
@@ -289,8 +289,9 @@ def _moves_by_doppler(
     tracks: TrackStore, staging: StagingParameters
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Whether a track that radar has seen moves along the ray from the car's front: who crosses
-    has no speed along x; whether radar sees it now; and whether it measures another speed. What radar measures has to be nearer to the
-    track's speed than to none: a track's own may come from places of other and other things."""
+    has no speed along x; whether radar sees it now; and whether radar measures another speed. What
+    it measures has to be nearer to the track's speed than to none: a track's own may come from
+    places of other and other things."""
     ahead_m = np.maximum(tracks.x_m - staging.front_m, 0.1)
     square_m2 = ahead_m * ahead_m + tracks.y_m * tracks.y_m
     root_m = np.sqrt(square_m2)

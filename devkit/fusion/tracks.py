@@ -143,10 +143,9 @@ class TrackStore:
         """Acceleration over ground along x."""
         self.from_x_m, self.from_y_m = _arrays(slots, 2)
         """Where it was at the age of :data:`SETTLED_S`, a place on the road, in the axes of now."""
-        self.agrees = np.ones((slots, TRACKS_MAX))
-        """Share of the radial speeds lately that its velocity explains, 1 at first."""
-        self.steady = np.ones((slots, TRACKS_MAX))
-        """Share of the places across lately that its way explains, 1 at first."""
+        self.agrees, self.steady = np.ones((2, slots, TRACKS_MAX))
+        """Share of radial speeds, and of places across, lately that its velocity explains: 1 at
+        first."""
         self.radial_mps = np.zeros((slots, TRACKS_MAX))
         """What radar measures along the ray lately, smoothed."""
         self.probability, self.age_s = _arrays(slots, 2)
@@ -350,9 +349,7 @@ class TrackStore:
             self._begin_along(moved & (step > 0.0), x - self.x_m, sigma, 2.0 * grown)
         beside = middle - self.y_m
         fits = beside * beside < PLACE_GATE * (self.q_xx + sideways)
-        self.steady = np.where(
-            moved, self.steady + INSIDE_SHARE * (fits - self.steady), self.steady
-        )
+        self.steady += np.where(moved, INSIDE_SHARE * (fits - self.steady), 0.0)
         self._filter(moved, x, middle, sigma * sigma, sideways)
         radial = of(seen.radial_mps)
         told = paired & np.isfinite(radial)
