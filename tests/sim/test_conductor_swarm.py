@@ -27,7 +27,7 @@ from conductor.journal.store import JournalError
 from conductor.serve.engine import ConductorEngine, TurnResult
 from schemas.wire.control import Result
 
-SEEDS = int(os.environ.get("SWARM_SEEDS", "1000"))
+SEEDS = int(os.environ.get("SWARM_SEEDS", "300"))
 BUG_SEEDS = 60
 """A planted bug must show within this many seeds."""
 

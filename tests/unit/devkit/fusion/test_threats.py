@@ -516,3 +516,71 @@ def test_how_far_aside_something_was_counts_from_the_curve():
         assert CarPath(bend).beside_circle_m(*place) == pytest.approx(beside_m, abs=0.1)
         came = beside(bend_per_m=bend, from_x_m=place[0], from_y_m=place[1], **comes)
         assert came == (beside_m > 9.0)
+
+
+PARKED = {"x_m": 18.0, "y_m": -2.4, "vy_mps": 1.5, "q_vv": 0.2, "speed_mps": 12.0}
+"""The gap between two parked cars, which LiDAR and a network take for somebody who walks."""
+
+
+def test_a_person_is_named_by_two_boxes_and_placed_by_four_sweeps():
+    walker = PARKED | {"from_y_m": -3.0, "lidar_hits": 4, "radar_hits": 5, "age_s": 0.5}
+    assert beside("pedestrian", camera_hits=2, **walker)
+    assert not beside("pedestrian", camera_hits=1, **walker)
+    assert not beside("pedestrian", camera_hits=2, **(walker | {"lidar_hits": 3}))
+    assert beside("pedestrian", camera_hits=2, **(walker | {"lidar_hits": 0})), "LiDAR is blind"
+    assert not beside("pedestrian", camera_hits=2, **walker, radial_mps=-11.4), "a car that comes"
+
+
+def test_who_walks_unnamed_has_to_be_surer():
+    walker = PARKED | {"from_y_m": -3.0, "lidar_hits": 7, "radar_hits": 5}
+    assert beside(**walker)
+    assert not beside(**(walker | {"q_vv": 0.26}))
+
+
+def test_a_way_that_its_places_contradict_tells_no_speed_across():
+    assert beside("car", **CROSSES)
+    assert not beside("car", **CROSSES, steady=0.4)
+
+
+def test_what_comes_along_the_other_lane_does_not_cross_by_radar_alone():
+    """Radar sees the middle of a car far ahead and its near corner near by."""
+    comes = {"x_m": 29.0, "y_m": 3.4, "vx_mps": -15.0, "vy_mps": -3.8, "from_y_m": 8.3}
+    comes |= {"from_x_m": 71.0, "right_m": -0.7, "left_m": 0.7, "speed_mps": 13.0, "q_vv": 0.14}
+    assert not beside(lidar_hits=0, radar_hits=22, **comes)
+    assert beside(lidar_hits=6, radar_hits=22, **comes)
+    assert beside(lidar_hits=0, radar_hits=22, **(comes | {"vy_mps": -4.8})), "it turns off"
+
+
+def test_an_echo_of_another_speed_says_that_a_track_goes_from_one_thing_to_the_next():
+    jumps = {"x_m": 13.5, "y_m": 3.0, "vx_mps": 3.0, "vy_mps": -3.0, "lidar_hits": 6}
+    jumps |= {"right_m": -0.6, "left_m": 0.6, "speed_mps": 12.0, "from_y_m": 5.8, "radar_hits": 2}
+    assert beside("car", **jumps, radial_mps=2.0)
+    assert not beside("car", **jumps, radial_mps=-2.5)
+
+
+def test_what_comes_near_by_radar_alone_is_a_mirror_image_where_lidar_would_see_it():
+    image = {"x_m": 28.0, "vx_mps": -10.4, "inside": True, "lidar_hits": 0, "speed_mps": 10.0}
+    assert beside(**image)
+    assert not beside(**image, reach_m=60.0)
+    assert beside("car", **(image | {"lidar_hits": 3}), reach_m=60.0)
+
+
+def test_a_single_box_does_not_agree_that_something_stands():
+    stands = {"x_m": 33.0, "inside": True, "lidar_hits": 0, "radar_hits": 5, "speed_mps": 20.0}
+    assert beside("car", camera_hits=2, **stands)
+    assert not beside("car", camera_hits=1, **stands)
+
+
+def test_a_person_whom_radar_has_never_seen_is_none_at_speed():
+    box = {"x_m": 17.0, "inside": True, "lidar_hits": 0, "camera_hits": 5}
+    assert not beside("pedestrian", **box, radar_hits=0, speed_mps=20.0)
+    assert beside("pedestrian", **box, radar_hits=1, speed_mps=20.0)
+    assert beside("pedestrian", **box, radar_hits=0, speed_mps=9.0)
+    assert beside("pedestrian", **box, radar_hits=0, speed_mps=20.0, has_radar=False)
+
+
+def test_a_fast_car_has_to_see_a_vehicle_come_further_across():
+    comes = CROSSES | {"x_m": 24.0, "from_x_m": 24.0, "vx_mps": 0.0, "y_m": -3.5, "vy_mps": 6.0}
+    assert beside("car", **comes, from_y_m=-5.7, speed_mps=20.0)
+    assert not beside("car", **comes, from_y_m=-5.7, speed_mps=30.0)
+    assert beside("car", **comes, from_y_m=-6.3, speed_mps=30.0)

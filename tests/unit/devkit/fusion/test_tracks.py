@@ -470,3 +470,27 @@ def test_the_place_from_which_a_track_comes_is_that_of_its_second_sweep():
         step(store, sightings([15.0], [y_m], half_m=0.3))
     at = 0, int(np.flatnonzero(store.live[0])[0])
     assert abs(store.from_y_m[at] - 1.0) < 0.6
+
+
+def test_places_that_a_way_does_not_explain_are_counted_against_it():
+    store = TrackStore(1, TrackingParameters())
+    for i in range(12):
+        step(store, sightings([20.0], [-9.0 + 0.5 * i]))
+    assert store.steady[0, 0] > 0.9
+    for _ in range(4):  # what stood behind it is seen now
+        step(store, sightings([20.0], [-5.0]))
+    assert store.live[0, 0] and store.steady[0, 0] < 0.6
+    for _ in range(30):
+        step(store, sightings([20.0], [-5.0]))
+    assert store.steady[0, 0] > 0.9
+
+
+def test_lidar_that_has_lost_a_track_begins_to_count_anew():
+    store = TrackStore(1, TrackingParameters())
+    for _ in range(5):
+        step(store, sightings([20.0], [0.0]))
+    assert store.lidar.hits[0, 0] == 5
+    for _ in range(4):
+        store.predict(np.array([0.1]), np.zeros(1), np.zeros(1))
+    step(store, sightings([20.0], [0.0]))
+    assert store.lidar.hits[0, 0] == 1
