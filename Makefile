@@ -4,13 +4,14 @@ VENV ?= .venv
 BIN = $(VENV)/bin
 PACKAGES = schemas twin devkit conductor viewer hpc drivetwin
 
-.PHONY: help install install-test install-test-all install-train install-bench demo driving test test-all test-rest audit-env faults redteam fuzz soak offline planted mutation check dist licences lock models integer-models console console-pictures site film processors ablation frozen clean
+.PHONY: help install install-test install-test-all install-train install-bench demo driving test test-all test-rest test-long audit-env faults redteam fuzz soak offline planted mutation check dist licences lock models integer-models console console-pictures site film processors ablation frozen clean
 
 help:
 	@echo "make demo     install, then run the eight-case demo campaign (again: resume)"
 	@echo "make test     install what the quick tests need, then run them: some minutes"
 	@echo "make test-all that, then processes, faults, clusters, browsers, torch (half an hour)"
 	@echo "make driving  100 km of free driving on a GPU: PART=1 to 10, COMMIT= the one that froze the stack"
+	@echo "make test-long  what takes minutes each: all faults, oracles, other Pythons (a quarter of an hour)"
 	@echo "make install  create $(VENV) with the pinned dependencies"
 	@echo "make audit-env  $(VENV)-audit with the packages that a certificate lists, by their hashes: CERT=demo.cert"
 	@echo "make faults   the table of docs/reliability.md: a thousand faults on real processes (root)"
@@ -43,17 +44,20 @@ ifeq ($(origin EXTRAS),command line)
 .PHONY: $(VENV)/.installed
 endif
 
-$(VENV)/.installed: pyproject.toml constraints.txt
+$(BIN)/python3:
 	@$(PYTHON) -c 'import sys; v = sys.version_info[:2]; sys.exit(None if (3, 11) <= v < (3, 14) else "Python 3.11, 3.12 or 3.13 is needed, this is %d.%d; use e.g. make PYTHON=python3.12" % v)'
 	$(PYTHON) -m venv $(VENV)
+
+$(VENV)/.installed: pyproject.toml constraints.txt | $(BIN)/python3
 	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[$(EXTRAS)]'
 	@touch $@
 
 install-test: $(VENV)/.installed-test
 
-$(VENV)/.installed-test: $(VENV)/.installed
+# All that `make install` installs, too.
+$(VENV)/.installed-test: pyproject.toml constraints.txt | $(BIN)/python3
 	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[test,check,docs,export,gltf,scenarios,search]'
-	@touch $@
+	@touch $(VENV)/.installed $@
 
 install-test-all: $(VENV)/.installed-test install-train
 
@@ -87,8 +91,12 @@ TESTERS = $(shell expr $$(nproc) + $$(nproc) / 2 + 1)
 test: install-test
 	$(BIN)/pytest $(if $(ARGS),$(ARGS),--lane quick --numprocesses $(TESTERS) --dist loadgroup)
 
-# Every test once.
+# Every test but the long ones once.
 test-all: test test-rest
+
+# The longest ones, or one of N parts of them: TURN=K/N.
+test-long: install-test-all
+	$(BIN)/pytest $(if $(ARGS),$(ARGS),--lane long --part $(or $(TURN),0/1) --numprocesses auto --dist loadgroup)
 
 test-rest: install-test-all
 	$(BIN)/pytest $(if $(ARGS),$(ARGS),--lane rest --numprocesses auto --dist loadgroup)
@@ -101,7 +109,7 @@ audit-env: install
 	$(VENV)-audit/bin/pip install --quiet --disable-pip-version-check --no-deps --require-hashes --requirement build/lock.txt
 	$(VENV)-audit/bin/pip install --quiet --disable-pip-version-check --no-deps --editable .
 
-# More than a thousand faults; goes on where it was stopped. `make test-all` injects each once.
+# More than a thousand faults; goes on where it was stopped. The tests inject each once.
 faults: install-test
 	$(BIN)/python tests/faults/run.py --out build/faults --page docs/reliability.md $(ARGS)
 

@@ -72,10 +72,13 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     """``--lane quick`` is what ``make test`` runs."""
     parser.addoption(
         "--lane",
-        choices=("quick", "rest", "all"),
+        choices=("quick", "rest", "long", "all"),
         default="all",
         help="quick: neither processes and clusters nor browsers and torch, but one run of every "
-        "command; rest: what the quick lane leaves out; all: both (default)",
+        "command; long: what takes minutes; rest: what both leave out; all: everything (default)",
+    )
+    parser.addoption(
+        "--part", default="0/1", help="K/N: of the long lane only the K-th of N parts, from 0 on"
     )
 
 
@@ -92,10 +95,25 @@ def pytest_collection_finish() -> None:
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
-    """The quick lane does not even import files of the other, whose packages may be missing."""
-    if config.getoption("lane") != "quick" or not collection_path.name.startswith("test_"):
+    """A lane does not even import files that have none of its tests: their packages may be missing,
+    and what is not collected takes no time and no memory."""
+    lane = config.getoption("lane")
+    if lane == "all" or not collection_path.name.startswith("test_"):
         return None
-    return None if in_quick_lane(collection_path) else True
+    quick, marked = in_quick_lane(collection_path), collection_path.read_text()
+    has = {
+        "quick": quick,
+        "rest": not quick or "pytest.mark.slow" in marked,
+        "long": "pytest.mark.long" in marked,
+    }
+    return None if has[lane] else True
+
+
+def _lane_of(item: pytest.Item) -> str:
+    if item.get_closest_marker("long"):
+        return "long"
+    slow = item.get_closest_marker("slow") or not in_quick_lane(Path(item.path))
+    return "rest" if slow else "quick"
 
 
 @cache
@@ -107,10 +125,12 @@ def in_quick_lane(path: Path) -> bool:
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Long ones come first: whoever begins one of them last keeps the other cores waiting."""
     if (lane := config.getoption("lane")) != "all":
-        lanes: dict[str, list[pytest.Item]] = {"quick": [], "rest": []}
+        lanes: dict[str, list[pytest.Item]] = {"quick": [], "rest": [], "long": []}
         for item in items:
-            slow = item.get_closest_marker("slow") or not in_quick_lane(Path(item.path))
-            lanes["rest" if slow else "quick"].append(item)
+            lanes[_lane_of(item)].append(item)
+        part, parts = (int(number) for number in config.getoption("part").split("/"))
+        lanes["other parts"] = [i for n, i in enumerate(lanes["long"]) if n % parts != part]
+        lanes["long"] = lanes["long"][part::parts]
         items[:] = lanes.pop(lane)
         for others in lanes.values():
             config.hook.pytest_deselected(items=others)

@@ -57,7 +57,7 @@ FAULTS = {
 HOSTILE = {
     "none": "pass",
     "flood": "for _ in range(10**6): say('command', answer)",
-    "giant": "session.put(f'drive/{RIG}/command', bytes(10**9), congestion_control=BLOCK)",
+    "giant": "session.put(f'drive/{RIG}/command', bytes(4 * 10**8), congestion_control=BLOCK)",
     "forks": "[subprocess.Popen(['sleep', '600']) for _ in range(300)]; threading.Event().wait()",
     "orphans": "subprocess.run(['sh', '-c', 'setsid sleep 600 &']); sys.exit(9)",
     "none again": "pass",
