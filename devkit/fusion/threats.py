@@ -204,10 +204,9 @@ def find_threats(
     shown = health.reach_m[:, None] > REACH_RATIO * tracks.x_m
     clear = health.sight_m[:, None] > SIGHT_RATIO * (tracks.x_m + np.abs(tracks.y_m))
     crosses = _crosses(tracks, path, vx, vy, ttc, closing, doppler, driven, shown, clear, staging)
-    crossing = crosses.meets
     departs = crosses.departs | _passes_by(tracks, ego, vx, ttc, staging)
     ahead = tracks.live & (tracks.x_m > staging.front_m - 1.0)
-    in_way = ahead & ((inside & ~departs) | crossing)
+    in_way = ahead & ((inside & ~departs) | crosses.meets)
     # Networks see cars where none are, once in a while.
     camera = (tracks.camera.age_s < RECENT_S) & ((tracks.camera.hits >= BOXES_MIN) | (vx != 0.0))
     places = np.minimum(tracks.lidar.age_s, tracks.radar.age_s) < RECENT_S
@@ -226,7 +225,7 @@ def find_threats(
     places &= tracks.lidar.hits + tracks.radar.hits >= SIGHTINGS_MIN
     # LiDAR and radar agree on what moves; a guard rail has echoes and points along a whole curve.
     both = (tracks.lidar.age_s < RECENT_S) & (tracks.radar.age_s < RECENT_S)
-    both &= ((vx != 0.0) | crossing) & (tracks.radar.hits >= SIGHTINGS_MIN)
+    both &= ((vx != 0.0) | crosses.meets) & (tracks.radar.hits >= SIGHTINGS_MIN)
     agreed = ((camera & places) | both) & (tracks.probability > staging.agree_probability) & ~denied
     room = np.maximum(gap - staging.stop_gap_m, 0.3)
     fast = np.maximum(closing, 0.0)
