@@ -18,7 +18,7 @@ from unit.twin.world.meshes.gltf.test_gltf_of_others import (
     LARGE,
     REFUSED,
     files,
-    in_lanes,
+    in_lanes,  # pytest.mark.slow for large ones, by which the rest lane finds this file
 )
 
 from twin.world.meshes.mesh_file import load_mesh
