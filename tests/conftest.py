@@ -78,7 +78,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         "command; long: what takes minutes; rest: what both leave out; all: everything (default)",
     )
     parser.addoption(
-        "--part", default="0/1", help="K/N: of the long lane only the K-th of N parts, from 0 on"
+        "--part", default="0/1", help="K/N: of a lane only the K-th of N parts, from 0 on"
     )
 
 
@@ -100,13 +100,19 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
     lane = config.getoption("lane")
     if lane == "all" or not collection_path.name.startswith("test_"):
         return None
-    quick, marked = in_quick_lane(collection_path), collection_path.read_text()
+    return None if lane in _lanes_of(collection_path) else True
+
+
+@cache
+def _lanes_of(path: Path) -> set[str]:
+    """Lanes that may have tests of a file, by what its text says."""
+    quick, text = in_quick_lane(path), path.read_text()
     has = {
         "quick": quick,
-        "rest": not quick or "pytest.mark.slow" in marked,
-        "long": "pytest.mark.long" in marked,
+        "rest": not quick or "pytest.mark.slow" in text,
+        "long": "pytest.mark.long" in text,
     }
-    return None if has[lane] else True
+    return {lane for lane, there in has.items() if there}
 
 
 def _lane_of(item: pytest.Item) -> str:
@@ -125,15 +131,13 @@ def in_quick_lane(path: Path) -> bool:
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Long ones come first: whoever begins one of them last keeps the other cores waiting."""
     if (lane := config.getoption("lane")) != "all":
-        lanes: dict[str, list[pytest.Item]] = {"quick": [], "rest": [], "long": []}
         for item in items:
-            lanes[_lane_of(item)].append(item)
+            if _lane_of(item) not in _lanes_of(Path(item.path)):
+                raise pytest.UsageError(f"{item.nodeid}: no lane finds it; its file names no mark")
         part, parts = (int(number) for number in config.getoption("part").split("/"))
-        lanes["other parts"] = [i for n, i in enumerate(lanes["long"]) if n % parts != part]
-        lanes["long"] = lanes["long"][part::parts]
-        items[:] = lanes.pop(lane)
-        for others in lanes.values():
-            config.hook.pytest_deselected(items=others)
+        chosen = [item for item in items if _lane_of(item) == lane][part::parts]
+        config.hook.pytest_deselected(items=[*{*items}.difference(chosen)])
+        items[:] = chosen
     first = {name: place for place, name in enumerate((*CLUSTER, *LONG, *APART))}
     items.sort(key=lambda item: first.get(Path(item.path).stem, len(first)))
     for item in items:

@@ -25,7 +25,7 @@ MOVING_MPS = 0.8
 SURE_VARIANCES = 4.0
 """Square of a speed over its variance from which on it counts as a speed [-]."""
 PERSON_SURE_VARIANCES = 6.25
-"""The same across of pedestrians and cyclists whom two boxes name: there is no time to be surer."""
+"""The same across of pedestrians and cyclists: networks name gaps between parked cars, too."""
 AWAY_MPS = 2.0
 """Who drives ahead, at least so fast and not slower than the car, is not in the way [m/s]."""
 COMES_MPS = 2.0
@@ -50,11 +50,11 @@ BOXES_MIN = 2
 WALKS_SIGHTINGS = 6
 """LiDAR has to see so often what is taken for walking or crossing, though no camera names it: where
 radar saw it first, LiDAR corrects its direction, which looks like a step aside."""
-WALKED_S = 0.06
-"""What a vehicle has to have gone further across, per speed of the car above ``BOX_MPS`` [s]."""
 WALKS_ECHOES, WALKED_M = 20, 1.5
 """The same of radar, which alone has to have seen him walk so far too: half the width of a car and
 its own error at 50 m [-, m]."""
+WALKED_S = 0.06
+"""What a vehicle has to have gone further across, per speed of the car above ``BOX_MPS`` [s]."""
 LANE_SURE_M = 1.0
 """Deviation of the lane of what comes and no camera has named, up to which it counts [m]."""
 STEADY_MIN = 0.5
@@ -203,7 +203,7 @@ def find_threats(
     driven = doppler | ((vx != 0.0) & ~(echoed & (slow | (tracks.agrees < AGREES_MIN))) & ~contrary)
     shown = health.reach_m[:, None] > REACH_RATIO * tracks.x_m
     clear = health.sight_m[:, None] > SIGHT_RATIO * (tracks.x_m + np.abs(tracks.y_m))
-    crosses = _crosses(tracks, path, vx, vy, ttc, closing, doppler, driven, shown, clear, staging)
+    crosses = _crosses(tracks, path, vx, vy, ttc, speed, doppler, driven, shown, clear, staging)
     departs = crosses.departs | _passes_by(tracks, ego, vx, ttc, staging)
     ahead = tracks.live & (tracks.x_m > staging.front_m - 1.0)
     in_way = ahead & ((inside & ~departs) | crosses.meets)
@@ -259,8 +259,7 @@ def find_threats(
 def _known_across(tracks: TrackStore, path: CarPath, doppler: np.ndarray) -> np.ndarray:
     """Speed across of the tracks of which it is known, 0 of others [m/s]."""
     person = _persons(tracks)
-    twice = tracks.named >= NAMED_BOXES
-    sure = np.where(person & twice, PERSON_SURE_VARIANCES, SURE_VARIANCES)
+    sure = np.where(person, PERSON_SURE_VARIANCES, SURE_VARIANCES)
     # What a camera names and LiDAR has seen often enough is where its points are; but a vehicle is
     # no single point of one.
     placed = (tracks.label > 0) & (tracks.lidar.hits >= SIGHTINGS_MIN)
@@ -348,7 +347,7 @@ def _crosses(
     vx_mps: np.ndarray,
     vy_mps: np.ndarray,
     ttc_s: np.ndarray,
-    closing_mps: np.ndarray,
+    ego_mps: np.ndarray,
     doppler: np.ndarray,
     driven: np.ndarray,
     shown: np.ndarray,
@@ -375,51 +374,51 @@ def _crosses(
     leftwards = across > 0.0
     enters = np.where(leftwards, -half - left, right - half) / safe
     leaves = np.where(leftwards, half - right, left + half) / safe
+    walked_m = _walked_m(tracks, path, across)
     # Networks miss people; what LiDAR and radar see walk is one.
     walks = (tracks.lidar.hits >= WALKS_SIGHTINGS) & (tracks.radar.hits >= SIGHTINGS_MIN)
     # Of what is wide another part is seen while the car goes by: its middle wanders.
-    walks |= (tracks.radar.hits >= WALKS_ECHOES) & _has_walked(tracks, path, across, 0.0)
+    walks |= (tracks.radar.hits >= WALKS_ECHOES) & (walked_m > WALKED_M)
     # LiDAR goes on from a post to the parked car before it, and across its tail.
     walks &= tracks.radar.age_s < VOUCHED_S
     narrow = tracks.left_m - tracks.right_m < NARROW_M
     walks &= vy_mps * vy_mps > WALKS_SURE_VARIANCES * tracks.q_vv
     walks &= narrow & (speed > WALKS_MPS) & (np.abs(vx_mps) < WALKS_ALONG_MPS)
-    runs = clear & _runs(tracks, path, across, vy_mps)
+    runs = clear & _runs(tracks, path, across, vy_mps, walked_m)
     person = walks & ((tracks.label == 0) | is_person(tracks.label))
     person = (_persons(tracks) | person) & (vy_mps != 0.0)
     # A vehicle that comes along a curve is no crossing one, though it goes aside for a while.
-    along = (vx_mps < -COMES_MPS) & (speed < ALONG_SHARE * np.abs(vx_mps))
-    along &= tracks.lidar.hits < WALKS_SIGHTINGS
-    aside = (speed > np.abs(vx_mps)) | ((tracks.x_m < PATH_SURE_M) & ~along)
+    comes_by = (vx_mps < -COMES_MPS) & (speed < ALONG_SHARE * np.abs(vx_mps))
+    comes_by &= tracks.lidar.hits < WALKS_SIGHTINGS
+    aside = (speed > np.abs(vx_mps)) | ((tracks.x_m < PATH_SURE_M) & ~comes_by)
     seen = _may_be_vehicle(tracks, doppler, narrow, shown)
     vehicle = seen | (runs & (speed > RUNS_NARROW_MPS))
     moves &= person | (vehicle & (speed > CROSSES_MPS) & (driven | runs))
     # Braking begins earlier than crossing is foreseen: who turns off has to count until then.
     departs = moves & ~person & (leaves < ttc_s - EARLY_LATE_S)
     moves &= (ttc_s < staging.crossing_s) & (leaves > 0.0)
-    # The parts of a vehicle that are seen one after the other look like a step across.
-    moves &= person | _has_walked(tracks, path, across, closing_mps + vx_mps)
+    # The parts of a vehicle that are seen one after the other look like a step across; a fast car
+    # sees other parts sooner.
+    moves &= person | (walked_m > WALKED_M + WALKED_S * np.maximum(ego_mps - BOX_MPS, 0.0))
     sure = vy_mps * vy_mps > ALONE_SURE_VARIANCES * tracks.q_vv
     moves &= (tracks.label > 0) | (tracks.lidar.hits >= WALKS_SIGHTINGS) | sure | walks | runs
-    passes = np.minimum(LENGTH_M / np.maximum(closing_mps, 1.0), FLANK_SHARE * ttc_s)
-    meets = (
-        moves
-        & (person | aside)
-        & (enters < ttc_s + passes + EARLY_LATE_S)
-        & (leaves > ttc_s - EARLY_LATE_S)
-        & (person | (ttc_s > TOO_LATE_S))
-    )
+    passes = np.minimum(LENGTH_M / np.maximum(ego_mps - vx_mps, 1.0), FLANK_SHARE * ttc_s)
     comes = moves & (person | aside) & (enters < ttc_s + passes + EARLY_LATE_S)
+    meets = comes & (leaves > ttc_s - EARLY_LATE_S) & (person | (ttc_s > TOO_LATE_S))
     return PathCrossing(meets, comes, meets & (enters < IMMINENT_S), departs, walks)
 
 
 def _runs(
-    tracks: TrackStore, path: CarPath, across_mps: np.ndarray, vy_mps: np.ndarray
+    tracks: TrackStore,
+    path: CarPath,
+    across_mps: np.ndarray,
+    vy_mps: np.ndarray,
+    walked_m: np.ndarray,
 ) -> np.ndarray:
     """What LiDAR alone has seen come from far aside: at a right angle to the path nothing is fast
     along it, and radar does not look so far aside."""
     runs: np.ndarray = (tracks.lidar.hits >= RUNS_SIGHTINGS) & (np.abs(across_mps) > RUNS_MPS)
-    runs &= _has_walked(tracks, path, across_mps, 0.0)
+    runs &= walked_m > WALKED_M
     runs &= vy_mps * vy_mps > ALONE_SURE_VARIANCES * tracks.q_vv
     # In fog nothing is seen so far aside, and LiDAR goes from one thing to the next.
     runs &= np.abs(path.beside_circle_m(tracks.from_x_m, tracks.from_y_m)) > BESIDE_M
@@ -444,18 +443,16 @@ def _may_be_vehicle(
     return seen
 
 
-def _has_walked(
-    tracks: TrackStore, path: CarPath, across_mps: np.ndarray, ego_mps: np.ndarray | float
-) -> np.ndarray:
-    """Whether tracks have been seen to go on across the path so far as they seem to go now: what is
-    seen of a vehicle goes from one of its ends to the other, and no further. Who goes along a curve
-    goes aside in the car's axes, and stays as far from the arc. The way since a track was placed
-    last is a guess. A fast car sees other parts sooner."""
+def _walked_m(tracks: TrackStore, path: CarPath, across_mps: np.ndarray) -> np.ndarray:
+    """Way that tracks have been seen to go across the path in the direction in which they seem to
+    go now: what is seen of a vehicle goes from one of its ends to the other, and no further. Who
+    goes along a curve goes aside in the car's axes, and stays as far from the arc. The way since a
+    track was placed last is a guess [m]."""
     way_m = path.beside_circle_m(tracks.x_m, tracks.y_m)
     way_m = way_m - path.beside_circle_m(tracks.from_x_m, tracks.from_y_m)
-    way_m = np.where(across_mps > 0.0, way_m, -way_m) - np.abs(across_mps) * tracks.placed_s()
-    walked: np.ndarray = way_m > WALKED_M + WALKED_S * np.maximum(ego_mps - BOX_MPS, 0.0)
-    return walked
+    way_m = np.where(across_mps > 0.0, way_m, -way_m)
+    walked_m: np.ndarray = way_m - np.abs(across_mps) * tracks.placed_s()
+    return walked_m
 
 
 def _turn(tracks: TrackStore) -> np.ndarray:
