@@ -4,13 +4,12 @@ VENV ?= .venv
 BIN = $(VENV)/bin
 PACKAGES = schemas twin devkit conductor viewer hpc drivetwin
 
-.PHONY: help install install-test install-test-all install-train install-bench demo driving test test-all test-rest test-long audit-env faults redteam fuzz soak offline planted mutation check dist licences lock models integer-models console console-pictures site film processors ablation frozen clean
+.PHONY: help install install-test install-test-all install-train install-bench demo driving test test-all test-rest audit-env faults redteam fuzz soak offline planted mutation check dist licences lock models integer-models console console-pictures site film processors ablation frozen clean
 
 help:
 	@echo "make demo     install, then run the eight-case demo campaign (again: resume)"
 	@echo "make test     install what the quick tests need, then run them: some minutes"
-	@echo "make test-all that, then processes, faults, clusters, browsers, torch (half an hour)"
-	@echo "make test-long  what takes minutes each: all faults, oracles, other Pythons (a quarter of an hour)"
+	@echo "make test-all that, then processes, faults, clusters, browsers, torch (one to three hours)"
 	@echo "make driving  100 km of free driving on a GPU: PART=1 to 10, COMMIT= the one that froze the stack"
 	@echo "make install  create $(VENV) with the pinned dependencies"
 	@echo "make audit-env  $(VENV)-audit with the packages that a certificate lists, by their hashes: CERT=demo.cert"
@@ -91,15 +90,12 @@ TESTERS = $(shell expr $$(nproc) + $$(nproc) / 2 + 1)
 test: install-test
 	$(BIN)/pytest $(if $(ARGS),$(ARGS),--lane quick --numprocesses $(TESTERS) --dist loadgroup)
 
-# Every test but the long ones once.
+# Every test once.
 test-all: test test-rest
 
-# The longest ones, or one of N parts of them: TURN=K/N.
-test-long: install-test-all
-	$(BIN)/pytest $(if $(ARGS),$(ARGS),--lane long --part $(or $(TURN),0/1) --numprocesses auto --dist loadgroup)
-
+# What the quick lane leaves out, or the files of one of N parts of it: TURN=K/N.
 test-rest: install-test-all
-	$(BIN)/pytest $(if $(ARGS),$(ARGS),--lane rest --numprocesses auto --dist loadgroup)
+	$(BIN)/pytest $(if $(ARGS),$(ARGS),--lane rest --part $(or $(TURN),0/1) --numprocesses auto --dist loadgroup)
 
 # An environment with what a certificate lists, and this project: make audit-env CERT=aeb-demo.cert
 audit-env: install

@@ -72,13 +72,13 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     """``--lane quick`` is what ``make test`` runs."""
     parser.addoption(
         "--lane",
-        choices=("quick", "rest", "long", "all"),
+        choices=("quick", "rest", "all"),
         default="all",
         help="quick: neither processes and clusters nor browsers and torch, but one run of every "
-        "command; long: what takes minutes; rest: what both leave out; all: everything (default)",
+        "command; rest: what that leaves out; all: everything (default)",
     )
     parser.addoption(
-        "--part", default="0/1", help="K/N: of a lane only the K-th of N parts, from 0 on"
+        "--part", default="0/1", help="K/N: of the lane's files the K-th of N parts, from 0 on"
     )
 
 
@@ -107,17 +107,11 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
 def _lanes_of(path: Path) -> set[str]:
     """Lanes that may have tests of a file, by what its text says."""
     quick, text = in_quick_lane(path), path.read_text()
-    has = {
-        "quick": quick,
-        "rest": not quick or "pytest.mark.slow" in text,
-        "long": "pytest.mark.long" in text,
-    }
+    has = {"quick": quick, "rest": not quick or "pytest.mark.slow" in text}
     return {lane for lane, there in has.items() if there}
 
 
 def _lane_of(item: pytest.Item) -> str:
-    if item.get_closest_marker("long"):
-        return "long"
     slow = item.get_closest_marker("slow") or not in_quick_lane(Path(item.path))
     return "rest" if slow else "quick"
 
@@ -135,7 +129,9 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
             if _lane_of(item) not in _lanes_of(Path(item.path)):
                 raise pytest.UsageError(f"{item.nodeid}: no lane finds it; its file names no mark")
         part, parts = (int(number) for number in config.getoption("part").split("/"))
-        chosen = [item for item in items if _lane_of(item) == lane][part::parts]
+        chosen = [item for item in items if _lane_of(item) == lane]
+        files = {*sorted({item.path for item in chosen})[part::parts]}
+        chosen = [item for item in chosen if item.path in files]
         config.hook.pytest_deselected(items=[*{*items}.difference(chosen)])
         items[:] = chosen
     first = {name: place for place, name in enumerate((*CLUSTER, *LONG, *APART))}

@@ -41,7 +41,6 @@ def test_all_files_agree(comparisons: Comparisons) -> None:
     assert [result for result in results if not result.agrees] == []
 
 
-@pytest.mark.long
 def test_all_given_standard_variations_agree(comparisons: Comparisons) -> None:
     results = [
         result

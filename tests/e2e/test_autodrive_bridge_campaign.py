@@ -40,7 +40,6 @@ def drive(marked, folder, name, python, workers):
     return json.loads(done.stdout)["fingerprint"]
 
 
-@pytest.mark.long
 @pytest.mark.skipif(bool(missing_today()), reason=missing_today() or "there")
 def test_scripts_of_2020_and_of_today_drive_to_standstill(marked, tmp_path):
     """With the same values: the protocol's generation is no part of a verdict."""

@@ -204,7 +204,6 @@ def test_ctrl_c_at_every_stage(marked, tmp_path, after_s):
 
 
 @pytest.mark.slow
-@pytest.mark.long
 @pytest.mark.parametrize("version", ["3.11", "3.12", "3.13"])
 def test_other_pythons(marked, quiet, tmp_path, version):
     """A fresh clone, its own environment, the same verdicts."""

@@ -277,7 +277,6 @@ def play(programs: list[Program], roads: RoadTables | None) -> list[PlayedScenar
     return play_programs(programs, roads, step_s=STEP_S, every=EVERY, until_s=60.0)
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("tag", RANGES)
 def test_rows_move_as_the_files_of_others(tag: str) -> None:
     plan = load("euro-ncap-2026").rows([tag])

@@ -205,7 +205,6 @@ def test_a_namespace_that_is_deleted(site, kube):
     wait_for(lambda: not kube.live(), "the end of the pods")
 
 
-@pytest.mark.long
 def test_a_cancelled_run_goes_on_with_what_it_had(site, kube, many_here, tmp_path):
     run = site.submitted()
     began = kube.claim(run) / "run" / "conductor.db"
@@ -224,7 +223,6 @@ def test_a_cancelled_run_goes_on_with_what_it_had(site, kube, many_here, tmp_pat
     all_there(site.pulled(tmp_path / "home"), many_here)
 
 
-@pytest.mark.long
 def test_a_queue_of_kueue_decides_when_it_starts(site, kube, many_here, tmp_path):
     run = site.submitted("--partition", "gpu-queue", workers=1)
     said = site.status()

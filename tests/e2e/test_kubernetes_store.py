@@ -114,7 +114,6 @@ def commits(site, url, folder):
     return [(fact.result.case, fact.result.token) for fact in facts]
 
 
-@pytest.mark.long
 @pytest.mark.slow
 def test_a_conductor_that_moves_has_an_empty_disk(site, kube, marked, quiet, tmp_path, monkeypatch):
     """Killed, then lost with its node: nothing is lost, nothing counts twice."""
@@ -193,7 +192,6 @@ def assert_recordings_are_here(read, kube):
         assert stored["complete"]
 
 
-@pytest.mark.long
 @pytest.mark.slow
 def test_recordings_of_pods_are_in_the_store(site, kube, marked, tmp_path, monkeypatch):
     """Pods share no disk with the conductor, and leave nothing behind but what they have put."""

@@ -20,7 +20,6 @@ pytestmark = [
 ]
 
 
-@pytest.mark.long
 def test_submitted_again(marked, cluster, quiet, tmp_path):
     """Signalled as by its own timer, it submits itself again; the values are those of one run."""
     job = Job(marked, cluster, tmp_path, "chaos-16", "--workers", "2", "--scheduler", "pbs")

@@ -31,7 +31,6 @@ def sites(marked, tmp_path, monkeypatch):
         yield made
 
 
-@pytest.mark.long
 def test_each_site_goes_in_turn(sites, marked, tmp_path):
     """Each is cut off and killed in mid-run, one after the other; nothing is lost or differs."""
     out = sites.out

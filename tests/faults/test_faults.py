@@ -50,12 +50,7 @@ def check(folder, extras, plan, peace, workers=1):
 
 
 @pytest.mark.parametrize(
-    "extras",
-    [
-        pytest.param(frozenset({"clock"}), id="least"),
-        pytest.param(EVERYTHING, id="all", marks=pytest.mark.long),
-        pytest.param(STORE, id="store", marks=pytest.mark.long),
-    ],
+    "extras", [frozenset({"clock"}), EVERYTHING, STORE], ids=["least", "all", "store"]
 )
 def test_every_fault_once(tmp_path, peace, extras):
     """First what needs nothing special, then what needs a relay, a viewer, names or a recorder,
@@ -74,7 +69,6 @@ def test_every_fault_is_in_one_of_the_runs():
     assert all(any(f.extras <= run for run in runs) for f in FAULTS.values())
 
 
-@pytest.mark.long
 def test_a_storm(tmp_path, peace):
     stormy = tuple(fault for fault in FAULTS.values() if fault.stormy)
     plan = Plan(stormy, 15, seed=1, pause_s=rows.STORM_PAUSE_S)
