@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections import Counter
+from itertools import combinations
 from pathlib import Path
 
 import pytest
@@ -25,6 +26,7 @@ from twin.scenario.free_driving.chance import Draws, part_seed
 from twin.scenario.free_driving.classes import CLASSES, MOTORWAY, RURAL, STREET
 from twin.scenario.free_driving.ledger import LEDGER_FILE, make_part
 from twin.scenario.free_driving.part import CAMPAIGN_FILE, part_files, shipped_files
+from twin.scenario.free_driving.traffic import scenario_file
 from twin.scenario.storyboard.case.files import load_storyboard
 from twin.scenario.storyboard.native.document import SHIPPED
 
@@ -106,6 +108,14 @@ def test_every_scenario_of_a_part_can_be_played(files, tmp_path, monkeypatch):
             assert program.entities[0].ego
             assert 8 <= len(program.entities) <= 33
             assert program.models[0].politeness < 0.0, "the robot keeps its lane"
+
+
+def test_nobody_on_a_footway_starts_in_somebody_else():
+    for seed in range(1000):
+        actors = scenario_file(STREET, "street.xodr", "street-13", seed)["actors"]
+        walkers = [actor for actor in actors.values() if "footway" in actor]
+        for one, other in combinations(walkers, 2):
+            assert one["footway"] != other["footway"] or abs(one["s_m"] - other["s_m"]) > 0.99
 
 
 def test_what_ships_is_what_is_generated():
