@@ -178,9 +178,9 @@ def _on_this_machine(
         with ExitStack() as at_end:
             computed = at_end.enter_context(side_by_side(place))
             at_end.enter_context(turns(place))
+            keep_to_itself()
             local = local_workers(plan, options)
             at_end.callback(local.stop)
-            keep_to_itself()
             return run_campaign(plan, options, local, computed)
 
     return run_cases

@@ -107,9 +107,9 @@ def made_ready(request: RunRequest) -> Iterator[ReadyRun]:
                 store=request.store,
                 json=request.json,
             )
+            keep_to_itself()  # keys and sessions are nothing for a stack of the same user
             local = local_workers(plan, options)
             at_end.callback(local.stop)
-        keep_to_itself()  # keys and sessions are nothing for a stack of the same user
         yield ReadyRun(plan, options, local, computed)
 
 

@@ -25,15 +25,16 @@ _DRIVE, _FRAMES = "drive", "frames"
 # Ended by the end of its lifeline alone, so that it outlives a worker that is killed. It makes the
 # folder itself, so that none exists before its guard can outlive a kill. A process that has not
 # noticed the end may still put something into the folder while it is removed: so it loses its name
-# first, and is removed again.
+# first, and is removed again. Where another user has taken the second name, it keeps the first.
 _GUARD = """
 trap "" TERM INT HUP
 mkdir -m 700 -- "$0" 2>&1 || exit 1
 echo
 read -r _
-mv -- "$0" "$0-gone"
+gone="$0-gone"
+mv -fT -- "$0" "$gone" 2>/dev/null || gone="$0"
 for _ in 1 2 3 4 5 6 7 8 9 10; do
-  rm -rf -- "$0-gone" 2>/dev/null && exit
+  rm -rf -- "$gone" 2>/dev/null && exit
   sleep 0.5
 done
 """

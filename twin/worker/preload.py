@@ -60,8 +60,7 @@ def await_start(loading: Loading | None) -> WorkerStart:
 def _handed(handover: int) -> str:
     """Endpoint of the conductor's socket that was handed over; its descriptor stays open."""
     with socket.socket(fileno=handover) as ours:
-        _, descriptors, _, _ = socket.recv_fds(ours, 1, 1)
-    os.set_inheritable(descriptors[0], False)
+        _, descriptors, _, _ = socket.recv_fds(ours, 1, 1, socket.MSG_CMSG_CLOEXEC)
     return f"{SOCKET}//proc/self/fd/{descriptors[0]}"
 
 
@@ -79,6 +78,9 @@ def _work(text: str) -> None:
         local: LocalWorker = decode_json(text, LocalWorker)
     except JsonError as error:
         raise UsageError(f"worker -: {error}") from None
+    keep_to_itself()  # its session and its keys are nothing for a stack of the same user
+    if local.handover >= 0:
+        os.set_inheritable(local.handover, False)
     demand_keys()  # whoever typed --insecure says so with the endpoint
     if local.cores:
         stay_on(local.cores)
@@ -91,7 +93,6 @@ def _work(text: str) -> None:
     from twin.fabric.keys.roles import Role
     from twin.worker.shell import Abilities, Worker
 
-    keep_to_itself()  # its session and its keys are nothing for a stack of the same user
     abilities = Abilities.here()  # before it is told, so that it joins at once
     told = await_start(loading)
     path = key_path(told.key_path.absolute(), Role.worker) if told.key_path else None

@@ -4,14 +4,20 @@ from __future__ import annotations
 
 import msgspec
 
+ASKING = b"?"
+"""Byte by which a front asks for its settings and its sockets."""
+
 
 class Settings(msgspec.Struct, frozen=True):
-    """What a front is told, as one line of JSON on standard input; then that is its lifeline."""
+    """What a front is told, as one line of JSON on standard input; then that is its lifeline.
+
+    It is told nothing before it keeps to itself: a process of the same user could read along.
+    """
 
     listener: int
     """Descriptor of the listening socket."""
-    sockets: dict[str, int]
-    """Role -> descriptor of the Unix socket behind."""
+    roles: tuple[str, ...]
+    """Whose Unix sockets behind it are handed over, in this order."""
     fabric: str
     authority: str
     certificate: str

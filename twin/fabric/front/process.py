@@ -26,7 +26,7 @@ from typing import Any
 import msgspec
 
 from twin.base.process import bind_to_parent, keep_to_itself, leave_signals_to_the_parent
-from twin.fabric.front.messages import FrontEvent, Settings
+from twin.fabric.front.messages import ASKING, FrontEvent, Settings
 from twin.fabric.front.rules import (
     FIRST_WORD_S,
     HANDSHAKE_S,
@@ -56,8 +56,10 @@ class _UnwelcomeError(Exception):
 class Front:
     """One listening port."""
 
-    def __init__(self, settings: Settings) -> None:
+    def __init__(self, settings: Settings, sockets: dict[str, int]) -> None:
+        """``sockets``: role -> descriptor of the Unix socket behind."""
         self._settings = settings
+        self._behind = sockets
         self._listener = socket.socket(fileno=settings.listener)
         self._listener.setblocking(False)
         self._context = _context(settings)
@@ -134,7 +136,7 @@ class Front:
     def _check(self, session: Session) -> None:
         """Raise _UnwelcomeError unless the certificate is one to let in."""
         session.take_certificate()
-        if session.fabric != self._settings.fabric or session.role not in self._settings.sockets:
+        if session.fabric != self._settings.fabric or session.role not in self._behind:
             raise _UnwelcomeError("its key is of another fabric or rig")
         if session.end_s <= time.time():
             raise _UnwelcomeError("its key has expired")
@@ -150,7 +152,7 @@ class Front:
 
     def socket_of(self, role: str) -> str:
         """Path of the Unix socket of ``role``: through a descriptor, there is no other."""
-        return f"/proc/self/fd/{self._settings.sockets[role]}"
+        return f"/proc/self/fd/{self._behind[role]}"
 
     def closed(self, session: Session) -> None:
         """Forget a session that is over."""
@@ -441,16 +443,26 @@ def _reason(error: BaseException) -> str:
 
 
 def main() -> None:
-    """Serve what standard input says until it ends."""
+    """Serve what standard input says until it ends.
+
+    Its key and its sockets are nothing for a stack of the same user, so it asks for them, by the
+    socket that its argument names, when nobody can see them here.
+    """
     bind_to_parent()
     leave_signals_to_the_parent()
-    keep_to_itself()  # its key and its sockets are nothing for a stack of the same user
+    keep_to_itself()
+    handover = socket.socket(fileno=int(sys.argv[1]))
+    handover.sendall(ASKING)
     most = resource.getrlimit(resource.RLIMIT_NOFILE)[1]
     resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
     logging.disable()  # asyncio has a line for every stranger
     line = sys.stdin.buffer.readline()
     if line:
-        asyncio.run(Front(msgspec.json.decode(line, type=Settings)).serve())
+        settings = msgspec.json.decode(line, type=Settings)
+        with handover:
+            count = len(settings.roles)
+            _, sockets, _, _ = socket.recv_fds(handover, 1, count, socket.MSG_CMSG_CLOEXEC)
+        asyncio.run(Front(settings, dict(zip(settings.roles, sockets, strict=True))).serve())
 
 
 if __name__ == "__main__":

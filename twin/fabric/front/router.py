@@ -20,7 +20,6 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable
-from pathlib import Path
 
 import msgspec
 
@@ -29,7 +28,7 @@ from twin.base.process import end, how_it_ended, spawn
 from twin.fabric.address import IN_USE
 from twin.fabric.bus import Bus
 from twin.fabric.endpoint import LOOPBACK, host_and_port, to_listen
-from twin.fabric.front.messages import FrontEvent, Settings
+from twin.fabric.front.messages import ASKING, FrontEvent, Settings
 from twin.fabric.keys.authority import inner_key
 from twin.fabric.keys.key_file import MemberKey
 from twin.fabric.keys.revoked import read_revoked
@@ -143,7 +142,7 @@ class Fronted:
 
     def _open(self, namespace: str, connect: str, *, connect_required: bool) -> Bus:
         try:
-            folder = PrivateFolder(Path(tempfile.gettempdir()))  # gone also if we are killed here
+            folder = PrivateFolder()  # gone also if we are killed here
         except OSError as error:
             raise storage_error(error, error.filename or tempfile.gettempdir()) from None
         key = self._key if connect else inner_key()
@@ -200,16 +199,18 @@ class Fronted:
                     return
 
     def _start(self) -> subprocess.Popen[bytes]:
-        process = spawn(
-            [sys.executable, "-m", "twin.fabric.front.process"],
-            descriptors=[self._listener.fileno(), *self._sockets.values()],
-            pipe_output=True,
-            log=open(2, "wb", closefd=False),  # noqa: SIM115
-        )
+        ours, theirs = socket.socketpair()
+        with theirs:
+            process = spawn(
+                [sys.executable, "-m", "twin.fabric.front.process", str(theirs.fileno())],
+                descriptors=[self._listener.fileno(), theirs.fileno()],
+                pipe_output=True,
+                log=open(2, "wb", closefd=False),  # noqa: SIM115
+            )
         self._process = process
         settings = Settings(
             listener=self._listener.fileno(),
-            sockets=self._sockets,
+            roles=tuple(self._sockets),
             fabric=self._key.fabric,
             authority=self._key.authority.decode(),
             certificate=self._key.certificate.decode(),
@@ -217,8 +218,10 @@ class Fronted:
             keys=str(self._key.path.parent),
         )
         assert process.stdin is not None
-        with contextlib.suppress(BrokenPipeError, ValueError):  # it died, or is to end
-            process.stdin.write(msgspec.json.encode(settings) + b"\n")
+        with contextlib.suppress(OSError, ValueError), ours:  # it died, or is to end
+            if ours.recv(1) == ASKING:
+                socket.send_fds(ours, [b"\n"], list(self._sockets.values()))
+                process.stdin.write(msgspec.json.encode(settings) + b"\n")
         return process
 
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import functools
+import os
 import socket
 import ssl
+import tempfile
 import threading
 from collections import Counter
 from collections.abc import Iterator
@@ -223,6 +225,26 @@ def test_a_front_begins_when_somebody_connects(tmp_path: Path) -> None:
         child.close()
     finally:
         door.fronted.close()
+
+
+def test_its_sockets_had_names_where_only_their_user_looks(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Containers are shown the temporary folder, which may also have too long a name."""
+    long = tmp_path / ("x" * 100)
+    long.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(long))
+    key = load_key(make_keys(tmp_path / "keys"), Role.conductor)
+    with tempfile.TemporaryDirectory(dir="/tmp") as runtime:
+        monkeypatch.setenv("XDG_RUNTIME_DIR", runtime)
+        fronted = Fronted("tls/127.0.0.1:0", "twin", key, lambda _: None)
+        try:
+            name = Path(f"/proc/self/fd/{fronted.socket_of(Role.worker)}").readlink()
+            assert name.parents[1] == Path(runtime)
+            assert str(name).endswith("/worker (deleted)")
+            assert os.listdir(runtime) == []
+        finally:
+            fronted.close()
 
 
 def test_a_front_begins_when_a_key_is_withdrawn(door: Door) -> None:

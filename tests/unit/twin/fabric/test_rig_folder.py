@@ -5,9 +5,11 @@ import queue
 import stat
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import pytest
+from other_users import AS_ROOT, DAEMON, NOBODY, PYTHON, started_by
 from waiting import PATIENCE_S, wait_for
 
 from twin.base.errors import InfrastructureError
@@ -79,6 +81,45 @@ def test_it_goes_though_a_process_still_writes_into_it():
     finally:
         writer.kill()
         writer.communicate()
+
+
+KEEP = """
+import sys
+from pathlib import Path
+from twin.fabric.rig_folder import PrivateFolder
+folder = PrivateFolder(Path("/tmp"))
+(folder.path / "worker").touch()
+print(folder.path, flush=True)
+sys.stdin.readline()
+folder.close()
+"""
+
+TAKE = {
+    "a folder for all": "os.mkdir(path); os.chmod(path, 0o777)",
+    "a folder": "os.mkdir(path)",
+    "a link": "os.symlink(sys.argv[2], path)",
+}
+"""What another user puts where the folder goes before it is removed."""
+
+
+@AS_ROOT
+@pytest.mark.parametrize("what", TAKE)
+def test_another_user_does_not_keep_it_from_going(what):
+    with tempfile.TemporaryDirectory(dir="/tmp") as elsewhere:
+        Path(elsewhere).chmod(0o777)
+        owner = started_by(NOBODY, ["-c", KEEP], stdout=subprocess.PIPE)
+        path = Path(owner.stdout.readline().strip())
+        taken = Path(f"{path}-gone")
+        take = f"import os, sys; path = sys.argv[1]; {TAKE[what]}"
+        words = [PYTHON, "-c", take, str(taken), elsewhere]
+        subprocess.run(words, check=True, user=DAEMON, group=DAEMON)
+        try:
+            owner.communicate("\n", timeout=PATIENCE_S)
+            assert not path.exists()
+            assert os.listdir(elsewhere) == []
+            assert what == "a link" or os.listdir(taken) == []
+        finally:
+            subprocess.run(["rm", "-rf", "--", str(path), str(taken)], check=True)
 
 
 def test_no_folder_is_one_error(tmp_path):

@@ -7,6 +7,7 @@ keep their order.
 """
 
 import base64
+import contextlib
 import json
 import socket
 import threading
@@ -16,6 +17,8 @@ import zenoh
 from waiting import PATIENCE_S
 
 from schemas.wire import topics
+from twin.fabric.endpoint import SOCKET
+from twin.fabric.front.router import Fronted
 from twin.fabric.keys import rights
 from twin.fabric.keys.authority import load_authority, make_keys
 from twin.fabric.keys.key_file import UnfitKeyError, WrongRoleError, load_key
@@ -46,16 +49,20 @@ def keys(tmp_path_factory):
 
 
 def lawless(endpoint, key, namespace=NAMESPACE):
-    """A session that shows ``key`` and has no access list: it tries everything.
+    """A session that shows ``key``, or none, and has no access list: it tries everything.
 
     ``namespace`` None: its keys are whole ones, of any namespace.
     """
     config = zenoh.Config()
-    own = {
-        "connect_certificate_base64": base64.b64encode(key.certificate).decode(),
-        "connect_private_key_base64": base64.b64encode(key.private).decode(),
-        "root_ca_certificate_base64": base64.b64encode(key.authority).decode(),
-    }
+    own = (
+        {}
+        if key is None
+        else {
+            "connect_certificate_base64": base64.b64encode(key.certificate).decode(),
+            "connect_private_key_base64": base64.b64encode(key.private).decode(),
+            "root_ca_certificate_base64": base64.b64encode(key.authority).decode(),
+        }
+    )
     for name, value in {
         "mode": "client",
         **({"namespace": namespace} if namespace is not None else {}),
@@ -200,13 +207,20 @@ TRIES = {
 }
 
 
-def open_to_the_end(keys, monkeypatch):
-    """A router with the fabric's access list, and END allowed to everybody."""
+@contextlib.contextmanager
+def end_allowed(monkeypatch):
+    """Sessions that are opened meanwhile allow END to everybody."""
     open_end = {
         role: {act: (*allowed.get(act, ()), END) for act in Act} for role, allowed in MAY.items()
     }
     with monkeypatch.context() as patched:
         patched.setattr(rights, "MAY", open_end)
+        yield
+
+
+def open_to_the_end(keys, monkeypatch):
+    """A router with the fabric's access list, and END allowed to everybody."""
+    with end_allowed(monkeypatch):
         return open_bus(
             "router", listen=["tls/127.0.0.1:0"], key=keys[Role.conductor], namespace=NAMESPACE
         )
@@ -227,6 +241,25 @@ def test_every_role_at_every_key(keys, monkeypatch):
                     denied += len(KEYS) - len(expected)
     router.close()
     assert denied > 900, "and most of it is denied"
+
+
+def test_who_comes_past_the_front_may_do_what_a_worker_may(keys, monkeypatch):
+    """By the socket that workers of a run are handed, and without a key: the same at every key."""
+    with end_allowed(monkeypatch):
+        fronted = Fronted("tls/127.0.0.1:0", NAMESPACE, keys[Role.conductor], lambda _: None)
+    door = f"{SOCKET}//proc/self/fd/{fronted.socket_of(Role.worker)}"
+    try:
+        with (
+            lawless(fronted.bus.endpoints[0], keys[Role.conductor]) as member,
+            lawless(door, None) as tested,
+        ):
+            for act, attempt in TRIES.items():
+                asked = [*KEYS, "**"] if act is Act.ask else KEYS
+                assert attempt(tested, member) == {
+                    key for key in asked if may(Role.worker, act, key)
+                }, act
+    finally:
+        fronted.close()
 
 
 def test_who_is_alive_is_listed_to_those_who_may_watch(keys, monkeypatch):

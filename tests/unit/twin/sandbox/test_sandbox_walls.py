@@ -207,6 +207,47 @@ def test_no_process_of_others_is_seen_signalled_or_traced():
         assert found["clone3"] == [-1, 38]
 
 
+TAKE = """
+import ctypes, json, os, socket, sys
+pid, descriptor = map(int, sys.argv[1:])
+path, said = f"/proc/{pid}/fd/{descriptor}", []
+for attempt in (
+    lambda: os.readlink(path),
+    lambda: os.open(path, os.O_PATH),
+    lambda: socket.socket(socket.AF_UNIX).connect(path),
+):
+    try:
+        attempt()
+        said.append("done")
+    except OSError as error:
+        said.append(error.strerror)
+taken = ctypes.CDLL(None).syscall(438, os.pidfd_open(pid), descriptor, 0)
+print(json.dumps([*said, taken >= 0]))
+"""
+"""Ways to a socket without a name that another process has open."""
+
+
+def test_no_open_file_of_a_process_that_it_sees():
+    """On a GPU processes of the host are seen, also such as do not keep to themselves."""
+    with socket.socket(socket.AF_UNIX) as listener, tempfile.TemporaryDirectory() as short:
+        listener.bind(f"{short}/worker")
+        listener.listen()
+        descriptor = os.open(f"{short}/worker", os.O_PATH | os.O_CLOEXEC)
+        (Path(short) / "worker").unlink()
+        holder = subprocess.Popen(["sleep", "600"], pass_fds=[descriptor])
+        try:
+            words = [holder.pid, descriptor]
+            outside = [sys.executable, "-c", TAKE, *map(str, words)]
+            done = subprocess.run(outside, capture_output=True, text=True, check=True)
+            seen = inside(TAKE, *words, shared=["processes", "ipc"])
+        finally:
+            holder.kill()
+            holder.wait()
+            os.close(descriptor)
+    assert json.loads(done.stdout)[:3] == ["done", "done", "done"], "without a sandbox"
+    assert seen == [*["Permission denied"] * 3, False]
+
+
 @contextmanager
 def started(code):
     """A process in a sandbox that runs ``code``, and its log."""

@@ -1,15 +1,18 @@
 """What conductors, workers and simulators have in memory is nothing for a stack of their user."""
 
 import contextlib
-import os
+import socket
 import subprocess
-import sys
 import tempfile
 from pathlib import Path
 
 import psutil
 import pytest
+from other_users import AS_ROOT, NOBODY, PYTHON, environment, started_by
 from waiting import PATIENCE_S, wait_for
+
+from twin.fabric.discovery import find_conductor
+from twin.fabric.endpoint import host_and_port
 
 LOOK = """
 import sys
@@ -31,20 +34,7 @@ print("runs", flush=True)
 sys.stdin.read()
 """
 
-
-NOBODY = 65534
-PYTHON = "/usr/bin/python3"
-"""One that every user may start."""
-
-pytestmark = pytest.mark.skipif(
-    os.getuid() != 0 or not Path(PYTHON).exists(), reason="takes another user's place"
-)
-
-
-def environment():
-    """Ours and the packages, without this Python's own."""
-    folders = [folder for folder in sys.path if folder and not folder.startswith(sys.base_prefix)]
-    return {"PYTHONPATH": os.pathsep.join(folders)}
+pytestmark = AS_ROOT
 
 
 @pytest.mark.parametrize("how", ["kept", "open"])
@@ -81,8 +71,8 @@ def test_a_worker_and_its_simulator_keep_theirs():
         worker = started(folder, "twin", "worker", "-", '{"load_simulator": true}')
         try:
             simulator = wait_for(lambda: child_of(worker, "sim"), "a simulator")
-            for pid in (simulator.pid, worker.pid):
-                wait_for(lambda pid=pid: owner_of(pid) == 0, "files of root's")
+            assert owner_of(worker.pid) == 0, "what it is handed comes while others load"
+            wait_for(lambda: owner_of(simulator.pid) == 0, "files of root's")
         finally:
             worker.communicate(timeout=PATIENCE_S)
         wait_for(lambda: not list(Path(folder).glob("twin-*")), "the end of the rig's folder")
@@ -100,6 +90,55 @@ def test_a_conductor_keeps_its_own():
             conductor.communicate(timeout=PATIENCE_S)
 
 
+WATCH = """
+import os, sys, time
+seen = kept = set()
+print("looks", flush=True)
+while not kept:
+    for pid in filter(str.isdigit, os.listdir("/proc")):
+        try:
+            with open(f"/proc/{pid}/stat") as stat, open(f"/proc/{pid}/cmdline") as words:
+                parent = stat.read().rpartition(")")[2].split()[1]
+                if parent != sys.argv[1] or sys.argv[2] not in words.read():
+                    continue
+            for name in os.listdir(f"/proc/{pid}/fd"):
+                seen = seen | {os.readlink(f"/proc/{pid}/fd/{name}")}
+        except PermissionError:
+            kept = kept | {pid}
+        except OSError:
+            pass
+print(*sorted(seen), sep="\\n")
+"""
+"""A process of another program of the user, which looks at what a child of a process has open, from
+its start until it keeps to itself."""
+
+
+FRONT = "twin.fabric.front.process"
+
+
+def test_a_front_has_no_socket_of_a_role_before_it_keeps_to_itself():
+    """It begins when anybody connects, so anybody may choose the moment to look."""
+    with tempfile.TemporaryDirectory(dir="/tmp") as folder:
+        Path(folder).chmod(0o777)
+        conductor = started(folder, "conductor", "serve", "--state", f"{folder}/state")
+        try:
+            state = Path(folder) / "state"
+            wait_for((state / "conductor.json").exists, "a conductor that listens")
+            at, seen = host_and_port(find_conductor(state).endpoint), []
+            while not seen:  # or it came too late
+                words = ["-c", WATCH, str(conductor.pid), FRONT]
+                spy = started_by(NOBODY, words, folder, stdout=subprocess.PIPE)
+                assert spy.stdout.readline() == "looks\n"
+                with socket.create_connection(at):
+                    seen = spy.communicate(timeout=PATIENCE_S)[0].splitlines()
+                if front := child_of(conductor, FRONT):
+                    front.kill()  # another one begins
+        finally:
+            conductor.terminate()
+            conductor.communicate()
+    assert [each for each in seen if "twin-" in each] == []
+
+
 STORE = """
 import sys
 from twin.stores.apart import StoreApart
@@ -113,8 +152,8 @@ sys.stdin.read()
 def test_the_process_of_a_store_keeps_its_own():
     with tempfile.TemporaryDirectory(dir="/tmp") as folder:
         Path(folder).chmod(0o777)
-        words = [PYTHON, "-c", STORE, f"{folder}/store"]
-        with run_by_nobody(folder, words, subprocess.PIPE) as conductor:
+        words = ["-c", STORE, f"{folder}/store"]
+        with started_by(NOBODY, words, folder, stdout=subprocess.PIPE) as conductor:
             pid = int(conductor.stdout.readline())
             wait_for(lambda: owner_of(pid) == 0, "files of root's")
             conductor.kill()
@@ -122,19 +161,7 @@ def test_the_process_of_a_store_keeps_its_own():
 
 def started(folder, *command):
     """A program of ours that nobody runs."""
-    return run_by_nobody(folder, [PYTHON, "-m", *command], subprocess.DEVNULL)
-
-
-def run_by_nobody(folder, words, output):
-    return subprocess.Popen(
-        words,
-        stdin=subprocess.PIPE,
-        stdout=output,
-        cwd=folder,
-        user=NOBODY,
-        group=NOBODY,
-        env={**environment(), "HOME": folder, "TMPDIR": folder},
-    )
+    return started_by(NOBODY, ["-m", *command], folder, stdout=subprocess.DEVNULL)
 
 
 def child_of(worker, word):
