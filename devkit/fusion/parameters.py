@@ -99,6 +99,9 @@ class StagingParameters(Struct, frozen=True, forbid_unknown_fields=True):
     full_deceleration_mps2: Annotated[float, Meta(gt=0, le=10)] = 3.0
     """Deceleration that would still stop the car in time, from which on it brakes fully
     [m/s^2], above 0 to 10: the partial brake gives 3.3, and all that there is on snow."""
+    standing_deceleration_mps2: Annotated[float, Meta(gt=0, le=10)] = 4.5
+    """The same for what stands [m/s^2], above 0 to 10. The partial brake alone stops for what was
+    seen early, and a car that was mistaken sees that meanwhile. A wet road gives 6."""
     stop_gap_m: Annotated[float, Meta(ge=0, le=10)] = 2.0
     """Gap to the obstacle at which the car wants to stand [m], 0 to 10."""
     agree_probability: Annotated[float, Meta(gt=0, lt=1)] = 0.9

@@ -54,7 +54,8 @@ class Stages:
             threats.single & (threats.ttc_s < p.single_ttc_s)
         )
         near &= threats.needed_mps2 > p.partial_deceleration_mps2
-        late = near & (threats.needed_mps2 > p.full_deceleration_mps2)
+        full_mps2 = np.where(threats.stands, p.standing_deceleration_mps2, p.full_deceleration_mps2)
+        late = near & (threats.needed_mps2 > full_mps2)
         keep_m = p.partial_ttc_s * np.maximum(ego.speed_mps, p.cruise_speed_mps)[:, None]
         in_way = near.any(axis=1)
         blocked = in_way | (threats.blocking & (threats.gap_m < keep_m + p.stop_gap_m)).any(axis=1)

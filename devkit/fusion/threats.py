@@ -57,7 +57,7 @@ WALKED_S = 0.06
 """What a vehicle has to have gone further across, per speed of the car above ``BOX_MPS`` [s]."""
 LANE_SURE_M = 1.0
 """Deviation of the lane of what comes and no camera has named, up to which it counts [m]."""
-STEADY_MIN = 0.5
+STEADY_MIN = 0.7
 """Share of the places across that a way explains from which on its speed across counts [-]."""
 PERSON_SWEEPS, PERSON_MPS = 4, 8.0
 """Sweeps from which on LiDAR places a person, and the fastest cyclist's speed [-, m/s]."""
@@ -148,6 +148,8 @@ class Threats:
     """Time to collision, :data:`TIME_MAX_S` of what does not come nearer."""
     needed_mps2: np.ndarray
     """Deceleration that would still end before it."""
+    stands: np.ndarray
+    """bool: it stands in the path, as far as is known."""
 
 
 def _is_any(values: np.ndarray, wanted: tuple[int, ...]) -> np.ndarray:
@@ -161,10 +163,17 @@ def _persons(tracks: TrackStore) -> np.ndarray:
     """Whom a camera names a pedestrian or cyclist. One box does not make one: networks take posts
     for people once in a while, and gaps between parked cars. Nor do three sweeps of something that
     is nowhere else a moment later; and nobody is faster than a cyclist."""
-    named = (tracks.named >= NAMED_BOXES) & is_person(tracks.label)
+    named = tracks.named >= NAMED_BOXES
     unseen = tracks.lidar.age_s >= HELD_S
     named &= unseen | (tracks.lidar.hits >= PERSON_SWEEPS)
-    result: np.ndarray = named & (np.abs(tracks.radial_mps) < PERSON_MPS)
+    return named & _on_foot(tracks)
+
+
+def _on_foot(tracks: TrackStore) -> np.ndarray:
+    """Who is called a pedestrian or cyclist and is not faster than one: networks call oncoming cars
+    people, too."""
+    slow = np.abs(tracks.radial_mps) < PERSON_MPS
+    result: np.ndarray = is_person(tracks.label) & slow
     return result
 
 
@@ -246,14 +255,14 @@ def find_threats(
     now &= ~drives_on | (needed > staging.following_deceleration_mps2)
     # What no camera names and what stands may be beside a curve that has not begun; what comes may
     # be in the other lane of one in which the car is.
-    _, lane_sigma_m = _lane_of(tracks)
-    comes = straight & (lane_sigma_m < LANE_SURE_M)
+    comes = straight & (_lane_of(tracks)[1] < LANE_SURE_M)
     known = np.where(vx < -COMES_MPS, comes, (vx != 0.0) | late)
     named = (tracks.label > 0) | (gap < PATH_SURE_M) | known
     # Where the car turns, nobody knows how the road goes on for what stands far ahead.
     now &= straight | (gap < PATH_SURE_M) | (vx != 0.0) | late
     foreseen = by_two | by_one | (ahead & probable & _echoes_on(tracks, ego, ttc, staging))
-    return Threats(by_two & now, by_one & now & named, foreseen, blocking, gap, ttc, needed)
+    stands = (vx == 0.0) & ~crosses.meets
+    return Threats(by_two & now, by_one & now & named, foreseen, blocking, gap, ttc, needed, stands)
 
 
 def _known_across(tracks: TrackStore, path: CarPath, doppler: np.ndarray) -> np.ndarray:
@@ -320,8 +329,10 @@ def _in_path(
     """Whether tracks are in the path, to brake for and to stay braked for: LiDAR says so where it
     sees them, then the camera, then radar. Nobody is in it whose place is far beside it."""
     # The camera's directions at the radar's distance are better than the radar's own.
-    # One or two boxes are no measurement, where radar has made some.
+    # One or two boxes are no measurement, where radar has made some, unless both lie beside the
+    # path: one wide box of two cars takes their track to the middle between them.
     seen = (tracks.camera.hits >= SIGHTINGS_MIN) | (tracks.radar.hits < SIGHTINGS_MIN)
+    seen |= (tracks.camera.hits >= BOXES_MIN) & (tracks.camera.inside < STAYS_MIN)
     seen &= tracks.camera.age_s < RECENT_S
     # A box may be of two parked cars. The latest echoes together know a direction as well.
     often = np.where(_is_any(tracks.label, _VEHICLES), BOX_ECHOES, WALKS_ECHOES)
@@ -475,7 +486,7 @@ def _passes_by(
     the road, so the road at its place runs as its way does, and is half of that times the distance
     aside.
     """
-    comes = (vx_mps < -COMES_MPS) & ~is_person(tracks.label)
+    comes = (vx_mps < -COMES_MPS) & ~_on_foot(tracks)
     ahead_m = staging.front_m + ego.speed_mps[:, None] * ttc_s
     turned = 0.5 * _turn(tracks) * tracks.vx_mps * ttc_s
     beside_m = tracks.y_m + (tracks.vy_mps + turned) * ttc_s

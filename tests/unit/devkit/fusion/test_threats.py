@@ -394,6 +394,22 @@ def test_two_boxes_are_no_measurement_where_radar_has_made_some():
     assert beside("car", camera_hits=2, **(comes | {"radar_hits": 2, "lidar_hits": 3})) is False
 
 
+def test_two_boxes_beside_the_path_are_a_measurement():
+    """A box of two cars that come one behind the other draws their track towards the own lane."""
+    comes = {"x_m": 26.0, "y_m": 1.77, "vx_mps": -13.35, "right_m": -2.24, "left_m": 2.24}
+    comes |= {"lidar_hits": 0, "inside": True, "boxes_inside": False, "speed_mps": 9.9}
+    assert beside("car", camera_hits=1, **comes)
+    assert not beside("car", camera_hits=2, **comes)
+
+
+def test_who_is_called_a_person_and_is_as_fast_as_a_car_comes_along_the_other_lane():
+    comes = {"x_m": 16.2, "y_m": 1.88, "vx_mps": -25.28, "vy_mps": 3.29, "q_vv": 1.7, "p_vv": 0.6}
+    comes |= {"right_m": -0.48, "left_m": 0.48, "lidar_hits": 0, "inside": True, "speed_mps": 19.3}
+    comes |= {"from_x_m": 18.1, "from_y_m": 0.44, "age_s": 0.4}
+    assert not beside("pedestrian", camera_hits=4, radar_hits=1, **comes)
+    assert beside("pedestrian", camera_hits=4, radar_hits=1, **(comes | {"vx_mps": -5.0}))
+
+
 def test_a_person_whom_the_camera_alone_shows_is_braked_for_late():
     """Where a curve begins, who walks beside it is straight ahead, and nobody measures how far."""
     walker = {"x_m": 26.0, "y_m": 0.2, "vx_mps": 0.0, "vy_mps": 0.0, "lidar_hits": 0}
@@ -539,7 +555,7 @@ def test_who_walks_unnamed_has_to_be_surer():
 
 def test_a_way_that_its_places_contradict_tells_no_speed_across():
     assert beside("car", **CROSSES)
-    assert not beside("car", **CROSSES, steady=0.4)
+    assert not beside("car", **CROSSES, steady=0.62)
 
 
 def test_what_comes_along_the_other_lane_does_not_cross_by_radar_alone():
