@@ -177,14 +177,13 @@ def _parked(road_class: RoadClass, draws: Draws, actors: dict[str, Any]) -> None
 
 def _people(road_class: RoadClass, draws: Draws, actors: dict[str, Any]) -> None:
     """Pedestrians on the footways and a cyclist who comes towards the ego."""
-    taken: list[tuple[str, float]] = []
     for number in range(4):
         kind = draws.one_of(("pedestrian", "pedestrian", "child"))
         footway = draws.one_of(("right", "left"))
         s_m = road_class.begin_m + draws.between(30.0, road_class.drive_m)
-        while any(side == footway and abs(s_m - other_m) < 1.0 for side, other_m in taken):
+        beside = [other for other in actors.values() if other.get("footway") == footway]
+        while any(abs(s_m - other["s_m"]) < 1.0 for other in beside):
             s_m = round(s_m + 1.0, 1)  # nobody starts in somebody else
-        taken.append((footway, s_m))
         actors[f"walker_{number + 1}"] = {
             "kind": kind,
             "footway": footway,
