@@ -131,3 +131,17 @@ class CarPath:
         grown = np.asarray(self.grows_per_m2) * way
         aside: np.ndarray = grown * (way * way / 6.0 + 0.5 * rest * (way + rest))
         return aside
+
+
+@dataclass(frozen=True, slots=True)
+class EyePlaces:
+    """Where cameras sit and where the cars are going."""
+
+    x_m: np.ndarray
+    """Camera before the rear axle, [S]."""
+    y_m: np.ndarray
+    """Camera left of the middle, [S]."""
+    path: CarPath
+    """Of the cars, arrays [S]."""
+    corridor_half_m: float
+    """Half width of the path."""

@@ -12,9 +12,10 @@ from devkit.fusion.health import SensorHealth
 from devkit.fusion.lidar_objects import SweepObjects, find_objects
 from devkit.fusion.lidar_points import LidarView
 from devkit.fusion.parameters import FusionSensors, TrackingParameters
+from devkit.fusion.path import EyePlaces
 from devkit.fusion.radar_objects import Mounts, RadarView, group_frames
 from devkit.fusion.sightings import Sightings
-from devkit.fusion.tracks import EyePlaces, TrackStore
+from devkit.fusion.tracks import TrackStore
 from devkit.images import on_host
 from devkit.reference.view import CameraView
 from devkit.stack import Observation

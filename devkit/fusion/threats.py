@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from devkit.fusion.doubles import doubles
 from devkit.fusion.ego_motion import EgoMotion
 from devkit.fusion.health import SensorHealth
 from devkit.fusion.parameters import StagingParameters
@@ -276,8 +277,10 @@ def _known_across(tracks: TrackStore, path: CarPath, doppler: np.ndarray) -> np.
     comes = tracks.lidar.hits >= np.where(doppler, BESIDE_SIGHTINGS, RUNS_SIGHTINGS)
     comes &= np.abs(path.beside_circle_m(tracks.x_m, tracks.y_m)) > BESIDE_M
     ripe = person | placed | comes | (tracks.age_s > RIPE_S)
-    # A filter that what it sees contradicts, place after place, knows no speed either.
-    ripe &= tracks.steady > STEADY_MIN
+    # A filter that what it sees contradicts, place after place, knows no speed either. But who is
+    # followed driving ahead and turns off shows his flank then, bit by bit.
+    followed = doppler & (tracks.radar.hits >= WALKS_ECHOES) & (tracks.vx_mps > AWAY_MPS)
+    ripe &= ((tracks.steady > STEADY_MIN) | followed) & ~doubles(tracks)
     known = ripe & _is_speed(tracks.vy_mps, tracks.q_vv, sure)
     return np.where(known, tracks.vy_mps, 0.0)
 

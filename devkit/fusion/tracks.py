@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from devkit.fusion.parameters import TrackingParameters
-from devkit.fusion.path import CarPath
+from devkit.fusion.path import EyePlaces
 from devkit.fusion.sightings import Sightings, is_person
 
 TRACKS_MAX = 32
@@ -99,20 +99,6 @@ class SensorMemory:
         """Nothing remembered."""
         inside, hits = _arrays(slots, 2)
         return cls(np.full((slots, TRACKS_MAX), 1e9), inside, hits)
-
-
-@dataclass(frozen=True, slots=True)
-class EyePlaces:
-    """Where cameras sit and where the cars are going."""
-
-    x_m: np.ndarray
-    """Camera before the rear axle, [S]."""
-    y_m: np.ndarray
-    """Camera left of the middle, [S]."""
-    path: CarPath
-    """Of the cars, arrays [S]."""
-    corridor_half_m: float
-    """Half width of the path."""
 
 
 def _sideways_share(ray_y: np.ndarray, radial_mps: np.ndarray) -> np.ndarray:
@@ -350,6 +336,8 @@ class TrackStore:
         beside = middle - self.y_m
         fits = beside * beside < PLACE_GATE * (self.q_xx + sideways)
         self.steady += np.where(moved, INSIDE_SHARE * (fits - self.steady), 0.0)
+        if memory is self.lidar:
+            self._begin_across(moved & ~fits, middle, sideways)
         self._filter(moved, x, middle, sigma * sigma, sideways)
         radial = of(seen.radial_mps)
         told = paired & np.isfinite(radial)
@@ -401,6 +389,18 @@ class TrackStore:
         elsewhere &= np.abs(along_m) <= grown_m
         self.p_xx = np.where(elsewhere, PLACE_UNKNOWN, self.p_xx)
         self.p_xv = np.where(elsewhere, 0.0, self.p_xv)
+
+    def _begin_across(self, which: np.ndarray, middle_m: np.ndarray, variance: np.ndarray) -> None:
+        """Forget the speed across of slow tracks that LiDAR sees further aside than their way
+        explains: it has gone on to another thing, which has not come from there."""
+        slow = np.abs(self.vy_mps) < CROSSES_MPS
+        begins = which & slow & (self.q_vv < KNOWN_VARIANCE)
+        speed = self._p.start_speed_mps * self._p.start_speed_mps
+        self.from_y_m = np.where(begins, self.from_y_m + middle_m - self.y_m, self.from_y_m)
+        self.y_m = np.where(begins, middle_m, self.y_m)
+        self.q_xx = np.where(begins, variance, self.q_xx)
+        self.q_xv = np.where(begins, 0.0, self.q_xv)
+        self.q_vv = np.where(begins, SIDEWAYS_SHARE * speed, self.q_vv)
 
     def _sideways(
         self, x_m: np.ndarray, sigma_m: np.ndarray, width_m: np.ndarray, memory: SensorMemory

@@ -380,6 +380,14 @@ def test_who_turns_off_ahead_is_left_alone_as_soon_as_the_brake_could_begin():
     assert inside(**ahead, vy_mps=-0.2, turn_radps=0.0, accel_mps2=-3.0), "he brakes"
 
 
+def test_who_turns_off_shows_his_flank_bit_by_bit():
+    """His middle goes aside faster than his way explains, and radar has followed him all along."""
+    turns = {"x_m": 10.0, "y_m": -1.8, "right_m": -1.4, "left_m": 1.4, "vx_mps": 3.8}
+    turns |= {"vy_mps": -1.8, "turn_radps": -0.22, "steady": 0.13}
+    assert not inside(**turns)
+    assert inside(**turns, radar_hits=5), "or LiDAR goes from one thing to the next"
+
+
 def inside(**values):
     """Whether a slower car in the path of one at 8.3 m/s is braked for."""
     return beside("car", speed_mps=8.33, inside=True, **values)

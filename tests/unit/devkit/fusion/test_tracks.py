@@ -6,14 +6,13 @@ import numpy as np
 import pytest
 
 from devkit.fusion.parameters import TrackingParameters
-from devkit.fusion.path import CarPath
+from devkit.fusion.path import CarPath, EyePlaces
 from devkit.fusion.sightings import LABELS, Sightings
 from devkit.fusion.tracks import (
     EDGE_SHARE,
     LATERAL_SIGMA_M,
     PLACES_KEPT,
     TRACKS_MAX,
-    EyePlaces,
     TrackStore,
 )
 
@@ -495,3 +494,27 @@ def test_lidar_that_has_lost_a_track_begins_to_count_anew():
         store.predict(np.array([0.1]), np.zeros(1), np.zeros(1))
     step(store, sightings([20.0], [0.0]))
     assert store.lidar.hits[0, 0] == 1
+
+
+def test_lidar_that_goes_on_to_another_thing_has_not_seen_it_come_from_there():
+    """A post between parked cars, then the corner of one: half a metre in a sweep is no walk."""
+    store = TrackStore(1, TrackingParameters())
+    for _ in range(4):
+        step(store, sightings([20.0], [-3.4], half_m=0.3))
+    came_from_m = store.from_y_m[0, 0]
+    for _ in range(3):
+        step(store, sightings([20.0], [-2.7], half_m=0.2))
+    assert store.live.sum() == 1
+    across = store.vy_mps[0, 0], store.q_vv[0, 0]
+    assert across[0] ** 2 < 2.0 * across[1], "it does not walk"
+    assert store.y_m[0, 0] == pytest.approx(-2.7, abs=0.05)
+    assert store.from_y_m[0, 0] - came_from_m == pytest.approx(0.7, abs=0.1), "nor has it come far"
+
+
+def test_who_crosses_fast_goes_on_though_another_part_of_him_is_seen():
+    store = TrackStore(1, TrackingParameters())
+    for i in range(12):
+        step(store, sightings([20.0], [-9.0 + 0.5 * i], half_m=0.3))
+    step(store, sightings([20.0], [-9.0 + 0.5 * 12 + 0.8], half_m=0.3))
+    assert store.vy_mps[0, 0] > 4.0
+    assert store.vy_mps[0, 0] ** 2 > 25.0 * store.q_vv[0, 0]
