@@ -15,6 +15,10 @@ LABELS = ("", "car", "truck", "bus", "pedestrian", "bicycle")
 
 PERSONS = (LABELS.index("pedestrian"), LABELS.index("bicycle"))
 """Labels of who is no vehicle."""
+SIDEWAYS_SHARE = 0.04
+"""Variance of a new track's speed across, relative to that along [-]."""
+CROSSES_MPS = 2.0
+"""What moves so fast along a ray that leads aside may as well cross [m/s]."""
 
 
 def is_person(label: np.ndarray) -> np.ndarray:
@@ -69,3 +73,12 @@ class Sightings:
             *(np.zeros((slots, places), np.int64), np.zeros((slots, places), np.int64)),
             *(np.full((slots, places), np.nan), np.ones((slots, places)), zeros()),
         )
+
+
+def sideways_share(ray_y: np.ndarray, radial_mps: np.ndarray) -> np.ndarray:
+    """Variance of a speed across that is not known yet, relative to that along: who moves along a
+    ray of 30 degrees or more drives across as likely as along."""
+    square = 4.0 * ray_y * ray_y
+    share = np.clip(square * square, SIDEWAYS_SHARE, 1.0)
+    # Comparisons with NaN, no radial speed, are false.
+    return np.where(np.abs(radial_mps) > CROSSES_MPS, share, SIDEWAYS_SHARE)

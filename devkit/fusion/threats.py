@@ -17,6 +17,8 @@ from devkit.fusion.tracks import HELD_S, KNOWN_VARIANCE, NAMED_BOXES, VOUCHED_S,
 
 INSIDE_MIN = 0.5
 """How much a sensor must say that a track is in the path for it to count [-]."""
+COMES_INSIDE = 0.8
+"""How much radar alone must say so of what comes [-]."""
 STAYS_MIN = 0.3
 """The same for one that the car brakes for already [-]."""
 BESIDE_PATH_M = 1.0
@@ -166,7 +168,7 @@ def _persons(tracks: TrackStore) -> np.ndarray:
     is nowhere else a moment later; and nobody is faster than a cyclist."""
     named = tracks.named >= NAMED_BOXES
     unseen = tracks.lidar.age_s >= HELD_S
-    named &= unseen | (tracks.lidar.hits >= PERSON_SWEEPS)
+    named &= unseen | (np.minimum(tracks.lidar.hits, tracks.same) >= PERSON_SWEEPS)
     return named & _on_foot(tracks)
 
 
@@ -345,14 +347,17 @@ def _in_path(
     says = np.where(seen, boxes, tracks.radar.inside)
     # Nor are one or two sweeps, where radar has seen it for a second: at 40 m LiDAR misses cars.
     swept = (tracks.lidar.hits >= SIGHTINGS_MIN) | (tracks.radar.hits < WALKS_ECHOES)
-    says = np.where(swept & (tracks.lidar.age_s < HELD_S), tracks.lidar.inside, says)
+    swept &= tracks.lidar.age_s < HELD_S
+    says = np.where(swept, tracks.lidar.inside, says)
     near = path.holds(
         tracks.x_m,
         tracks.y_m + tracks.right_m,
         tracks.y_m + tracks.left_m,
         staging.corridor_half_m + BESIDE_PATH_M,
     )
-    return near & (says > INSIDE_MIN), near & (says > STAYS_MIN)
+    # Of what comes along the other lane radar alone sees now this part, now that.
+    comes = (tracks.vx_mps < -COMES_MPS) & ~seen & ~swept
+    return near & (says > np.where(comes, COMES_INSIDE, INSIDE_MIN)), near & (says > STAYS_MIN)
 
 
 def _crosses(
@@ -390,7 +395,7 @@ def _crosses(
     leaves = np.where(leftwards, half - right, left + half) / safe
     walked_m = _walked_m(tracks, path, across)
     # Networks miss people; what LiDAR and radar see walk is one.
-    walks = (tracks.lidar.hits >= WALKS_SIGHTINGS) & (tracks.radar.hits >= SIGHTINGS_MIN)
+    walks = (tracks.same >= WALKS_SIGHTINGS) & (tracks.radar.hits >= SIGHTINGS_MIN)
     # Of what is wide another part is seen while the car goes by: its middle wanders.
     walks |= (tracks.radar.hits >= WALKS_ECHOES) & (walked_m > WALKED_M)
     # LiDAR goes on from a post to the parked car before it, and across its tail.

@@ -15,7 +15,13 @@ import numpy as np
 
 from devkit.fusion.parameters import TrackingParameters
 from devkit.fusion.path import EyePlaces
-from devkit.fusion.sightings import Sightings, is_person
+from devkit.fusion.sightings import (
+    CROSSES_MPS,
+    SIDEWAYS_SHARE,
+    Sightings,
+    is_person,
+    sideways_share,
+)
 
 TRACKS_MAX = 32
 """Most tracks of a car."""
@@ -38,6 +44,8 @@ agree with its velocity [-]."""
 HELD_S = 1.0
 """A sensor that measures places and has seen a track so lately tells where it is, though a few
 sweeps may have missed it: the camera's guess does not take its place at once [s]."""
+STEP_M = 0.6
+"""A person is no further from where he was expected, sweep after sweep [m]."""
 LOST_S = 0.35
 """LiDAR that sees a track again after so long begins to count anew [s]."""
 VOUCHED_S = 0.25
@@ -52,10 +60,6 @@ ACCEL_MAX_MPS2 = 8.0
 """Largest acceleration of a track [m/s^2]."""
 PLACES_KEPT = 12
 """Places for tracks along the road, which what is beside it does not take [-]."""
-SIDEWAYS_SHARE = 0.04
-"""Variance of a new track's speed across, relative to that along [-]."""
-CROSSES_MPS = 2.0
-"""What moves so fast along a ray that leads aside may as well cross [m/s]."""
 TURN_MAX_RADPS = 0.8
 """Largest turn rate of a track [rad/s]."""
 TURNS_FROM_MPS = 4.0
@@ -101,15 +105,6 @@ class SensorMemory:
         return cls(np.full((slots, TRACKS_MAX), 1e9), inside, hits)
 
 
-def _sideways_share(ray_y: np.ndarray, radial_mps: np.ndarray) -> np.ndarray:
-    """Variance of a speed across that is not known yet, relative to that along: who moves along a
-    ray of 30 degrees or more drives across as likely as along."""
-    square = 4.0 * ray_y * ray_y
-    share = np.clip(square * square, SIDEWAYS_SHARE, 1.0)
-    # Comparisons with NaN, no radial speed, are false.
-    return np.where(np.abs(radial_mps) > CROSSES_MPS, share, SIDEWAYS_SHARE)
-
-
 class TrackStore:
     """All tracks of S cars."""
 
@@ -132,6 +127,8 @@ class TrackStore:
         self.agrees, self.steady = np.ones((2, slots, TRACKS_MAX))
         """Share of radial speeds, and of places across, lately that its velocity explains: 1 at
         first."""
+        self.same = np.zeros((slots, TRACKS_MAX))
+        """Sweeps on end in which LiDAR saw the same part of the same thing."""
         self.radial_mps = np.zeros((slots, TRACKS_MAX))
         """What radar measures along the ray lately, smoothed."""
         self.probability, self.age_s = _arrays(slots, 2)
@@ -329,15 +326,17 @@ class TrackStore:
         # changes, and nothing has moved.
         grown = 0.5 * np.abs(left - right - self.left_m + self.right_m)
         step = np.where(grown > PART_SIGMAS * np.sqrt(sideways), grown, 0.0)
+        away_m, aside = x - self.x_m, middle - self.y_m
+        if memory is self.lidar:
+            other = (step > 0.0) | (away_m * away_m + aside * aside > STEP_M * STEP_M)
+            self.same = np.where(paired, np.where(other, 1.0, self.same + 1.0), self.same)
+            self._begin_across(moved & other & (step == 0.0), middle, sideways)
+            self._begin_along(moved & (step > 0.0), away_m, sigma, 2.0 * grown)
         aside = np.clip(middle - self.y_m, -step, step)
         self.y_m = np.where(moved, self.y_m + aside, self.y_m)
-        if memory is self.lidar:
-            self._begin_along(moved & (step > 0.0), x - self.x_m, sigma, 2.0 * grown)
         beside = middle - self.y_m
         fits = beside * beside < PLACE_GATE * (self.q_xx + sideways)
         self.steady += np.where(moved, INSIDE_SHARE * (fits - self.steady), 0.0)
-        if memory is self.lidar:
-            self._begin_across(moved & ~fits, middle, sideways)
         self._filter(moved, x, middle, sigma * sigma, sideways)
         radial = of(seen.radial_mps)
         told = paired & np.isfinite(radial)
@@ -391,9 +390,8 @@ class TrackStore:
         self.p_xv = np.where(elsewhere, 0.0, self.p_xv)
 
     def _begin_across(self, which: np.ndarray, middle_m: np.ndarray, variance: np.ndarray) -> None:
-        """Forget the speed across of slow tracks that LiDAR sees further aside than their way
-        explains: it has gone on to another thing, which has not come from there."""
-        slow = np.abs(self.vy_mps) < CROSSES_MPS
+        """Slow tracks that are another thing now have not come across from where they were."""
+        slow = (np.abs(self.vx_mps) < CROSSES_MPS) & (np.abs(self.vy_mps) < CROSSES_MPS)
         begins = which & slow & (self.q_vv < KNOWN_VARIANCE)
         speed = self._p.start_speed_mps * self._p.start_speed_mps
         self.from_y_m = np.where(begins, self.from_y_m + middle_m - self.y_m, self.from_y_m)
@@ -478,7 +476,7 @@ class TrackStore:
         a known speed add up to is an acceleration, as in :meth:`_turn`."""
         ray_x = np.sqrt(1.0 - ray_y * ray_y)
         known = self.p_vv < KNOWN_VARIANCE
-        least = np.where(which & ~known, _sideways_share(ray_y, radial_mps) * self.p_vv, 0.0)
+        least = np.where(which & ~known, sideways_share(ray_y, radial_mps) * self.p_vv, 0.0)
         self.q_vv = np.maximum(self.q_vv, least)
         total = ray_x * ray_x * self.p_vv + ray_y * ray_y * self.q_vv + sigma_mps * sigma_mps
         residual = radial_mps - ray_x * self.vx_mps - ray_y * self.vy_mps
@@ -563,7 +561,7 @@ class TrackStore:
         told_sigma = np.minimum(seen.radial_sigma_mps[slot, fresh], self._p.start_speed_mps)
         # Who comes from the side is as fast across as others are along the road.
         ray_y = seen.ray_y[slot, fresh]
-        sideways = np.where(seen.beside[slot, fresh], 1.0, _sideways_share(ray_y, radial)) * speed
+        sideways = np.where(seen.beside[slot, fresh], 1.0, sideways_share(ray_y, radial)) * speed
         ray_x = np.sqrt(1.0 - ray_y * ray_y)
         values = {
             "x_m": seen.x_m[slot, fresh],
@@ -586,6 +584,7 @@ class TrackStore:
             "accel_mps2": 0.0,
             "agrees": 1.0,
             "steady": 1.0,
+            "same": 0.0 if memory is not self.lidar else 1.0,
             "radial_mps": np.where(told, radial, 0.0),
             "live": True,
             "label": seen.label[slot, fresh],

@@ -173,7 +173,7 @@ def beside(
     tracks = TrackStore(1, TrackingParameters())
     given = {"live": True, "p_vv": 0.1, "q_vv": 0.1, "right_m": -0.3, "left_m": 0.3}
     given |= {"probability": 0.999, "age_s": age_s, "label": LABELS.index(label)}
-    given |= {"named": min(camera_hits, 2)}
+    given |= {"named": min(camera_hits, 2), "same": lidar_hits}
     # He has come two metres across, and radar measures what he does.
     x_m, y_m, vx_mps, vy_mps = (
         values.get(name, 0.0) for name in ("x_m", "y_m", "vx_mps", "vy_mps")
@@ -410,6 +410,17 @@ def test_two_boxes_beside_the_path_are_a_measurement():
     assert not beside("car", camera_hits=2, **comes)
 
 
+def test_radar_alone_has_to_be_surer_of_what_comes():
+    """Of a car in the other lane of a curve radar sees now this part, now that."""
+    comes = {"x_m": 26.0, "y_m": 1.9, "vx_mps": -9.5, "right_m": -1.9, "left_m": 1.9}
+    comes |= {"lidar_hits": 0, "radar_hits": 35, "speed_mps": 10.0}
+    assert beside(**comes, inside=0.85)
+    assert not beside(**comes, inside=0.7)
+    assert beside(**(comes | {"vx_mps": 0.0}), camera_hits=0, inside=0.7) is False, "it stands"
+    assert beside("car", **comes, camera_hits=3, inside=0.7), "the camera says so, too"
+    assert beside(**(comes | {"lidar_hits": 3}), inside=0.7), "so does LiDAR"
+
+
 def test_who_is_called_a_person_and_is_as_fast_as_a_car_comes_along_the_other_lane():
     comes = {"x_m": 16.2, "y_m": 1.88, "vx_mps": -25.28, "vy_mps": 3.29, "q_vv": 1.7, "p_vv": 0.6}
     comes |= {"right_m": -0.48, "left_m": 0.48, "lidar_hits": 0, "inside": True, "speed_mps": 19.3}
@@ -551,6 +562,7 @@ def test_a_person_is_named_by_two_boxes_and_placed_by_four_sweeps():
     assert beside("pedestrian", camera_hits=2, **walker)
     assert not beside("pedestrian", camera_hits=1, **walker)
     assert not beside("pedestrian", camera_hits=2, **(walker | {"lidar_hits": 3}))
+    assert not beside("pedestrian", camera_hits=2, **walker, same=3), "it was another thing before"
     assert beside("pedestrian", camera_hits=2, **(walker | {"lidar_hits": 0})), "LiDAR is blind"
     assert not beside("pedestrian", camera_hits=2, **walker, radial_mps=-11.4), "a car that comes"
 
@@ -559,6 +571,7 @@ def test_who_walks_unnamed_has_to_be_surer():
     walker = PARKED | {"from_y_m": -3.0, "lidar_hits": 7, "radar_hits": 5}
     assert beside(**walker)
     assert not beside(**(walker | {"q_vv": 0.26}))
+    assert not beside(**walker, same=5), "it was another thing before"
 
 
 def test_a_way_that_its_places_contradict_tells_no_speed_across():

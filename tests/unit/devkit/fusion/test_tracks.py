@@ -497,24 +497,36 @@ def test_lidar_that_has_lost_a_track_begins_to_count_anew():
 
 
 def test_lidar_that_goes_on_to_another_thing_has_not_seen_it_come_from_there():
-    """A post between parked cars, then the corner of one: half a metre in a sweep is no walk."""
+    """A post between parked cars, then the corner of one: no walk of 0.7 m in a sweep."""
     store = TrackStore(1, TrackingParameters())
     for _ in range(4):
         step(store, sightings([20.0], [-3.4], half_m=0.3))
     came_from_m = store.from_y_m[0, 0]
-    for _ in range(3):
+    assert store.same[0, 0] == 4
+    for sweeps in (1, 2, 3):
         step(store, sightings([20.0], [-2.7], half_m=0.2))
+        assert store.same[0, 0] == sweeps
     assert store.live.sum() == 1
-    across = store.vy_mps[0, 0], store.q_vv[0, 0]
-    assert across[0] ** 2 < 2.0 * across[1], "it does not walk"
+    assert store.vy_mps[0, 0] ** 2 < 2.0 * store.q_vv[0, 0], "it does not walk"
     assert store.y_m[0, 0] == pytest.approx(-2.7, abs=0.05)
     assert store.from_y_m[0, 0] - came_from_m == pytest.approx(0.7, abs=0.1), "nor has it come far"
 
 
-def test_who_crosses_fast_goes_on_though_another_part_of_him_is_seen():
+def test_another_part_is_counted_anew_and_a_walk_is_not():
     store = TrackStore(1, TrackingParameters())
+    for i in range(10):
+        step(store, sightings([20.0], [-3.0 + 0.2 * i], half_m=0.3))
+    assert store.same[0, 0] == 10
+    step(store, sightings([20.0], [-1.0], half_m=1.3))
+    assert store.same[0, 0] == 1
+
+
+@pytest.mark.parametrize("velocity", [(0.0, 5.0), (-5.0, 1.0)])
+def test_who_moves_goes_on_though_another_part_of_him_is_seen(velocity):
+    store = TrackStore(1, TrackingParameters())
+    vx, vy = velocity
     for i in range(12):
-        step(store, sightings([20.0], [-9.0 + 0.5 * i], half_m=0.3))
-    step(store, sightings([20.0], [-9.0 + 0.5 * 12 + 0.8], half_m=0.3))
-    assert store.vy_mps[0, 0] > 4.0
-    assert store.vy_mps[0, 0] ** 2 > 25.0 * store.q_vv[0, 0]
+        step(store, sightings([30.0 + 0.1 * vx * i], [-9.0 + 0.1 * vy * i], half_m=0.3))
+    step(store, sightings([30.0 + 1.2 * vx], [-9.0 + 1.2 * vy + 0.8], half_m=0.3))
+    assert store.vy_mps[0, 0] > 0.8 * vy
+    assert store.q_vv[0, 0] < 1.0
