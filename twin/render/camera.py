@@ -31,6 +31,7 @@ from twin.render.trace import raster, rays, second_hits, sun_packet, visibility
 from twin.render.trace.geometry import Geometry
 from twin.render.trace.raster import raster_of
 from twin.render.trace.rays import Optics, SlotPose
+from twin.world.kernel_loading import load_kernels
 from twin.world.mirror import Mirror
 from twin.world.relaunch import Relaunch
 from twin.world.scene import Furniture
@@ -124,10 +125,9 @@ class RayCamera:
             self._left = second_hits.left_pixels(self._seen, self._hits)
         self._picture = picture_kernel(self._wanted, tuning.picture, tuning.without, features)
         self._allocate(camera, image_out, outputs_out or {})
-        for module in (rays, lamps):
-            wp.load_module(module, device=device)
-        for each in self._passes(0, self._chunk):
-            each.kernel.module.load(device, each.build.block)
+        drawn = [] if self._raster is None else [raster.raster_kernel(features)]
+        shaded = ((each.kernel, each.build.block) for each in self._passes(0, self._chunk))
+        load_kernels(device, [rays, lamps, *drawn, *shaded])
 
     def _first_kernel(self, mount: CameraMount, table: np.ndarray, hfov_deg: float) -> wp.Kernel:
         """Rays to what is seen; where drawing is faster, only those to the sun are left."""
@@ -136,7 +136,6 @@ class RayCamera:
         features = self.geometry.features
         if self._raster is None:
             return visibility.visibility_kernel(build, self._wanted.second, features)
-        raster.raster_kernel(features).module.load(self._device)
         return visibility.sun_kernel(build, self._wanted.second, features)
 
     def _passes(self, first: int, slots: int) -> Iterator[_Pass]:

@@ -6,6 +6,7 @@ import warp as wp
 
 from twin.sensors.truth import FORCE, POSITION, RATE, ROTATION, TRUTH, WHEELS
 from twin.vehicle.state import VehicleState
+from twin.world.kernel_loading import load_kernels
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -37,7 +38,7 @@ class VehicleTruth:
     def __init__(self, slots: int, device: wp.Device) -> None:
         self._device = device
         self._truth = wp.zeros((slots, len(TRUTH)), dtype=wp.float64, device=device)
-        wp.load_module(vehicle_truth_kernel.module.name, device=device)
+        load_kernels(device, [vehicle_truth_kernel])
 
     def update(self, state: wp.array) -> wp.array:
         """Truth [S, T] on the device; ``state`` is VehicleState [S, V], the ego first."""

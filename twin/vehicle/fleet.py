@@ -27,6 +27,7 @@ from twin.vehicle.powertrain import COMMANDS
 from twin.vehicle.state import COLUMN, TELEMETRY, VehicleState, columns
 from twin.vehicle.vehicle_file import Vehicle
 from twin.vehicle.wall_grid import wall_grid
+from twin.world.kernel_loading import load_kernels
 from twin.world.mirror import Mirror
 from twin.world.relaunch import Relaunch
 
@@ -114,8 +115,7 @@ class Fleet:
         self.targets = self._targets.host
         self.targets[...] = -1
         self.movers = self._movers.host
-        wp.load_module(kernel, device=device, block_dim=self._block)
-        wp.load_module(nearest, device=device, block_dim=self._block)
+        load_kernels(device, [(kernel, self._block), (nearest, self._block)])
 
     def _build_models(self) -> None:
         """Constants of vehicles and wheels.

@@ -16,6 +16,7 @@ from pathlib import Path
 import warp as wp
 
 from twin.base.gpu.compiled_kernels import link_compiled
+from twin.world.kernel_headers import keep_headers
 
 
 def prepare_kernels() -> None:
@@ -26,8 +27,6 @@ def prepare_kernels() -> None:
     kept for the next run: a folder per process would be left behind by a process that is killed.
     """
     wp.config.quiet = True
-    # They are compiled into a temporary folder per process, which a killed process leaves behind.
-    wp.config.use_precompiled_headers = False
     wp.config.log_level = wp.LOG_ERROR  # a machine without a GPU is nothing to warn about
     folder = _usual()
     if _writable(folder):
@@ -58,6 +57,7 @@ def _init() -> None:
     """
     if _has_driver():
         wp.init()
+        keep_headers()
         return
     sys.stderr.flush()
     before, held = os.dup(2), os.memfd_create("stderr")
@@ -72,6 +72,7 @@ def _init() -> None:
         os.write(2, b"".join(line for line in lines if NO_DRIVER not in line))
         os.close(before)
         os.close(held)
+    keep_headers()
 
 
 def _has_driver() -> bool:

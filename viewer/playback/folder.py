@@ -227,8 +227,8 @@ def _number(path: Path) -> int:
 def committed_attempts(folder: Path) -> dict[str, str]:
     """Case -> name of its committed attempt's folder; cases that have none are left out."""
     try:
-        cases = decode_json(read_regular(folder / "outcomes.json", RUN_FILE_BYTES_MAX))["cases"]
-        items = list(cases.items())
+        outcomes: Any = decode_json(read_regular(folder / "outcomes.json", RUN_FILE_BYTES_MAX))
+        items = list(outcomes["cases"].items())
     except (OSError, JsonError, KeyError, TypeError, AttributeError):
         return {}
     attempt_of = {}
@@ -241,7 +241,7 @@ def committed_attempts(folder: Path) -> dict[str, str]:
 def _note(attempt: Path) -> dict[str, Any]:
     """What the recorder has left to say; empty: nothing that could be read."""
     try:
-        note = decode_json(read_regular(attempt / naming.RECORDING_NOTE, RUN_FILE_BYTES_MAX))
+        note: Any = decode_json(read_regular(attempt / naming.RECORDING_NOTE, RUN_FILE_BYTES_MAX))
     except (OSError, ValueError):
         return {}
     return note if isinstance(note, dict) else {}

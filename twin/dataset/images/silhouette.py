@@ -16,6 +16,7 @@ import warp as wp
 from twin.dataset.images.eyepoint import Eyepoint, EyeView, Outline, Shape, rotated
 from twin.render.trace import bvh, traverse
 from twin.render.trace.geometry import turned
+from twin.world.kernel_loading import load_kernels
 from twin.world.meshes.materials import SIGN
 from twin.world.meshes.mesh import DECAL, Mesh
 from twin.world.street.build import World
@@ -162,7 +163,7 @@ class Silhouettes:
         self._nodes = wp.array(np.concatenate(nodes), dtype=wp.float32, device=device)
         self._leaves = wp.array(np.concatenate(leaves), dtype=wp.float32, device=device)
         self._roots = roots
-        wp.load_module(silhouette_kernel.module.name, device=device)
+        load_kernels(device, [silhouette_kernel])
 
     def count(
         self, subjects: list[Subject], outlines: list[Outline], rays: wp.array, view: EyeView

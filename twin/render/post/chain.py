@@ -22,6 +22,7 @@ from twin.render.post.bloom import Bloom, bloom_bytes
 from twin.render.post.film import falloff, film_kernel, film_of
 from twin.render.post.focus import FocusBlur, focus_bytes, focus_of
 from twin.render.post.motion import MotionBlur, motion_bytes
+from twin.world.kernel_loading import load_kernels
 
 
 def check_effects(effects: Iterable[str]) -> tuple[str, ...]:
@@ -135,14 +136,13 @@ class PostEffects:
 
     def _load(self) -> None:
         """Compile now, not in the first frame."""
-        for wanted, module in (
+        modules = (
             (self.needs_depth, post_focus),
             (self.needs_flow, post_motion),
             (self._bloom is not None, post_bloom),
-        ):
-            if wanted:
-                wp.load_module(module, device=self._device)
-        self._kernel.module.load(self._device)
+        )
+        wanted = [module for needed, module in modules if needed]
+        load_kernels(self._device, [*wanted, self._kernel])
 
     def apply(
         self,

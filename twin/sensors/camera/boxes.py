@@ -6,6 +6,7 @@ import numpy as np
 import warp as wp
 
 from schemas.messages import BOX_COLUMNS, BOXES_MAX
+from twin.world.kernel_loading import load_kernels
 from twin.world.mirror import Mirror
 from twin.world.relaunch import Relaunch
 
@@ -74,7 +75,7 @@ class BoxSensor:
         self._classes = classes
         self._boxes = Mirror((slots, BOXES_MAX, len(BOX_COLUMNS)), wp.float32, device)
         self._count = Mirror((slots,), wp.int32, device)
-        wp.load_module(boxes_kernel.module.name, device=device, block_dim=_BLOCK)
+        load_kernels(device, [(boxes_kernel, _BLOCK)])
 
     def launch(self, gathered: wp.array) -> None:
         """Make boxes of the camera's gathered pixels."""

@@ -12,6 +12,7 @@ from schemas.kinds.sensors.encoders import COLUMNS
 from schemas.messages import SensorErrors
 from twin.sensors.mount import SensorMount
 from twin.sensors.truth import WHEELS
+from twin.world.kernel_loading import load_kernels
 from twin.world.mirror import Mirror
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
@@ -47,7 +48,7 @@ class WheelEncoders:
         self._device = device = mount.device
         self._ticks_per_rev = Mirror((mount.slots,), wp.float64, device)
         self._ticks = Mirror((mount.slots, len(COLUMNS)), wp.int64, device)
-        wp.load_module(encoders_kernel.module.name, device=device)
+        load_kernels(device, [encoders_kernel])
 
     def reset(self, slot: int, case: Case) -> None:
         """Begin a case."""

@@ -21,6 +21,7 @@ from twin.sensors.gnss.geodesy import Datum, datum_of, geodetic
 from twin.sensors.mount import KeyOf, SensorMount
 from twin.sensors.noise import Wander, gaussian, uniform, wander, wander_numbers
 from twin.sensors.truth import POSITION, rotation_at, vector_at
+from twin.world.kernel_loading import load_kernels
 from twin.world.mirror import Mirror, put_row, row_of
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
@@ -107,7 +108,7 @@ class SatelliteReceiver:
         self._errors = Mirror((slots,), GnssErrors, device)
         self._memory = wp.zeros((slots, 4), dtype=wp.float64, device=device)
         self._values = Mirror((slots, len(COLUMNS)), wp.float64, device)
-        wp.load_module(gnss_kernel.module.name, device=device)
+        load_kernels(device, [gnss_kernel])
 
     def reset(self, slot: int, case: Case) -> None:
         """Begin a case."""

@@ -20,6 +20,7 @@ from schemas.messages import SensorErrors
 from twin.sensors.mount import KeyOf, SensorMount
 from twin.sensors.noise import GAUSS_MARKOV_PEAK, Wander, gaussian, wander, wander_numbers
 from twin.sensors.truth import FORCE
+from twin.world.kernel_loading import load_kernels
 from twin.world.mirror import Mirror, put_row, row_of
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
@@ -85,7 +86,7 @@ class InertialUnit:
         self._errors = Mirror((slots,), ImuErrors, device)
         self._memory = wp.zeros((slots, 2 * len(COLUMNS)), dtype=wp.float64, device=device)
         self._values = Mirror((slots, len(COLUMNS)), wp.float64, device)
-        wp.load_module(imu_kernel.module.name, device=device)
+        load_kernels(device, [imu_kernel])
 
     def reset(self, slot: int, case: Case) -> None:
         """Begin a case."""

@@ -26,6 +26,7 @@ from twin.sensors.lidar import sweep as lidar_sweep
 from twin.sensors.lidar.air import LidarAir, fog_extinction
 from twin.sensors.lidar.surface import SNOW_REFLECTANCE, face_colors, face_returns, is_long_wave
 from twin.sensors.truth import POSITION, ROTATION
+from twin.world.kernel_loading import load_kernels
 from twin.world.mirror import Mirror, put_row, row_of
 
 assert (POSITION, ROTATION) == (0, 3), "the sweep keeps the first seven columns of the truth"
@@ -119,9 +120,7 @@ class LidarSensor:
         self._allocate_points(points_out)
         of = lidar_packet.packet_kernel_of if device.is_cpu else lidar_cast.cast_kernel_of
         self._caster = of(geometry.features)
-        for module in (lidar_sweep, lidar_return):
-            wp.load_module(module, device=device)
-        self._caster.module.load(device, block)
+        load_kernels(device, [lidar_sweep, lidar_return, (self._caster, block)])
 
     def _allocate_points(self, points_out: np.ndarray | None) -> None:
         if points_out is not None and (

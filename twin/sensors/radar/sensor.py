@@ -19,6 +19,7 @@ from twin.sensors.radar.clutter import clutter_kernel_of, make_grid, surfaces
 from twin.sensors.radar.echo import RadarEcho, RadarPose, RadarSlot, make_model
 from twin.sensors.radar.profile import RadarProfile
 from twin.sensors.radar.rain import attenuation_per_m, echo_per_m
+from twin.world.kernel_loading import load_kernels
 from twin.world.mirror import Mirror
 from twin.world.street.build import World
 
@@ -110,8 +111,7 @@ class RadarSensor:
         """Compile on first use, the modules side by side."""
         self.launch: Callable[..., None] = self._launch
         """Launches a kernel with its threads, inputs and outputs; a bench puts a clock around."""
-        modules = [wp.get_module(m.__name__) for m in (radar_scatter, spectrum, peaks, detect)]
-        wp.force_load(self._device, [*modules, *(kernel.module for kernel in self.unique)])
+        load_kernels(self._device, [radar_scatter, spectrum, peaks, detect, *self.unique])
 
     def reset(self, slot: int, key: int, *, noise: bool = True) -> None:
         """A case begins in ``slot``, its random stream is ``key``; :meth:`mount` follows."""

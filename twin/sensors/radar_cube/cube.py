@@ -19,6 +19,7 @@ from twin.sensors.radar import detect
 from twin.sensors.radar.detect import antennas_of
 from twin.sensors.radar.echo import RadarModel, RadarSlot, complex_product
 from twin.sensors.radar.sensor import RadarSensor
+from twin.world.kernel_loading import load_kernels
 from twin.world.mirror import Mirror
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
@@ -75,7 +76,7 @@ class RadarCubes:
         steps = steady(np.stack([np.cos(angle), np.sin(angle)], axis=1), 40)
         self._steps = wp.array(steps, dtype=wp.vec2, device=device)
         self.cube = Mirror((slots, RANGES, SPEEDS, AZIMUTHS), wp.float32, device, out, large=True)
-        wp.force_load(device, [wp.get_module(m) for m in (__name__, detect.__name__)])
+        load_kernels(device, [cube_kernel, detect])
 
     def clear(self) -> None:
         """Zeros everywhere."""

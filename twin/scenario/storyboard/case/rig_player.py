@@ -20,10 +20,11 @@ from twin.scenario.storyboard.interpreter.arrays import (
 )
 from twin.scenario.storyboard.player.columns import TRANSITIONS_MAX, SlotColumn, Whole
 from twin.scenario.storyboard.player.joining import join_tables
-from twin.scenario.storyboard.player.storyboard_player import StoryboardPlayer
+from twin.scenario.storyboard.player.storyboard_player import KERNELS, StoryboardPlayer
 from twin.scenario.storyboard.player.tables import pack_programs
 from twin.scenario.storyboard.program.conditions import ElementState
 from twin.scenario.storyboard.program.program import Program
+from twin.world.kernel_loading import load_kernels
 from twin.world.mirror import put_row, row_of
 
 
@@ -64,6 +65,7 @@ class RigPlayer(StoryboardPlayer):
 
     def prepare(self, ego: int) -> None:
         """Have all kernels compiled before the first case; ``ego``: entity of the program."""
+        load_kernels(self.device, [*KERNELS, impose_egos_kernel])
         self.begin(0, self.programs[0], ego)
         self.impose_egos(np.zeros((self.slots, 7)), np.zeros(self.slots, np.bool_))
         self.step()

@@ -47,6 +47,9 @@ from twin.scenario.storyboard.program.conditions import ElementState
 from twin.scenario.storyboard.program.program import Program
 from twin.world.relaunch import Relaunch
 
+KERNELS = (reset_kernel, begin_kernel, watch_kernel, decide_kernel, advance_kernel, drivers_kernel)
+"""One of each module that every storyboard needs."""
+
 
 @dataclass(frozen=True, slots=True)
 class Transition:
