@@ -15,7 +15,6 @@ from twin.vehicle.carry import Carrier
 from twin.vehicle.fleet import Fleet
 from twin.vehicle.powertrain import COMMANDS
 from twin.vehicle.state import COLUMN, columns
-from twin.world.kernel_loading import load_kernels
 
 STEERING_MPS = 1.0
 """Slower than this, steering is no intervention: the path of a car that hardly moves has no angle
@@ -47,7 +46,7 @@ class DrivingRobots:
         stands on the road as the scenario has it. Derived columns are to be refreshed after."""
         if self._motion.robot(slot) is None:
             return
-        load_kernels(self._device, [carry_kernel])  # not in the middle of a case
+        wp.load_module(carry_kernel, device=self._device)  # not in the middle of a case
         led = self._motion.led_pose(slot)
         row = self._fleet.state[slot, 0]
         row[columns("com")], row[columns("orientation")] = self._carrier.body(slot, led.pose)
