@@ -161,8 +161,11 @@ def _grouped(points: list[_Point]) -> list[EchoGroup]:
     it."""
     if not points:
         return []
-    x, y = np.array([point[:2] for point in points]).T
+    x, y, speed = np.array([point[:3] for point in points]).T
     near = (np.abs(x[:, None] - x) < GROUP_M) & (np.abs(y[:, None] - y) < GROUP_M)
+    # What comes is not what drives ahead beside it, though wheels and limbs are slow and fast.
+    near &= ~((speed[:, None] > STANDS_MPS) & (speed < -STANDS_MPS))
+    near &= near.T
     groups: list[list[_Point]] = []
     group_of: list[int] = []
     later, earlier = np.nonzero(np.tril(near, -1))

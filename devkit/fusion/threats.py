@@ -60,6 +60,8 @@ WALKED_S = 0.06
 """What a vehicle has to have gone further across, per speed of the car above ``BOX_MPS`` [s]."""
 LANE_SURE_M = 1.0
 """Deviation of the lane of what comes and no camera has named, up to which it counts [m]."""
+FROM_SIGMA_M = 0.6
+"""Deviation of the place across from where a track came [m]."""
 STEADY_MIN = 0.7
 """Share of the places across that a way explains from which on its speed across counts [-]."""
 PERSON_SWEEPS, PERSON_MPS = 4, 8.0
@@ -166,9 +168,9 @@ def _persons(tracks: TrackStore) -> np.ndarray:
     """Whom a camera names a pedestrian or cyclist. One box does not make one: networks take posts
     for people once in a while, and gaps between parked cars. Nor do three sweeps of something that
     is nowhere else a moment later; and nobody is faster than a cyclist."""
-    named = tracks.named >= NAMED_BOXES
+    named: np.ndarray = tracks.named >= NAMED_BOXES
     unseen = tracks.lidar.age_s >= HELD_S
-    named &= unseen | (np.minimum(tracks.lidar.hits, tracks.same) >= PERSON_SWEEPS)
+    named &= unseen | (tracks.same >= PERSON_SWEEPS)
     return named & _on_foot(tracks)
 
 
@@ -282,7 +284,11 @@ def _known_across(tracks: TrackStore, path: CarPath, doppler: np.ndarray) -> np.
     # A filter that what it sees contradicts, place after place, knows no speed either. But who is
     # followed driving ahead and turns off shows his flank then, bit by bit.
     followed = doppler & (tracks.radar.hits >= WALKS_ECHOES) & (tracks.vx_mps > AWAY_MPS)
-    ripe &= ((tracks.steady > STEADY_MIN) | followed) & ~doubles(tracks)
+    ripe &= (tracks.steady > STEADY_MIN) | followed
+    both = tracks.ends.go_as(tracks.vy_mps) & (tracks.same >= WALKS_SIGHTINGS)
+    ripe &= both | ~doubles(tracks)
+    # LiDAR that sees now this, now that tells no speed of either.
+    ripe &= doppler | (tracks.lidar.age_s >= HELD_S) | (tracks.same >= PERSON_SWEEPS)
     known = ripe & _is_speed(tracks.vy_mps, tracks.q_vv, sure)
     return np.where(known, tracks.vy_mps, 0.0)
 
@@ -349,6 +355,9 @@ def _in_path(
     swept = (tracks.lidar.hits >= SIGHTINGS_MIN) | (tracks.radar.hits < WALKS_ECHOES)
     swept &= tracks.lidar.age_s < HELD_S
     says = np.where(swept, tracks.lidar.inside, says)
+    # But all sweeps that lie beside the path say more than radar's directions.
+    beside = (tracks.lidar.age_s < HELD_S) & (tracks.lidar.inside == 0.0)
+    says = np.where(beside, 0.0, says)
     near = path.holds(
         tracks.x_m,
         tracks.y_m + tracks.right_m,
@@ -396,6 +405,7 @@ def _crosses(
     walked_m = _walked_m(tracks, path, across)
     # Networks miss people; what LiDAR and radar see walk is one.
     walks = (tracks.same >= WALKS_SIGHTINGS) & (tracks.radar.hits >= SIGHTINGS_MIN)
+    walks &= tracks.ends.go_as(vy_mps)
     # Of what is wide another part is seen while the car goes by: its middle wanders.
     walks |= (tracks.radar.hits >= WALKS_ECHOES) & (walked_m > WALKED_M)
     # LiDAR goes on from a post to the parked car before it, and across its tail.
@@ -408,7 +418,7 @@ def _crosses(
     person = (_persons(tracks) | person) & (vy_mps != 0.0)
     # A vehicle that comes along a curve is no crossing one, though it goes aside for a while.
     comes_by = (vx_mps < -COMES_MPS) & (speed < ALONG_SHARE * np.abs(vx_mps))
-    comes_by &= tracks.lidar.hits < WALKS_SIGHTINGS
+    comes_by &= tracks.same < WALKS_SIGHTINGS
     aside = (speed > np.abs(vx_mps)) | ((tracks.x_m < PATH_SURE_M) & ~comes_by)
     seen = _may_be_vehicle(tracks, doppler, narrow, shown)
     vehicle = seen | (runs & (speed > RUNS_NARROW_MPS))
@@ -490,9 +500,9 @@ def _passes_by(
     as it is foreseen long before the car is there, and beside it when they meet.
 
     Two ways to foresee the meeting have to say that it is a collision. The first, in curves: the
-    car goes on along its arc, the other one turns as it does now. The second: the other one follows
-    the road, so the road at its place runs as its way does, and is half of that times the distance
-    aside.
+    car goes on along its arc, the other one turns as it does now; where the car's path is straight,
+    the other one has been seen to follow the road. The second: the other one follows the road, so
+    the road at its place runs as its way does, and is half of that times the distance aside.
     """
     comes = (vx_mps < -COMES_MPS) & ~_on_foot(tracks)
     ahead_m = staging.front_m + ego.speed_mps[:, None] * ttc_s
@@ -505,10 +515,13 @@ def _passes_by(
     # Far ahead the likelier of two lanes counts, near by the one that is not sure to be another.
     lane_sigma_m = np.where(tracks.x_m < PATH_SURE_M, lane_sigma_m, 0.0)
     half_m = staging.corridor_half_m
-    passes: np.ndarray = comes & (
-        (_misses(tracks, beside_m, half_m + beside_sigma_m) & ~_straight(tracks, ego))
-        | _misses(tracks, lane_m, half_m + lane_sigma_m)
+    came, came_sigma_m = _lane_by_way(tracks)
+    passes: np.ndarray = comes & np.where(
+        _straight(tracks, ego),
+        _misses(tracks, came, half_m + came_sigma_m),
+        _misses(tracks, beside_m, half_m + beside_sigma_m),
     )
+    passes |= comes & _misses(tracks, lane_m, half_m + lane_sigma_m)
     return passes
 
 
@@ -517,6 +530,19 @@ def _lane_of(tracks: TrackStore) -> tuple[np.ndarray, np.ndarray]:
     road at its place runs as its way does, and begins where the car is."""
     slope_x = 0.5 * tracks.x_m / np.minimum(tracks.vx_mps, -1.0)
     return tracks.y_m - tracks.vy_mps * slope_x, np.sqrt(tracks.q_vv) * np.abs(slope_x)
+
+
+def _lane_by_way(tracks: TrackStore) -> tuple[np.ndarray, np.ndarray]:
+    """Distance of that lane, and its deviation, from where it came: the road runs as an arc that
+    begins where the car is and goes through both places, beside the lane. A way that is short
+    beside its end tells nothing."""
+    end_m2 = tracks.x_m * tracks.x_m
+    way_m2 = tracks.from_x_m * tracks.from_x_m - end_m2
+    long = (tracks.from_x_m > 0.0) & (way_m2 > end_m2)
+    share = end_m2 / np.where(long, way_m2, 1.0)
+    lane_m = tracks.y_m + share * (tracks.y_m - tracks.from_y_m)
+    sigma_m = np.sqrt(tracks.q_xx) * (1.0 + share) + FROM_SIGMA_M * share
+    return lane_m, np.where(long, sigma_m, np.inf)
 
 
 def _straight(tracks: TrackStore, ego: EgoMotion) -> np.ndarray:

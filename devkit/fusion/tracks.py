@@ -15,13 +15,8 @@ import numpy as np
 
 from devkit.fusion.parameters import TrackingParameters
 from devkit.fusion.path import EyePlaces
-from devkit.fusion.sightings import (
-    CROSSES_MPS,
-    SIDEWAYS_SHARE,
-    Sightings,
-    is_person,
-    sideways_share,
-)
+from devkit.fusion.seen_ends import SeenEnds
+from devkit.fusion.sightings import SIDEWAYS_SHARE, Sightings, is_person, sideways_share
 
 TRACKS_MAX = 32
 """Most tracks of a car."""
@@ -45,7 +40,9 @@ HELD_S = 1.0
 """A sensor that measures places and has seen a track so lately tells where it is, though a few
 sweeps may have missed it: the camera's guess does not take its place at once [s]."""
 STEP_M = 0.6
-"""A person is no further from where he was expected, sweep after sweep [m]."""
+"""A person, and either end of him, is no further from where he was expected [m]."""
+SLOW_MPS = 2.0
+"""What is slower along and across may as well stand [m/s]."""
 LOST_S = 0.35
 """LiDAR that sees a track again after so long begins to count anew [s]."""
 VOUCHED_S = 0.25
@@ -127,8 +124,8 @@ class TrackStore:
         self.agrees, self.steady = np.ones((2, slots, TRACKS_MAX))
         """Share of radial speeds, and of places across, lately that its velocity explains: 1 at
         first."""
-        self.same = np.zeros((slots, TRACKS_MAX))
-        """Sweeps on end in which LiDAR saw the same part of the same thing."""
+        self.same, self.ends = np.zeros((slots, TRACKS_MAX)), SeenEnds((slots, TRACKS_MAX))
+        """Sweeps on end in which LiDAR saw the same part of the same thing, and its ends."""
         self.radial_mps = np.zeros((slots, TRACKS_MAX))
         """What radar measures along the ray lately, smoothed."""
         self.probability, self.age_s = _arrays(slots, 2)
@@ -164,15 +161,15 @@ class TrackStore:
         x = self.x_m + (0.5 * (self.vx_mps + vx) - v) * dt
         y = self.y_m + 0.5 * (self.vy_mps + vy) * dt
         self.x_m, self.y_m = c * x + s * y, c * y - s * x
+        self.ends.move(dt, s, c, x)
         x, y = self.from_x_m - v * dt, self.from_y_m
         self.from_x_m, self.from_y_m = c * x + s * y, c * y - s * x
         self.vx_mps, self.vy_mps = c * vx + s * vy, c * vy - s * vx
         noise = self._p.acceleration_mps2 * self._p.acceleration_mps2
         for pos, cross, vel in (("p_xx", "p_xv", "p_vv"), ("q_xx", "q_xv", "q_vv")):
             xx, xv, vv = getattr(self, pos), getattr(self, cross), getattr(self, vel)
-            setattr(
-                self, pos, xx + dt * (2.0 * xv + dt * vv) + 0.25 * noise * (dt * dt) * (dt * dt)
-            )
+            moved = xx + dt * (2.0 * xv + dt * vv)
+            setattr(self, pos, moved + 0.25 * noise * (dt * dt) * (dt * dt))
             setattr(self, cross, xv + dt * vv + 0.5 * noise * dt * dt * dt)
             setattr(self, vel, vv + noise * dt * dt)
         self.age_s = self.age_s + dt
@@ -318,8 +315,7 @@ class TrackStore:
         better_s = np.minimum(self.lidar.age_s, self.radar.age_s) if by_camera else self.lidar.age_s
         moved = paired & ((better_s >= HELD_S) | (memory is self.lidar))
         right, left, x = of(seen.right_m), of(seen.left_m), of(seen.x_m)
-        sigma = of(seen.sigma_m)
-        middle = 0.5 * (left + right)
+        sigma, middle = of(seen.sigma_m), 0.5 * (left + right)
         vx, vy, known = self.vx_mps, self.vy_mps, self._speeds_known()
         sideways = self._sideways(x, sigma, left - right, memory)
         # Where another part is seen its middle is elsewhere, by up to half of what the width
@@ -328,8 +324,12 @@ class TrackStore:
         step = np.where(grown > PART_SIGMAS * np.sqrt(sideways), grown, 0.0)
         away_m, aside = x - self.x_m, middle - self.y_m
         if memory is self.lidar:
-            other = (step > 0.0) | (away_m * away_m + aside * aside > STEP_M * STEP_M)
-            self.same = np.where(paired, np.where(other, 1.0, self.same + 1.0), self.same)
+            along2, end_m = away_m * away_m, np.abs(aside) + grown
+            other = (step > 0.0) | (along2 + aside * aside > STEP_M * STEP_M)
+            anew = other | (memory.age_s > LOST_S)
+            self.same = np.where(paired, np.where(anew, 1.0, self.same + 1.0), self.same)
+            anew |= along2 + end_m * end_m > STEP_M * STEP_M
+            self.ends.see(paired, anew, right, left)
             self._begin_across(moved & other & (step == 0.0), middle, sideways)
             self._begin_along(moved & (step > 0.0), away_m, sigma, 2.0 * grown)
         aside = np.clip(middle - self.y_m, -step, step)
@@ -391,7 +391,7 @@ class TrackStore:
 
     def _begin_across(self, which: np.ndarray, middle_m: np.ndarray, variance: np.ndarray) -> None:
         """Slow tracks that are another thing now have not come across from where they were."""
-        slow = (np.abs(self.vx_mps) < CROSSES_MPS) & (np.abs(self.vy_mps) < CROSSES_MPS)
+        slow = (np.abs(self.vx_mps) < SLOW_MPS) & (np.abs(self.vy_mps) < SLOW_MPS)
         begins = which & slow & (self.q_vv < KNOWN_VARIANCE)
         speed = self._p.start_speed_mps * self._p.start_speed_mps
         self.from_y_m = np.where(begins, self.from_y_m + middle_m - self.y_m, self.from_y_m)
@@ -593,6 +593,7 @@ class TrackStore:
         }
         for name, value in values.items():
             getattr(self, name)[slot, at] = value
+        self.ends.begin(slot, at, right, left)
         for other in (self.camera, self.lidar, self.radar):
             other.age_s[slot, at], other.hits[slot, at], other.inside[slot, at] = 1e9, 0.0, 0.0
         memory.age_s[slot, at], memory.hits[slot, at] = 0.0, 1.0

@@ -211,6 +211,14 @@ def test_radar_groups_what_is_near_and_takes_the_speed_of_the_strongest():
     assert groups[0].speed_sigma_mps > groups[1].speed_sigma_mps == pytest.approx(0.3)
 
 
+def test_what_comes_and_what_drives_ahead_are_two_however_near():
+    ahead, comes = (36.0, -0.03, 0.0, 0.0, 10.0, 20.0), (36.5, 0.02, 0.0, -20.0, 15.0, 20.0)
+    wheel = (36.5, 0.03, 0.0, -14.0, 0.0, 20.0)
+    groups = group_detections(detections(ahead, comes, wheel), RADAR, 10.0, 0.0)
+    assert [round(group.over_ground_mps) for group in groups] == [10, -10]
+    assert groups[1].left_m - groups[1].right_m < 1.0
+
+
 def test_echoes_of_the_road_tell_the_error_of_the_cars_own_speed():
     road = [(8.0 + n, 0.03 * (-1) ** n, 0.0, -10.0, -30.0, 15.0) for n in range(8)]
     rows = detections(*road, (30.0, 0.0, 0.0, -10.0, 10.0, 20.0))

@@ -161,6 +161,9 @@ def beside(
     speed_mps=8.0,
     inside=False,
     boxes_inside=None,
+    sweeps_inside=None,
+    both_mps=None,
+    followed=False,
     has_radar=True,
     radar_age_s=0.0,
     lidar_age_s=0.0,
@@ -192,10 +195,17 @@ def beside(
     for memory, hits in hits_of:
         memory.age_s[0, 0], memory.hits[0, 0] = (0.0 if hits else 1e9), hits
         memory.inside[0, 0] = float(inside)
+    tracks.ends.both_mps[0, 0] = vy_mps if both_mps is None else both_mps
+    if followed:
+        tracks.live[0, 1], tracks.age_s[0, 1], tracks.radar.hits[0, 1] = True, 14.0, 260
+        tracks.x_m[0, 1], tracks.y_m[0, 1], tracks.vx_mps[0, 1] = x_m, y_m, vx_mps
+        tracks.radar.age_s[0, 1] = 0.0
     tracks.radar.age_s[0, 0] += radar_age_s
     tracks.lidar.age_s[0, 0] += lidar_age_s
     if boxes_inside is not None:
         tracks.camera.inside[0, 0] = float(boxes_inside)
+    if sweeps_inside is not None:
+        tracks.lidar.inside[0, 0] = float(sweeps_inside)
     ego, health = EgoMotion(1), SensorHealth(1)
     ego.speed_mps[:], health.radar_sees[:] = speed_mps, has_radar
     ego.curvature_per_m[:], health.reach_m[:] = bend_per_m, reach_m
@@ -512,7 +522,8 @@ def test_a_narrow_thing_that_lidar_alone_sees_cross_is_no_vehicle():
     assert not beside("car", radar_hits=5, **(post | {"lidar_hits": 4})), "a wheel that goes by"
     assert beside(radar_hits=0, **(post | {"right_m": -0.9, "left_m": 0.9})), "wide enough"
     assert not beside("car", radar_hits=0, **post), "named by the box of a car behind it"
-    assert beside("car", radar_hits=0, **(post | {"lidar_hits": 2})), "no LiDAR says otherwise"
+    unseen = post | {"lidar_hits": 2, "lidar_age_s": 1.0}
+    assert beside("car", radar_hits=0, **unseen), "no LiDAR says otherwise"
 
 
 @pytest.mark.parametrize("radius_m", [90.0, -90.0])
@@ -572,6 +583,44 @@ def test_who_walks_unnamed_has_to_be_surer():
     assert beside(**walker)
     assert not beside(**(walker | {"q_vv": 0.26}))
     assert not beside(**walker, same=5), "it was another thing before"
+    assert not beside(**walker, both_mps=0.7), "one of its ends stays: more of it is seen"
+
+
+def test_lidar_that_sees_now_this_now_that_tells_no_speed():
+    """Walls and parked cars in fog, where a curve begins: they seemed to run."""
+    runs = CROSSES | {"lidar_hits": 7, "radar_hits": 0}
+    assert beside(**runs)
+    assert not beside(**runs, same=3)
+    echoes = runs | {"radar_hits": 7, "vx_mps": 0.0}
+    assert beside(**echoes, same=3), "it moves by Doppler"
+    assert not beside(**echoes, same=3, radial_mps=0.0), "it does not"
+
+
+def test_a_second_view_of_what_comes_tells_its_way_once_both_ends_have_gone_it():
+    """A motorcycle while the car turns to the left, and the nose and flank of a lorry."""
+    comes = {"x_m": 14.1, "y_m": 2.4, "vx_mps": -7.9, "vy_mps": -4.0, "speed_mps": 2.7}
+    comes |= {"radar_hits": 2, "right_m": -0.6, "left_m": 0.6}
+    comes |= {"from_x_m": 22.0, "from_y_m": 5.4}
+    assert beside(lidar_hits=6, followed=True, **comes)
+    assert not beside(lidar_hits=5, followed=True, **comes)
+    assert beside(lidar_hits=5, **comes), "it is the only view"
+    assert not beside(lidar_hits=6, followed=True, both_mps=-1.9, **comes), "its nose stays"
+
+
+def test_what_comes_out_of_a_bend_follows_the_road():
+    """By radar alone, 39 m before a car on a straight that will bend to the right."""
+    comes = {"x_m": 43.2, "y_m": 1.4, "vx_mps": -11.0, "vy_mps": 0.14, "speed_mps": 11.8}
+    comes |= {"right_m": -0.8, "left_m": 0.8, "q_vv": 0.12, "q_xx": 0.1, "inside": True}
+    comes |= {"lidar_hits": 0, "radar_hits": 47, "from_x_m": 82.6}
+    assert not beside(**comes, from_y_m=-4.2)
+    assert beside(**comes, from_y_m=1.2), "along the car's own lane"
+    assert beside(**(comes | {"from_x_m": 55.0}), from_y_m=-0.2), "too short a way to tell"
+
+
+def test_sweeps_that_all_lie_beside_the_path_say_more_than_radar():
+    parked = {"x_m": 19.0, "y_m": -1.8, "speed_mps": 12.0, "radar_hits": 22, "inside": True}
+    assert beside(lidar_hits=1, **parked)
+    assert not beside(lidar_hits=1, sweeps_inside=False, **parked)
 
 
 def test_a_way_that_its_places_contradict_tells_no_speed_across():

@@ -493,7 +493,7 @@ def test_lidar_that_has_lost_a_track_begins_to_count_anew():
     for _ in range(4):
         store.predict(np.array([0.1]), np.zeros(1), np.zeros(1))
     step(store, sightings([20.0], [0.0]))
-    assert store.lidar.hits[0, 0] == 1
+    assert store.lidar.hits[0, 0] == store.same[0, 0] == 1
 
 
 def test_lidar_that_goes_on_to_another_thing_has_not_seen_it_come_from_there():
@@ -517,8 +517,21 @@ def test_another_part_is_counted_anew_and_a_walk_is_not():
     for i in range(10):
         step(store, sightings([20.0], [-3.0 + 0.2 * i], half_m=0.3))
     assert store.same[0, 0] == 10
+    assert store.ends.both_mps[0, 0] == pytest.approx(2.0, abs=0.05)
     step(store, sightings([20.0], [-1.0], half_m=1.3))
     assert store.same[0, 0] == 1
+    assert store.ends.both_mps[0, 0] == 0.0
+
+
+def test_a_new_track_has_no_ends_of_one_that_had_its_place():
+    store = TrackStore(1, TrackingParameters())
+    for i in range(5):
+        step(store, sightings([20.0], [-3.0 + 0.2 * i], half_m=0.3))
+    store.reset(0)
+    for _ in range(2):
+        step(store, sightings([20.0], [4.0], half_m=0.3))
+    assert store.live[0, 0]
+    assert store.ends.both_mps[0, 0] == 0.0
 
 
 @pytest.mark.parametrize("velocity", [(0.0, 5.0), (-5.0, 1.0)])
