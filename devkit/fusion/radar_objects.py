@@ -24,12 +24,14 @@ HIGH_M, LOW_M = 2.5, -1.0
 """Detections above or below these heights are of bridges, manhole covers and mirrors [m]."""
 GROUP_M = 2.0
 """Detections nearer to each other are of one object [m]."""
-RCS_MIN_DBSM = -5.0
-"""Weaker ones are of kerbs and cans, where nothing moves [dBsm]."""
+RCS_MIN_DBSM, RCS_MOVES_DBSM = -5.0, -25.0
+"""Weaker ones are of kerbs and cans, where nothing moves, and of no person where something does
+[dBsm]."""
 STANDS_MPS = 0.7
 """Slower over ground is standing [m/s]."""
-DRIFT_MAX_MPS, DRIFT_ECHOES_MIN = 2.5, 6
-"""Weak echoes below this speed tell the error of the car's own, if there are so many [m/s, -]."""
+DRIFT_MAX_MPS, DRIFT_PLACES_MIN = 2.5, 6
+"""Weak echoes below this speed tell the error of the car's own, if they come from so many metres of
+road [m/s, -]."""
 SPEED_SIGMA_MPS, LONE_SIGMA_MPS = 0.3, 0.8
 """Deviation of the speed of several echoes that are equally fast, and of one that moves alone: it
 may be of a wheel [m/s]."""
@@ -106,11 +108,11 @@ def group_frames(
     rows, frame = rows[kept], frame[kept]
     x, y, over_ground, ray_y, seen = _placed(rows, frame, view, mounts)
     rcs = rows[:, RCS]
-    drift = _drifts(y, over_ground, rcs, np.where(seen, frame, -1), len(counts))
+    drift = _drifts(x, y, over_ground, rcs, np.where(seen, frame, -1), len(counts))
     over_ground = over_ground - drift[frame]
     speed = np.abs(over_ground)
     seen &= ((np.abs(y) <= ROAD_HALF_M) | (speed >= CROSSES_MPS)) & (
-        (rcs >= RCS_MIN_DBSM) | (speed >= STANDS_MPS)
+        (rcs >= RCS_MIN_DBSM) | ((speed >= STANDS_MPS) & (rcs >= RCS_MOVES_DBSM))
     )
     weight = rounded(powers_of_ten(0.1 * rcs[seen]))
     columns = (
@@ -141,18 +143,27 @@ def _placed(
 
 
 def _drifts(
-    y: np.ndarray, over_ground: np.ndarray, rcs: np.ndarray, frame: np.ndarray, frames: int
+    x: np.ndarray,
+    y: np.ndarray,
+    over_ground: np.ndarray,
+    rcs: np.ndarray,
+    frame: np.ndarray,
+    frames: int,
 ) -> np.ndarray:
     """Speed over ground of the road and the kerbs of each frame, which stand: the error of the
-    car's own speed, about 1 m/s when it brakes hard and pitches. The median of weak echoes; 0 if
-    there are few."""
+    car's own speed, about 1 m/s when it brakes hard and pitches. The median of weak echoes, one of
+    each metre ahead, since who walks on the footway has a dozen of them; 0 if there are few."""
     weak = (np.abs(y) <= ROAD_HALF_M) & (rcs < RCS_MIN_DBSM) & (np.abs(over_ground) < DRIFT_MAX_MPS)
-    speeds, frame = over_ground[weak], frame[weak]
+    speeds, metre, frame = over_ground[weak], np.floor(x[weak]), frame[weak]
     drifts = np.zeros(frames)
     for index in range(frames):
-        of_frame = np.sort(speeds[frame == index], kind="stable")
-        if len(of_frame) >= DRIFT_ECHOES_MIN:
-            drifts[index] = of_frame[len(of_frame) // 2]
+        here = frame == index
+        of_frame, at = speeds[here], metre[here]
+        order = np.lexsort((of_frame, at))
+        _, first, count = np.unique(at[order], return_index=True, return_counts=True)
+        if len(first) >= DRIFT_PLACES_MIN:
+            middles = np.sort(of_frame[order][first + count // 2])
+            drifts[index] = middles[len(middles) // 2]
     return drifts
 
 

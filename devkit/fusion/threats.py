@@ -285,7 +285,7 @@ def _known_across(tracks: TrackStore, path: CarPath, doppler: np.ndarray) -> np.
     # followed driving ahead and turns off shows his flank then, bit by bit.
     followed = doppler & (tracks.radar.hits >= WALKS_ECHOES) & (tracks.vx_mps > AWAY_MPS)
     ripe &= (tracks.steady > STEADY_MIN) | followed
-    both = tracks.ends.go_as(tracks.vy_mps) & (tracks.same >= WALKS_SIGHTINGS)
+    both = tracks.ends.go_along() & (tracks.same >= WALKS_SIGHTINGS)
     ripe &= both | ~doubles(tracks)
     # LiDAR that sees now this, now that tells no speed of either.
     ripe &= doppler | (tracks.lidar.age_s >= HELD_S) | (tracks.same >= PERSON_SWEEPS)
@@ -405,7 +405,7 @@ def _crosses(
     walked_m = _walked_m(tracks, path, across)
     # Networks miss people; what LiDAR and radar see walk is one.
     walks = (tracks.same >= WALKS_SIGHTINGS) & (tracks.radar.hits >= SIGHTINGS_MIN)
-    walks &= tracks.ends.go_as(vy_mps)
+    walks &= tracks.ends.go_along()
     # Of what is wide another part is seen while the car goes by: its middle wanders.
     walks |= (tracks.radar.hits >= WALKS_ECHOES) & (walked_m > WALKED_M)
     # LiDAR goes on from a post to the parked car before it, and across its tail.

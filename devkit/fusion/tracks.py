@@ -329,7 +329,7 @@ class TrackStore:
             anew = other | (memory.age_s > LOST_S)
             self.same = np.where(paired, np.where(anew, 1.0, self.same + 1.0), self.same)
             anew |= along2 + end_m * end_m > STEP_M * STEP_M
-            self.ends.see(paired, anew, right, left)
+            self.ends.see(paired, anew, right, left, vy)
             self._begin_across(moved & other & (step == 0.0), middle, sideways)
             self._begin_along(moved & (step > 0.0), away_m, sigma, 2.0 * grown)
         aside = np.clip(middle - self.y_m, -step, step)

@@ -8,49 +8,70 @@ import pytest
 from devkit.fusion.seen_ends import SeenEnds
 
 SHAPE = (1, 2)
+YES = np.array([[True, False]])
+NO = np.zeros(SHAPE, bool)
 
 
-def seen(ends_of, sweeps=12, turn_rad=0.0, x_m=20.0):
-    """Speed of both ends, after sweeps at 10 Hz from a car that turns so far between two."""
-    ends = SeenEnds(SHAPE)
-    sine, cosine = np.sin(turn_rad), np.cos(turn_rad)
+def sweeps_of(ends_of, vy_mps, sweeps=12, turn_rad=0.0, x_m=20.0):
+    """How much sweeps at 10 Hz say that both ends go along, after each, from a car that turns so
+    far between two."""
+    ends, says = SeenEnds(SHAPE), []
     for sweep in range(sweeps):
-        right, left = ends_of(sweep)
-        which = np.array([[True, False]])
-        ends.see(which, which & (sweep == 0), np.full(SHAPE, right), np.full(SHAPE, left))
-        ends.move(np.full((1, 1), 0.1), sine, cosine, np.full(SHAPE, x_m))
-    assert ends.both_mps[0, 1] == 0.0, "another track"
-    return ends.both_mps[0, 0]
+        right, left = (np.full(SHAPE, y_m) for y_m in ends_of(sweep))
+        ends.see(YES, YES if sweep == 0 else NO, right, left, np.full(SHAPE, vy_mps))
+        says.append(ends.along[0, 0])
+        assert ends.go_along().tolist() == [[says[-1] > 0.6, False]], "the other track is not seen"
+        ends.move(np.full((1, 1), 0.1), np.sin(turn_rad), np.cos(turn_rad), np.full(SHAPE, x_m))
+    return says
 
 
-def test_who_walks_is_as_fast_as_both_of_his_ends():
-    assert seen(lambda n: (-3.0 + 0.14 * n, -2.5 + 0.14 * n)) == pytest.approx(1.4)
-    assert seen(lambda n: (3.0 - 0.14 * n, 3.5 - 0.14 * n)) == pytest.approx(-1.4)
-    stride = [0.0, 0.1, 0.2, 0.1]
-    walks = seen(lambda n: (-3.0 + 0.14 * n - stride[n % 4], -2.5 + 0.14 * n + stride[n % 4]))
-    assert 1.0 < walks < 1.8, "his legs open and close"
+@pytest.mark.parametrize("vy_mps", [1.4, -1.4, 0.9, 5.0])
+def test_who_walks_takes_both_ends_along(vy_mps):
+    says = sweeps_of(lambda n: (-3.0 + 0.1 * vy_mps * n, -2.5 + 0.1 * vy_mps * n), vy_mps)
+    assert says[:3] == pytest.approx([0.35, 0.61, 0.766])
+    assert says[-1] > 0.99
+    assert max(sweeps_of(lambda n: (-3.0, -2.5), vy_mps)[1:]) < 0.3, "who stands"
+    back = sweeps_of(lambda n: (-3.0 - 0.1 * vy_mps * n, -2.5 - 0.1 * vy_mps * n), vy_mps)
+    assert max(back[1:]) < 0.3
+
+
+def test_legs_open_and_close():
+    stride = [0.0, 0.06, 0.12, 0.06]
+
+    def walks(sweep):
+        return (-3.0 + 0.14 * sweep - stride[sweep % 4], -2.5 + 0.14 * sweep + stride[sweep % 4])
+
+    assert min(sweeps_of(walks, 1.4, 24)[8:]) > 0.6
 
 
 def test_one_end_that_stays_is_no_walk():
-    assert seen(lambda n: (-4.0 + 0.14 * n, -1.8)) == 0.0
-    assert abs(seen(lambda n: (-4.0 + 0.14 * n, -1.8 + 0.02 * n))) == pytest.approx(0.2)
-    assert seen(lambda n: (-3.0 - 0.1 * n, -2.5 + 0.1 * n)) == 0.0, "it widens"
+    assert max(sweeps_of(lambda n: (-4.0 + 0.14 * n, -1.8), 0.7)[1:]) < 0.3
+    assert max(sweeps_of(lambda n: (-3.0 - 0.1 * n, -2.5 + 0.1 * n), 0.5)[1:]) < 0.3, "it widens"
+
+
+def test_a_jump_that_is_over_is_no_walk():
+    """More of a car came into view in three sweeps, and nothing since."""
+    left = [-2.63, -2.12, -1.77, -1.71, -1.82, -1.93, -1.85, -1.77]
+    right = [-3.29, -2.97, -2.96, -2.47, -2.38, -2.64, -2.87, -2.1]
+    says = sweeps_of(lambda n: (right[n], left[n]), 1.2, len(left))
+    assert max(says[5:]) < 0.6
 
 
 def test_what_stands_beside_a_car_that_turns_stands():
     """Its place aside changes by a metre in half a second."""
     turn, x_m = -0.0033, 27.0
-    ends = seen(lambda n: (-4.0 - turn * x_m * n, -3.4 - turn * x_m * n), turn_rad=turn, x_m=x_m)
-    assert abs(ends) < 0.05
+    seen = sweeps_of(
+        lambda n: (-4.0 - turn * x_m * n, -3.4 - turn * x_m * n), 0.9, turn_rad=turn, x_m=x_m
+    )
+    assert max(seen[1:]) < 0.3
 
 
 def test_another_thing_begins_anew():
     ends = SeenEnds((1, 1))
-    yes, no = np.ones((1, 1), bool), np.zeros((1, 1), bool)
-    ends.see(yes, yes, np.full((1, 1), -4.0), np.full((1, 1), -3.5))
-    ends.move(np.full((1, 1), 0.1), 0.0, 1.0, np.full((1, 1), 20.0))
-    ends.see(yes, yes, np.full((1, 1), -2.0), np.full((1, 1), -1.5))
-    assert ends.both_mps[0, 0] == 0.0
-    ends.move(np.full((1, 1), 0.1), 0.0, 1.0, np.full((1, 1), 20.0))
-    ends.see(yes, no, np.full((1, 1), -1.9), np.full((1, 1), -1.4))
-    assert ends.both_mps[0, 0] == pytest.approx(1.0)
+    yes, no, vy = np.ones((1, 1), bool), np.zeros((1, 1), bool), np.full((1, 1), 1.0)
+    for y_m, anew in ((-4.0, yes), (-3.9, no), (-2.0, yes)):
+        ends.see(yes, anew, np.full((1, 1), y_m), np.full((1, 1), y_m + 0.5), vy)
+        ends.move(np.full((1, 1), 0.1), np.zeros((1, 1)), np.ones((1, 1)), np.full((1, 1), 20.0))
+    assert ends.along[0, 0] == pytest.approx(0.35)
+    ends.see(yes, no, np.full((1, 1), -1.9), np.full((1, 1), -1.4), vy)
+    assert ends.along[0, 0] == pytest.approx(0.61)

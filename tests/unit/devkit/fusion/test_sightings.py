@@ -224,6 +224,24 @@ def test_echoes_of_the_road_tell_the_error_of_the_cars_own_speed():
     rows = detections(*road, (30.0, 0.0, 0.0, -10.0, 10.0, 20.0))
     (car,) = group_detections(rows, RADAR, 9.0, 0.0)
     assert car.over_ground_mps == pytest.approx(0.0, abs=0.05)
+    few = detections(*road[:5], rows[-1])
+    assert group_detections(few, RADAR, 9.0, 0.0)[0].over_ground_mps == pytest.approx(-1.0)
+
+
+def test_who_walks_on_the_footway_does_not_tell_the_cars_speed():
+    """A dozen weak echoes of his limbs, and a few of the road."""
+    limbs = [(15.0 + 0.1 * n, -0.2, 0.0, -8.3, -14.0, 20.0) for n in range(12)]
+    road = [(6.0 + 2.0 * n, 0.0, 0.0, -10.0, -30.0, 15.0) for n in range(7)]
+    rows = detections(*limbs, *road, (30.0, 0.0, 0.0, -10.0, 10.0, 20.0))
+    groups = group_detections(rows, RADAR, 10.0, 0.0)
+    assert groups[-1].over_ground_mps == pytest.approx(0.0, abs=0.05)
+    assert groups[0].over_ground_mps == pytest.approx(1.5, abs=0.1)
+
+
+def test_nobody_has_so_weak_an_echo():
+    walker, mouse = (30.0, 0.0, 0.0, -8.5, -24.0, 20.0), (30.0, 0.0, 0.0, -8.5, -26.0, 20.0)
+    assert len(group_detections(detections(walker), RADAR, 10.0, 0.0)) == 1
+    assert group_detections(detections(mouse), RADAR, 10.0, 0.0) == []
 
 
 @pytest.mark.parametrize(

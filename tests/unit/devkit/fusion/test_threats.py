@@ -162,7 +162,7 @@ def beside(
     inside=False,
     boxes_inside=None,
     sweeps_inside=None,
-    both_mps=None,
+    ends_along=1.0,
     followed=False,
     has_radar=True,
     radar_age_s=0.0,
@@ -195,7 +195,7 @@ def beside(
     for memory, hits in hits_of:
         memory.age_s[0, 0], memory.hits[0, 0] = (0.0 if hits else 1e9), hits
         memory.inside[0, 0] = float(inside)
-    tracks.ends.both_mps[0, 0] = vy_mps if both_mps is None else both_mps
+    tracks.ends.along[0, 0] = ends_along
     if followed:
         tracks.live[0, 1], tracks.age_s[0, 1], tracks.radar.hits[0, 1] = True, 14.0, 260
         tracks.x_m[0, 1], tracks.y_m[0, 1], tracks.vx_mps[0, 1] = x_m, y_m, vx_mps
@@ -583,7 +583,7 @@ def test_who_walks_unnamed_has_to_be_surer():
     assert beside(**walker)
     assert not beside(**(walker | {"q_vv": 0.26}))
     assert not beside(**walker, same=5), "it was another thing before"
-    assert not beside(**walker, both_mps=0.7), "one of its ends stays: more of it is seen"
+    assert not beside(**walker, ends_along=0.59), "one of its ends stays: more of it is seen"
 
 
 def test_lidar_that_sees_now_this_now_that_tells_no_speed():
@@ -604,7 +604,7 @@ def test_a_second_view_of_what_comes_tells_its_way_once_both_ends_have_gone_it()
     assert beside(lidar_hits=6, followed=True, **comes)
     assert not beside(lidar_hits=5, followed=True, **comes)
     assert beside(lidar_hits=5, **comes), "it is the only view"
-    assert not beside(lidar_hits=6, followed=True, both_mps=-1.9, **comes), "its nose stays"
+    assert not beside(lidar_hits=6, followed=True, ends_along=0.59, **comes), "its nose stays"
 
 
 def test_what_comes_out_of_a_bend_follows_the_road():
