@@ -12,7 +12,7 @@ import numpy as np
 from devkit.fusion.tracks import VOUCHED_S, TrackStore
 
 FOLLOWED_ECHOES = 20
-"""Echoes from which on a track that comes is known well [-]."""
+"""Echoes from which on radar knows a track that drives well [-]."""
 COMES_MPS = 4.0
 """What comes at least so fast drives [m/s]."""
 ALONG_M, ASIDE_M, SLACK_MPS = 3.0, 1.5, 2.0

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from devkit.fusion.doubles import doubles
+from devkit.fusion.doubles import FOLLOWED_ECHOES, doubles
 from devkit.fusion.ego_motion import EgoMotion
 from devkit.fusion.health import SensorHealth
 from devkit.fusion.parameters import StagingParameters
@@ -283,7 +283,7 @@ def _known_across(tracks: TrackStore, path: CarPath, doppler: np.ndarray) -> np.
     ripe = person | placed | comes | (tracks.age_s > RIPE_S)
     # A filter that what it sees contradicts, place after place, knows no speed either. But who is
     # followed driving ahead and turns off shows his flank then, bit by bit.
-    followed = doppler & (tracks.radar.hits >= WALKS_ECHOES) & (tracks.vx_mps > AWAY_MPS)
+    followed = doppler & (tracks.radar.hits >= FOLLOWED_ECHOES) & (tracks.vx_mps > AWAY_MPS)
     ripe &= (tracks.steady > STEADY_MIN) | followed
     both = tracks.ends.go_along() & (tracks.same >= WALKS_SIGHTINGS)
     ripe &= both | ~doubles(tracks)
@@ -352,12 +352,10 @@ def _in_path(
     boxes = np.where(echoes, both, tracks.camera.inside)
     says = np.where(seen, boxes, tracks.radar.inside)
     # Nor are one or two sweeps, where radar has seen it for a second: at 40 m LiDAR misses cars.
-    swept = (tracks.lidar.hits >= SIGHTINGS_MIN) | (tracks.radar.hits < WALKS_ECHOES)
-    swept &= tracks.lidar.age_s < HELD_S
-    says = np.where(swept, tracks.lidar.inside, says)
     # But all sweeps that lie beside the path say more than radar's directions.
-    beside = (tracks.lidar.age_s < HELD_S) & (tracks.lidar.inside == 0.0)
-    says = np.where(beside, 0.0, says)
+    swept = (tracks.lidar.hits >= SIGHTINGS_MIN) | (tracks.radar.hits < WALKS_ECHOES)
+    swept = (swept | (tracks.lidar.inside == 0.0)) & (tracks.lidar.age_s < HELD_S)
+    says = np.where(swept, tracks.lidar.inside, says)
     near = path.holds(
         tracks.x_m,
         tracks.y_m + tracks.right_m,

@@ -50,6 +50,12 @@ NO_DRIVER = b"Could not find or load the NVIDIA CUDA driver"
 
 @functools.cache
 def _init() -> None:
+    """Once per process: Warp, and where it puts its headers."""
+    _start_warp()
+    keep_headers()
+
+
+def _start_warp() -> None:
     """Start Warp; where there is no driver, without the line that says so.
 
     A machine without a GPU is nothing to warn about: whoever asks for one there is told. Everything
@@ -57,7 +63,6 @@ def _init() -> None:
     """
     if _has_driver():
         wp.init()
-        keep_headers()
         return
     sys.stderr.flush()
     before, held = os.dup(2), os.memfd_create("stderr")
@@ -72,7 +77,6 @@ def _init() -> None:
         os.write(2, b"".join(line for line in lines if NO_DRIVER not in line))
         os.close(before)
         os.close(held)
-    keep_headers()
 
 
 def _has_driver() -> bool:
