@@ -26,11 +26,19 @@ class SeenEnds:
         self._right_m, self._left_m, self._ago_s = np.zeros((3, *shape))
         self.along = np.zeros(shape)
         """How much sweeps say that both ends go as the middle seems to, 0 to 1."""
+        self.sweeps = np.zeros(shape)
+        """Sweeps on end in which LiDAR saw the same part of the same thing."""
 
     def begin(
-        self, slot: np.ndarray, at: np.ndarray, right_m: np.ndarray, left_m: np.ndarray
+        self,
+        slot: np.ndarray,
+        at: np.ndarray,
+        right_m: np.ndarray,
+        left_m: np.ndarray,
+        swept: bool,
     ) -> None:
-        """New tracks, each with a slot and its place there."""
+        """New tracks, each with a slot and its place there; ``swept``: by LiDAR."""
+        self.sweeps[slot, at] = float(swept)
         self._right_m[slot, at], self._left_m[slot, at] = right_m, left_m
         self._ago_s[slot, at], self.along[slot, at] = 0.0, SAYS_FIRST
 
@@ -41,6 +49,11 @@ class SeenEnds:
         self._ago_s = self._ago_s + period_s
         self._right_m = cosine * self._right_m - sine * x_m
         self._left_m = cosine * self._left_m - sine * x_m
+
+    def count(self, which: np.ndarray, anew: np.ndarray) -> None:
+        """Count a sweep that shows tracks ``which``, ``anew`` those of other things."""
+        sweeps = np.where(anew, 1.0, self.sweeps + 1.0)
+        self.sweeps = np.where(which, sweeps, self.sweeps)
 
     def see(
         self,

@@ -170,7 +170,7 @@ def _persons(tracks: TrackStore) -> np.ndarray:
     is nowhere else a moment later; and nobody is faster than a cyclist."""
     named: np.ndarray = tracks.named >= NAMED_BOXES
     unseen = tracks.lidar.age_s >= HELD_S
-    named &= unseen | (tracks.same >= PERSON_SWEEPS)
+    named &= unseen | (tracks.ends.sweeps >= PERSON_SWEEPS)
     return named & _on_foot(tracks)
 
 
@@ -252,7 +252,6 @@ def find_threats(
     needed = 0.5 * fast * fast / room + np.where(fast > SLACK_MPS, brakes, 0.0)
     # Who walks towards the path may still stop: time for a warning, and for the brake's last word.
     late = needed > staging.crossing_deceleration_mps2
-    alone &= late | ~_shown_alone(tracks, shown)
     by_two, by_one = in_way & (agreed | (alone & blind)), in_way & alone
     # Who drives on may turn off; who is braked for behind them is another track.
     drives_on = (vx > AWAY_MPS) & (brakes == 0.0)
@@ -285,10 +284,10 @@ def _known_across(tracks: TrackStore, path: CarPath, doppler: np.ndarray) -> np.
     # followed driving ahead and turns off shows his flank then, bit by bit.
     followed = doppler & (tracks.radar.hits >= FOLLOWED_ECHOES) & (tracks.vx_mps > AWAY_MPS)
     ripe &= (tracks.steady > STEADY_MIN) | followed
-    both = tracks.ends.go_along() & (tracks.same >= WALKS_SIGHTINGS)
+    both = tracks.ends.go_along() & (tracks.ends.sweeps >= WALKS_SIGHTINGS)
     ripe &= both | ~doubles(tracks)
     # LiDAR that sees now this, now that tells no speed of either.
-    ripe &= doppler | (tracks.lidar.age_s >= HELD_S) | (tracks.same >= PERSON_SWEEPS)
+    ripe &= doppler | (tracks.lidar.age_s >= HELD_S) | (tracks.ends.sweeps >= PERSON_SWEEPS)
     known = ripe & _is_speed(tracks.vy_mps, tracks.q_vv, sure)
     return np.where(known, tracks.vy_mps, 0.0)
 
@@ -402,7 +401,7 @@ def _crosses(
     leaves = np.where(leftwards, half - right, left + half) / safe
     walked_m = _walked_m(tracks, path, across)
     # Networks miss people; what LiDAR and radar see walk is one.
-    walks = (tracks.same >= WALKS_SIGHTINGS) & (tracks.radar.hits >= SIGHTINGS_MIN)
+    walks = (tracks.ends.sweeps >= WALKS_SIGHTINGS) & (tracks.radar.hits >= SIGHTINGS_MIN)
     walks &= tracks.ends.go_along()
     # Of what is wide another part is seen while the car goes by: its middle wanders.
     walks |= (tracks.radar.hits >= WALKS_ECHOES) & (walked_m > WALKED_M)
@@ -416,7 +415,7 @@ def _crosses(
     person = (_persons(tracks) | person) & (vy_mps != 0.0)
     # A vehicle that comes along a curve is no crossing one, though it goes aside for a while.
     comes_by = (vx_mps < -COMES_MPS) & (speed < ALONG_SHARE * np.abs(vx_mps))
-    comes_by &= tracks.same < WALKS_SIGHTINGS
+    comes_by &= tracks.ends.sweeps < WALKS_SIGHTINGS
     aside = (speed > np.abs(vx_mps)) | ((tracks.x_m < PATH_SURE_M) & ~comes_by)
     seen = _may_be_vehicle(tracks, doppler, narrow, shown)
     vehicle = seen | (runs & (speed > RUNS_NARROW_MPS))
@@ -560,18 +559,14 @@ def _contradicted(tracks: TrackStore, shown: np.ndarray, health: SensorHealth) -
     """Tracks that LiDAR does not see where it sees the road, or would see them."""
     unswept = tracks.lidar.age_s >= HELD_S
     sees_road = health.free_to_m[:, None] > tracks.x_m + FREE_MARGIN_M
-    would_see = _is_any(tracks.label, _VEHICLES) & shown
+    # How far away a person is whom the camera alone shows nobody measures, and who walks beside a
+    # curve that begins is straight ahead.
+    alone = is_person(tracks.label) & (tracks.radar.hits < SIGHTINGS_MIN)
+    would_see = (_is_any(tracks.label, _VEHICLES) | alone) & shown
     # What comes near by radar alone is a mirror image of what drives elsewhere.
     mirrored = (tracks.camera.age_s >= RECENT_S) & shown & (tracks.x_m < PATH_SURE_M)
     contradicted: np.ndarray = unswept & (sees_road | would_see | mirrored)
     return contradicted
-
-
-def _shown_alone(tracks: TrackStore, shown: np.ndarray) -> np.ndarray:
-    """Persons whom the camera alone shows, where LiDAR sees further: how far away he is nobody
-    measures, and who walks beside a curve that begins is straight ahead."""
-    alone: np.ndarray = is_person(tracks.label) & shown & (tracks.lidar.age_s >= HELD_S)
-    return alone & (tracks.radar.hits < SIGHTINGS_MIN)
 
 
 def _unechoed(tracks: TrackStore, ego: EgoMotion, health: SensorHealth) -> np.ndarray:

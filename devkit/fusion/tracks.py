@@ -124,8 +124,7 @@ class TrackStore:
         self.agrees, self.steady = np.ones((2, slots, TRACKS_MAX))
         """Share of radial speeds, and of places across, lately that its velocity explains: 1 at
         first."""
-        self.same, self.ends = np.zeros((slots, TRACKS_MAX)), SeenEnds((slots, TRACKS_MAX))
-        """Sweeps on end in which LiDAR saw the same part of the same thing, and its ends."""
+        self.ends = SeenEnds((slots, TRACKS_MAX))
         self.radial_mps = np.zeros((slots, TRACKS_MAX))
         """What radar measures along the ray lately, smoothed."""
         self.probability, self.age_s = _arrays(slots, 2)
@@ -327,7 +326,7 @@ class TrackStore:
             along2, end_m = away_m * away_m, np.abs(aside) + grown
             other = (step > 0.0) | (along2 + aside * aside > STEP_M * STEP_M)
             anew = other | (memory.age_s > LOST_S)
-            self.same = np.where(paired, np.where(anew, 1.0, self.same + 1.0), self.same)
+            self.ends.count(paired, anew)
             anew |= along2 + end_m * end_m > STEP_M * STEP_M
             self.ends.see(paired, anew, right, left, vy)
             self._begin_across(moved & other & (step == 0.0), middle, sideways)
@@ -584,7 +583,6 @@ class TrackStore:
             "accel_mps2": 0.0,
             "agrees": 1.0,
             "steady": 1.0,
-            "same": 0.0 if memory is not self.lidar else 1.0,
             "radial_mps": np.where(told, radial, 0.0),
             "live": True,
             "label": seen.label[slot, fresh],
@@ -593,7 +591,7 @@ class TrackStore:
         }
         for name, value in values.items():
             getattr(self, name)[slot, at] = value
-        self.ends.begin(slot, at, right, left)
+        self.ends.begin(slot, at, right, left, memory is self.lidar)
         for other in (self.camera, self.lidar, self.radar):
             other.age_s[slot, at], other.hits[slot, at], other.inside[slot, at] = 1e9, 0.0, 0.0
         memory.age_s[slot, at], memory.hits[slot, at] = 0.0, 1.0

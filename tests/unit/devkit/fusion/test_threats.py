@@ -163,6 +163,7 @@ def beside(
     boxes_inside=None,
     sweeps_inside=None,
     ends_along=1.0,
+    sweeps_on_end=None,
     followed=False,
     has_radar=True,
     radar_age_s=0.0,
@@ -176,7 +177,7 @@ def beside(
     tracks = TrackStore(1, TrackingParameters())
     given = {"live": True, "p_vv": 0.1, "q_vv": 0.1, "right_m": -0.3, "left_m": 0.3}
     given |= {"probability": 0.999, "age_s": age_s, "label": LABELS.index(label)}
-    given |= {"named": min(camera_hits, 2), "same": lidar_hits}
+    given |= {"named": min(camera_hits, 2)}
     # He has come two metres across, and radar measures what he does.
     x_m, y_m, vx_mps, vy_mps = (
         values.get(name, 0.0) for name in ("x_m", "y_m", "vx_mps", "vy_mps")
@@ -196,6 +197,7 @@ def beside(
         memory.age_s[0, 0], memory.hits[0, 0] = (0.0 if hits else 1e9), hits
         memory.inside[0, 0] = float(inside)
     tracks.ends.along[0, 0] = ends_along
+    tracks.ends.sweeps[0, 0] = lidar_hits if sweeps_on_end is None else sweeps_on_end
     if followed:
         tracks.live[0, 1], tracks.age_s[0, 1], tracks.radar.hits[0, 1] = True, 14.0, 260
         tracks.x_m[0, 1], tracks.y_m[0, 1], tracks.vx_mps[0, 1] = x_m, y_m, vx_mps
@@ -439,13 +441,15 @@ def test_who_is_called_a_person_and_is_as_fast_as_a_car_comes_along_the_other_la
     assert beside("pedestrian", camera_hits=4, radar_hits=1, **(comes | {"vx_mps": -5.0}))
 
 
-def test_a_person_whom_the_camera_alone_shows_is_braked_for_late():
+def test_a_person_whom_the_camera_alone_shows_is_none_where_lidar_would_see_him():
     """Where a curve begins, who walks beside it is straight ahead, and nobody measures how far."""
     walker = {"x_m": 26.0, "y_m": 0.2, "vx_mps": 0.0, "vy_mps": 0.0, "lidar_hits": 0}
     walker |= {"inside": True, "speed_mps": 11.6}
     assert beside("pedestrian", radar_hits=1, **walker), "LiDAR does not see so far"
     assert not beside("pedestrian", radar_hits=1, reach_m=47.0, **walker)
-    assert beside("pedestrian", radar_hits=1, reach_m=47.0, **(walker | {"x_m": 18.0})), "late"
+    late = walker | {"x_m": 17.0, "speed_mps": 10.5}
+    assert beside("pedestrian", radar_hits=1, **late)
+    assert not beside("pedestrian", radar_hits=1, reach_m=47.0, **late), "an echo of the rain"
     assert beside("pedestrian", radar_hits=3, reach_m=47.0, **walker), "radar sees him"
 
 
@@ -573,7 +577,9 @@ def test_a_person_is_named_by_two_boxes_and_placed_by_four_sweeps():
     assert beside("pedestrian", camera_hits=2, **walker)
     assert not beside("pedestrian", camera_hits=1, **walker)
     assert not beside("pedestrian", camera_hits=2, **(walker | {"lidar_hits": 3}))
-    assert not beside("pedestrian", camera_hits=2, **walker, same=3), "it was another thing before"
+    assert not beside("pedestrian", camera_hits=2, **walker, sweeps_on_end=3), (
+        "it was another thing before"
+    )
     assert beside("pedestrian", camera_hits=2, **(walker | {"lidar_hits": 0})), "LiDAR is blind"
     assert not beside("pedestrian", camera_hits=2, **walker, radial_mps=-11.4), "a car that comes"
 
@@ -582,7 +588,7 @@ def test_who_walks_unnamed_has_to_be_surer():
     walker = PARKED | {"from_y_m": -3.0, "lidar_hits": 7, "radar_hits": 5}
     assert beside(**walker)
     assert not beside(**(walker | {"q_vv": 0.26}))
-    assert not beside(**walker, same=5), "it was another thing before"
+    assert not beside(**walker, sweeps_on_end=5), "it was another thing before"
     assert not beside(**walker, ends_along=0.59), "one of its ends stays: more of it is seen"
 
 
@@ -590,10 +596,10 @@ def test_lidar_that_sees_now_this_now_that_tells_no_speed():
     """Walls and parked cars in fog, where a curve begins: they seemed to run."""
     runs = CROSSES | {"lidar_hits": 7, "radar_hits": 0}
     assert beside(**runs)
-    assert not beside(**runs, same=3)
+    assert not beside(**runs, sweeps_on_end=3)
     echoes = runs | {"radar_hits": 7, "vx_mps": 0.0}
-    assert beside(**echoes, same=3), "it moves by Doppler"
-    assert not beside(**echoes, same=3, radial_mps=0.0), "it does not"
+    assert beside(**echoes, sweeps_on_end=3), "it moves by Doppler"
+    assert not beside(**echoes, sweeps_on_end=3, radial_mps=0.0), "it does not"
 
 
 def test_a_second_view_of_what_comes_tells_its_way_once_both_ends_have_gone_it():

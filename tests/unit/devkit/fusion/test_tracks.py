@@ -493,7 +493,7 @@ def test_lidar_that_has_lost_a_track_begins_to_count_anew():
     for _ in range(4):
         store.predict(np.array([0.1]), np.zeros(1), np.zeros(1))
     step(store, sightings([20.0], [0.0]))
-    assert store.lidar.hits[0, 0] == store.same[0, 0] == 1
+    assert store.lidar.hits[0, 0] == store.ends.sweeps[0, 0] == 1
 
 
 def test_lidar_that_goes_on_to_another_thing_has_not_seen_it_come_from_there():
@@ -502,10 +502,10 @@ def test_lidar_that_goes_on_to_another_thing_has_not_seen_it_come_from_there():
     for _ in range(4):
         step(store, sightings([20.0], [-3.4], half_m=0.3))
     came_from_m = store.from_y_m[0, 0]
-    assert store.same[0, 0] == 4
+    assert store.ends.sweeps[0, 0] == 4
     for sweeps in (1, 2, 3):
         step(store, sightings([20.0], [-2.7], half_m=0.2))
-        assert store.same[0, 0] == sweeps
+        assert store.ends.sweeps[0, 0] == sweeps
     assert store.live.sum() == 1
     assert store.vy_mps[0, 0] ** 2 < 2.0 * store.q_vv[0, 0], "it does not walk"
     assert store.y_m[0, 0] == pytest.approx(-2.7, abs=0.05)
@@ -516,10 +516,10 @@ def test_another_part_is_counted_anew_and_a_walk_is_not():
     store = TrackStore(1, TrackingParameters())
     for i in range(10):
         step(store, sightings([20.0], [-3.0 + 0.2 * i], half_m=0.3))
-    assert store.same[0, 0] == 10
+    assert store.ends.sweeps[0, 0] == 10
     assert store.ends.go_along()[0, 0]
     step(store, sightings([20.0], [-1.0], half_m=1.3))
-    assert store.same[0, 0] == 1
+    assert store.ends.sweeps[0, 0] == 1
     assert not store.ends.go_along()[0, 0]
 
 
