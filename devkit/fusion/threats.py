@@ -403,8 +403,10 @@ def _crosses(
     # Networks miss people; what LiDAR and radar see walk is one.
     walks = (tracks.ends.sweeps >= WALKS_SIGHTINGS) & (tracks.radar.hits >= SIGHTINGS_MIN)
     walks &= tracks.ends.go_along()
-    # Of what is wide another part is seen while the car goes by: its middle wanders.
-    walks |= (tracks.radar.hits >= WALKS_ECHOES) & (walked_m > WALKED_M)
+    # Of what is wide another part is seen while the car goes by: its middle wanders. Of a guard
+    # rail across the road far ahead LiDAR sees one post after the other.
+    ends = (tracks.lidar.age_s >= HELD_S) | tracks.ends.go_along()
+    walks |= (tracks.radar.hits >= WALKS_ECHOES) & (walked_m > WALKED_M) & ends
     # LiDAR goes on from a post to the parked car before it, and across its tail.
     walks &= tracks.radar.age_s < VOUCHED_S
     narrow = tracks.left_m - tracks.right_m < NARROW_M
@@ -561,7 +563,7 @@ def _contradicted(tracks: TrackStore, shown: np.ndarray, health: SensorHealth) -
     sees_road = health.free_to_m[:, None] > tracks.x_m + FREE_MARGIN_M
     # How far away a person is whom the camera alone shows nobody measures, and who walks beside a
     # curve that begins is straight ahead.
-    alone = is_person(tracks.label) & (tracks.radar.hits < SIGHTINGS_MIN)
+    alone = is_person(tracks.label) & (tracks.radar.hits < WALKS_ECHOES)
     would_see = (_is_any(tracks.label, _VEHICLES) | alone) & shown
     # What comes near by radar alone is a mirror image of what drives elsewhere.
     mirrored = (tracks.camera.age_s >= RECENT_S) & shown & (tracks.x_m < PATH_SURE_M)

@@ -450,7 +450,8 @@ def test_a_person_whom_the_camera_alone_shows_is_none_where_lidar_would_see_him(
     late = walker | {"x_m": 17.0, "speed_mps": 10.5}
     assert beside("pedestrian", radar_hits=1, **late)
     assert not beside("pedestrian", radar_hits=1, reach_m=47.0, **late), "an echo of the rain"
-    assert beside("pedestrian", radar_hits=3, reach_m=47.0, **walker), "radar sees him"
+    assert not beside("pedestrian", radar_hits=19, reach_m=47.0, **walker), "of a corner behind him"
+    assert beside("pedestrian", radar_hits=20, reach_m=47.0, **walker), "radar sees him"
 
 
 def test_what_stands_far_ahead_in_a_curve_is_left_for_later():
@@ -590,6 +591,9 @@ def test_who_walks_unnamed_has_to_be_surer():
     assert not beside(**(walker | {"q_vv": 0.26}))
     assert not beside(**walker, sweeps_on_end=5), "it was another thing before"
     assert not beside(**walker, ends_along=0.59), "one of its ends stays: more of it is seen"
+    posts = walker | {"radar_hits": 20, "lidar_hits": 10, "from_y_m": -4.5, "ends_along": 0.2}
+    assert not beside(**posts), "of a guard rail across the road"
+    assert beside(**(posts | {"lidar_hits": 0})), "LiDAR does not see him"
 
 
 def test_lidar_that_sees_now_this_now_that_tells_no_speed():
