@@ -16,6 +16,6 @@ class FreeDriving(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True)
     """So long before the full braking truth is looked at, too: sensors and tracks have a memory
     [s]."""
     after_s: Annotated[float, Meta(ge=0, le=60)] = 3.0
-    """So long after it truth is looked at, and then the case ends [s]."""
+    """So long after it the case ends [s]."""
     margin_m: Annotated[float, Meta(ge=0, le=5)] = 0.2
     """Passing nearer than this counts as a collision [m]."""

@@ -84,12 +84,11 @@ def test_slower_than_50_km_per_hour_is_not_fast():
         ({100: 2.99}, "pass"),
         ({80: 2.0}, "pass"),
         ({79: 2.0}, "false_reaction"),
-        ({160: 2.0}, "pass"),
-        ({161: 2.0}, "false_reaction"),
+        ({101: 0.9}, "false_reaction"),
     ],
 )
 def test_a_full_braking_is_false_unless_a_collision_was_near(ttc_s, verdict):
-    """Looked at from 1 s before to 3 s after row 100."""
+    """Looked at from 1 s before row 100 on. What comes near later does so because nobody steers."""
     rows = HandRows(full=100, ttc_s=ttc_s)
     assert RUN.verdict(rows, None).verdict == verdict
     values = RUN.scalars(rows)
