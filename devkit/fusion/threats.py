@@ -401,12 +401,12 @@ def _crosses(
     leaves = np.where(leftwards, half - right, left + half) / safe
     walked_m = _walked_m(tracks, path, across)
     # Networks miss people; what LiDAR and radar see walk is one.
-    walks = (tracks.ends.sweeps >= WALKS_SIGHTINGS) & (tracks.radar.hits >= SIGHTINGS_MIN)
-    walks &= tracks.ends.go_along()
+    both = tracks.ends.go_along()
+    walks = (tracks.ends.sweeps >= WALKS_SIGHTINGS) & (tracks.radar.hits >= SIGHTINGS_MIN) & both
     # Of what is wide another part is seen while the car goes by: its middle wanders. Of a guard
     # rail across the road far ahead LiDAR sees one post after the other.
-    ends = (tracks.lidar.age_s >= HELD_S) | tracks.ends.go_along()
-    walks |= (tracks.radar.hits >= WALKS_ECHOES) & (walked_m > WALKED_M) & ends
+    both = both | (tracks.lidar.age_s >= HELD_S)
+    walks |= (tracks.radar.hits >= WALKS_ECHOES) & (walked_m > WALKED_M) & both
     # LiDAR goes on from a post to the parked car before it, and across its tail.
     walks &= tracks.radar.age_s < VOUCHED_S
     narrow = tracks.left_m - tracks.right_m < NARROW_M
