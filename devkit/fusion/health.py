@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from devkit.fusion.tracks import KNOWN_VARIANCE, TrackStore
+
 SILENT_S = 0.5
 """A sensor without a message for so long is silent [s]."""
 RETURNED_MIN = 0.25
@@ -27,6 +29,11 @@ DARK_LX = 0.05
 BOXLESS_S = 8.0
 """A camera without any box for so long, while others saw something drive before it, may be covered
 [s]. Walls and guard rails have no boxes."""
+VIEW_FROM_M, VIEW_TO_M, VIEW_SLOPE, VIEW_MPS = 8.0, 30.0, 0.3, 3.0
+"""What drives faster than this, between these distances and not further aside than this share of
+them, is in a camera's picture [m, m, -, m/s]."""
+LATELY_S = 0.5
+"""Others have seen it so lately [s]."""
 
 
 class SensorHealth:
@@ -157,3 +164,14 @@ class SensorHealth:
         """How long what limited the sensors of a slot, since this was asked last [s]."""
         limited_s, self._limited_s[slot] = self._limited_s[slot], {}
         return limited_s
+
+
+def drives_in_view(tracks: TrackStore) -> np.ndarray:
+    """bool [S]: LiDAR or radar see something drive that a camera would show, so near and straight
+    ahead that any has it in its picture."""
+    seen = np.minimum(tracks.lidar.age_s, tracks.radar.age_s) < LATELY_S
+    near = (tracks.x_m > VIEW_FROM_M) & (tracks.x_m < VIEW_TO_M)
+    near &= np.abs(tracks.y_m) < VIEW_SLOPE * tracks.x_m
+    drives = (tracks.vx_mps * tracks.vx_mps > VIEW_MPS * VIEW_MPS) & (tracks.p_vv < KNOWN_VARIANCE)
+    shown: np.ndarray = (tracks.live & seen & near & drives & (tracks.age_s > 1.0)).any(axis=1)
+    return shown

@@ -12,11 +12,11 @@ import msgspec
 import numpy as np
 
 from devkit.fusion.ego_motion import EgoMotion
-from devkit.fusion.health import SensorHealth
+from devkit.fusion.health import SensorHealth, drives_in_view
 from devkit.fusion.parameters import FusionSensors, StagingParameters, TrackingParameters
 from devkit.fusion.sensing import Sensing
 from devkit.fusion.staging import StagePlan, Stages
-from devkit.fusion.threats import drives_in_view, find_threats
+from devkit.fusion.threats import find_threats
 from devkit.fusion.tracks import TrackStore
 from devkit.images import on_host
 from devkit.lane.lateral import LateralParameters, Wheel, steer

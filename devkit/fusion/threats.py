@@ -89,6 +89,8 @@ CROSSES_MPS = 2.0
 RUNS_MPS, RUNS_NARROW_MPS, RUNS_SIGHTINGS = 3.5, 5.0, 5
 """What LiDAR alone has seen so often come from the side at this speed crosses, also if it is as
 narrow as a motorcycle [m/s, m/s, -]."""
+CAME_M = 3.0
+"""What has come so far from there crosses [m]."""
 SIGHT_RATIO = 5.0
 """Where sight ends before so many times the distance, LiDAR is near the end of its own [-]."""
 ALONG_SHARE = 0.3
@@ -126,9 +128,6 @@ STRAIGHT_M = 1.0
 """A path that goes aside by no more than this is straight."""
 LENGTH_M = 5.2
 """Length of the car, which passes a place for so long [m]."""
-VIEW_FROM_M, VIEW_TO_M, VIEW_SLOPE, VIEW_MPS = 8.0, 30.0, 0.3, 3.0
-"""What drives faster than this, between these distances and not further aside than this share of
-them, is in a camera's picture [m, m, -, m/s]."""
 TIME_MAX_S = 99.0
 """Time to collision of what does not come nearer [s]."""
 
@@ -206,7 +205,8 @@ def find_threats(
     speed = ego.speed_mps[:, None]
     vx = np.where(_is_speed(tracks.vx_mps, tracks.p_vv, SURE_VARIANCES), tracks.vx_mps, 0.0)
     doppler, echoed, contrary = _moves_by_doppler(tracks, staging)
-    vy = _known_across(tracks, path, doppler)
+    clear = health.sight_m[:, None] > SIGHT_RATIO * (tracks.x_m + np.abs(tracks.y_m))
+    vy = _known_across(tracks, path, doppler, clear)
     closing = speed - vx
     inside, stays = _in_path(tracks, path, staging)
     gap = np.maximum(tracks.x_m + np.where(inside, tracks.path_m, 0.0) - staging.front_m, 0.0)
@@ -216,7 +216,6 @@ def find_threats(
     slow = tracks.vx_mps * tracks.vx_mps + tracks.vy_mps * tracks.vy_mps < SLOW_MPS * SLOW_MPS
     driven = doppler | ((vx != 0.0) & ~(echoed & (slow | (tracks.agrees < AGREES_MIN))) & ~contrary)
     shown = health.reach_m[:, None] > REACH_RATIO * tracks.x_m
-    clear = health.sight_m[:, None] > SIGHT_RATIO * (tracks.x_m + np.abs(tracks.y_m))
     crosses = _crosses(tracks, path, vx, vy, ttc, speed, doppler, driven, shown, clear, staging)
     departs = crosses.departs | _passes_by(tracks, ego, vx, ttc, staging)
     ahead = tracks.live & (tracks.x_m > staging.front_m - 1.0)
@@ -269,7 +268,9 @@ def find_threats(
     return Threats(by_two & now, by_one & now & named, foreseen, blocking, gap, ttc, needed, stands)
 
 
-def _known_across(tracks: TrackStore, path: CarPath, doppler: np.ndarray) -> np.ndarray:
+def _known_across(
+    tracks: TrackStore, path: CarPath, doppler: np.ndarray, clear: np.ndarray
+) -> np.ndarray:
     """Speed across of the tracks of which it is known, 0 of others [m/s]."""
     person = _persons(tracks)
     sure = np.where(person, PERSON_SURE_VARIANCES, SURE_VARIANCES)
@@ -280,16 +281,26 @@ def _known_across(tracks: TrackStore, path: CarPath, doppler: np.ndarray) -> np.
     comes = tracks.lidar.hits >= np.where(doppler, BESIDE_SIGHTINGS, RUNS_SIGHTINGS)
     comes &= np.abs(path.beside_circle_m(tracks.x_m, tracks.y_m)) > BESIDE_M
     ripe = person | placed | comes | (tracks.age_s > RIPE_S)
+    came = _came_from_aside(tracks, path, clear)
     # A filter that what it sees contradicts, place after place, knows no speed either. But who is
     # followed driving ahead and turns off shows his flank then, bit by bit.
     followed = doppler & (tracks.radar.hits >= FOLLOWED_ECHOES) & (tracks.vx_mps > AWAY_MPS)
-    ripe &= (tracks.steady > STEADY_MIN) | followed
+    ripe &= (tracks.steady > STEADY_MIN) | followed | came
     both = tracks.ends.go_along() & (tracks.ends.sweeps >= WALKS_SIGHTINGS)
     ripe &= both | ~doubles(tracks)
     # LiDAR that sees now this, now that tells no speed of either.
-    ripe &= doppler | (tracks.lidar.age_s >= HELD_S) | (tracks.ends.sweeps >= PERSON_SWEEPS)
+    ripe &= doppler | (tracks.lidar.age_s >= HELD_S) | (tracks.ends.sweeps >= PERSON_SWEEPS) | came
     known = ripe & _is_speed(tracks.vy_mps, tracks.q_vv, sure)
     return np.where(known, tracks.vy_mps, 0.0)
+
+
+def _came_from_aside(tracks: TrackStore, path: CarPath, clear: np.ndarray) -> np.ndarray:
+    """What LiDAR has seen come from far aside, so fast that it is elsewhere sweep by sweep, and of
+    which more and more comes into view."""
+    from_m = path.beside_circle_m(tracks.from_x_m, tracks.from_y_m)
+    way_m = np.abs(from_m) - np.abs(path.beside_circle_m(tracks.x_m, tracks.y_m))
+    came: np.ndarray = clear & (tracks.lidar.hits >= RUNS_SIGHTINGS) & (np.abs(from_m) > BESIDE_M)
+    return came & (way_m > CAME_M) & (np.abs(tracks.vy_mps) > RUNS_NARROW_MPS)
 
 
 def _echoes_on(
@@ -579,14 +590,3 @@ def _unechoed(tracks: TrackStore, ego: EgoMotion, health: SensorHealth) -> np.nd
     # A person near by has an echo, too.
     never = (tracks.radar.hits + tracks.lidar.hits == 0.0) & is_person(tracks.label)
     return (unseen | never) & (health.radar_sees & (ego.speed_mps > BOX_MPS))[:, None]
-
-
-def drives_in_view(tracks: TrackStore) -> np.ndarray:
-    """bool [S]: LiDAR or radar see something drive that a camera would show, so near and straight
-    ahead that any has it in its picture."""
-    seen = np.minimum(tracks.lidar.age_s, tracks.radar.age_s) < RECENT_S
-    near = (tracks.x_m > VIEW_FROM_M) & (tracks.x_m < VIEW_TO_M)
-    near &= np.abs(tracks.y_m) < VIEW_SLOPE * tracks.x_m
-    drives = (tracks.vx_mps * tracks.vx_mps > VIEW_MPS * VIEW_MPS) & (tracks.p_vv < KNOWN_VARIANCE)
-    shown: np.ndarray = (tracks.live & seen & near & drives & (tracks.age_s > 1.0)).any(axis=1)
-    return shown

@@ -638,6 +638,18 @@ def test_a_way_that_its_places_contradict_tells_no_speed_across():
     assert not beside("car", **CROSSES, steady=0.62)
 
 
+def test_a_car_that_comes_fast_from_far_aside_crosses_though_more_and_more_of_it_is_seen():
+    """At 60 km/h: each sweep shows it further on than its first speeds say."""
+    comes = {"x_m": 17.4, "y_m": 22.6, "vx_mps": -0.1, "vy_mps": -10.7, "from_x_m": 17.4}
+    comes |= {"right_m": -1.5, "left_m": 1.5, "lidar_hits": 5, "speed_mps": 11.1, "age_s": 0.4}
+    comes |= {"from_y_m": 26.7, "q_vv": 0.9, "radar_hits": 0, "steady": 0.36, "sweeps_on_end": 1}
+    assert beside(**comes)
+    assert not beside(**(comes | {"from_y_m": 25.0})), "it has come less far"
+    assert not beside(**comes, sight_m=100.0), "in fog LiDAR goes from one thing to the next"
+    near = comes | {"y_m": 5.0, "vy_mps": -6.0, "steady": 1.0}
+    assert not beside(**(near | {"from_y_m": 8.5}))
+
+
 def test_what_comes_along_the_other_lane_does_not_cross_by_radar_alone():
     """Radar sees the middle of a car far ahead and its near corner near by."""
     comes = {"x_m": 29.0, "y_m": 3.4, "vx_mps": -15.0, "vy_mps": -3.8, "from_y_m": 8.3}
