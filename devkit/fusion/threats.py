@@ -7,9 +7,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from devkit.fusion.doubles import FOLLOWED_ECHOES, doubles
 from devkit.fusion.ego_motion import EgoMotion
 from devkit.fusion.health import SensorHealth
+from devkit.fusion.oncoming import (
+    COMES_MPS,
+    FOLLOWED_ECHOES,
+    PATH_SURE_M,
+    doubles,
+    lane_of,
+    on_foot,
+    passes_by,
+    ripe_turn,
+    straight_to,
+)
 from devkit.fusion.parameters import StagingParameters
 from devkit.fusion.path import CarPath
 from devkit.fusion.sightings import LABELS, PERSONS, is_person
@@ -17,8 +27,8 @@ from devkit.fusion.tracks import HELD_S, KNOWN_VARIANCE, NAMED_BOXES, VOUCHED_S,
 
 INSIDE_MIN = 0.5
 """How much a sensor must say that a track is in the path for it to count [-]."""
-COMES_INSIDE = 0.8
-"""How much radar alone must say so of what comes [-]."""
+ALONE_INSIDE = 0.8
+"""How much radar alone must say so of what does not drive on ahead [-]."""
 STAYS_MIN = 0.3
 """The same for one that the car brakes for already [-]."""
 BESIDE_PATH_M = 1.0
@@ -31,17 +41,11 @@ PERSON_SURE_VARIANCES = 6.25
 """The same across of pedestrians and cyclists: networks name gaps between parked cars, too."""
 AWAY_MPS = 2.0
 """Who drives ahead, at least so fast and not slower than the car, is not in the way [m/s]."""
-COMES_MPS = 2.0
-"""A vehicle that comes at least so fast drives along another lane [m/s]."""
 ALONE_SURE_VARIANCES = 25.0
 """The same across of what radar alone sees cross: it sees one end and wheel of a lorry that goes by
 after the other."""
 WALKS_SURE_VARIANCES = 9.0
 """The same of whom no camera names."""
-TURN_RIPE_S = 1.0
-"""Age of a track from which on its turn rate counts [s]."""
-TURN_SIGMA_RADPS = 0.03
-"""Deviation of a turn rate [rad/s]."""
 SLACK_MPS = 0.5
 """Difference of two speeds that counts as none [m/s]."""
 BRAKES_MPS2 = 1.5
@@ -60,12 +64,10 @@ WALKED_S = 0.06
 """What a vehicle has to have gone further across, per speed of the car above ``BOX_MPS`` [s]."""
 LANE_SURE_M = 1.0
 """Deviation of the lane of what comes and no camera has named, up to which it counts [m]."""
-FROM_SIGMA_M = 0.6
-"""Deviation of the place across from where a track came [m]."""
 STEADY_MIN = 0.7
 """Share of the places across that a way explains from which on its speed across counts [-]."""
-PERSON_SWEEPS, PERSON_MPS = 4, 8.0
-"""Sweeps from which on LiDAR places a person, and the fastest cyclist's speed [-, m/s]."""
+PERSON_SWEEPS = 4
+"""Sweeps from which on LiDAR places a person [-]."""
 WARNED_S = 0.8
 """A driver is warned so long before the brake begins (UN R152, 5.2.1.1) [s]."""
 WARNED_ECHOES, WARNED_INSIDE = 30, 0.95
@@ -89,8 +91,9 @@ CROSSES_MPS = 2.0
 RUNS_MPS, RUNS_NARROW_MPS, RUNS_SIGHTINGS = 3.5, 5.0, 5
 """What LiDAR alone has seen so often come from the side at this speed crosses, also if it is as
 narrow as a motorcycle [m/s, m/s, -]."""
-CAME_M = 3.0
-"""What has come so far from there crosses [m]."""
+CAME_M, CAME_SIGHT_M = 3.0, 1000.0
+"""What has come so far from there crosses, where sight is better than this: in fog and snow LiDAR
+goes from one thing to the next [m, m]."""
 SIGHT_RATIO = 5.0
 """Where sight ends before so many times the distance, LiDAR is near the end of its own [-]."""
 ALONG_SHARE = 0.3
@@ -121,11 +124,6 @@ NARROW_M, WALKS_MPS, WALKS_ALONG_MPS = 1.0, 1.0, 4.0
 along the path [m, m/s, m/s]."""
 IMMINENT_S = 0.5
 """Who will be in the path so soon is as good as in it [s]."""
-PATH_SURE_M = 30.0
-"""So far the road goes on as the car turns now: in a clothoid of 60 m to a radius of 250 m it is
-0.3 m aside after that, but 2.3 m after twice that [m]."""
-STRAIGHT_M = 1.0
-"""A path that goes aside by no more than this is straight."""
 LENGTH_M = 5.2
 """Length of the car, which passes a place for so long [m]."""
 TIME_MAX_S = 99.0
@@ -170,15 +168,7 @@ def _persons(tracks: TrackStore) -> np.ndarray:
     named: np.ndarray = tracks.named >= NAMED_BOXES
     unseen = tracks.lidar.age_s >= HELD_S
     named &= unseen | (tracks.ends.sweeps >= PERSON_SWEEPS)
-    return named & _on_foot(tracks)
-
-
-def _on_foot(tracks: TrackStore) -> np.ndarray:
-    """Who is called a pedestrian or cyclist and is not faster than one: networks call oncoming cars
-    people, too."""
-    slow = np.abs(tracks.radial_mps) < PERSON_MPS
-    result: np.ndarray = is_person(tracks.label) & slow
-    return result
+    return named & on_foot(tracks)
 
 
 class PathCrossing(NamedTuple):
@@ -201,12 +191,11 @@ def find_threats(
     tracks: TrackStore, ego: EgoMotion, health: SensorHealth, staging: StagingParameters
 ) -> Threats:
     """Judge all tracks of all slots."""
-    path, straight = ego.path.spread(2), _straight(tracks, ego)
+    path, straight = ego.path.spread(2), straight_to(tracks, ego)
     speed = ego.speed_mps[:, None]
     vx = np.where(_is_speed(tracks.vx_mps, tracks.p_vv, SURE_VARIANCES), tracks.vx_mps, 0.0)
     doppler, echoed, contrary = _moves_by_doppler(tracks, staging)
-    clear = health.sight_m[:, None] > SIGHT_RATIO * (tracks.x_m + np.abs(tracks.y_m))
-    vy = _known_across(tracks, path, doppler, clear)
+    vy = _known_across(tracks, path, doppler, health.sight_m[:, None] > CAME_SIGHT_M)
     closing = speed - vx
     inside, stays = _in_path(tracks, path, staging)
     gap = np.maximum(tracks.x_m + np.where(inside, tracks.path_m, 0.0) - staging.front_m, 0.0)
@@ -216,8 +205,9 @@ def find_threats(
     slow = tracks.vx_mps * tracks.vx_mps + tracks.vy_mps * tracks.vy_mps < SLOW_MPS * SLOW_MPS
     driven = doppler | ((vx != 0.0) & ~(echoed & (slow | (tracks.agrees < AGREES_MIN))) & ~contrary)
     shown = health.reach_m[:, None] > REACH_RATIO * tracks.x_m
+    clear = health.sight_m[:, None] > SIGHT_RATIO * (tracks.x_m + np.abs(tracks.y_m))
     crosses = _crosses(tracks, path, vx, vy, ttc, speed, doppler, driven, shown, clear, staging)
-    departs = crosses.departs | _passes_by(tracks, ego, vx, ttc, staging)
+    departs = crosses.departs | passes_by(tracks, ego, vx, ttc, staging)
     ahead = tracks.live & (tracks.x_m > staging.front_m - 1.0)
     in_way = ahead & ((inside & ~departs) | crosses.meets)
     # Networks see cars where none are, once in a while.
@@ -225,6 +215,10 @@ def find_threats(
     places = np.minimum(tracks.lidar.age_s, tracks.radar.age_s) < RECENT_S
     sightings = np.maximum(tracks.lidar.hits, np.maximum(tracks.radar.hits, tracks.camera.hits))
     in_way &= sightings >= SIGHTINGS_MIN
+    # One echo that a box is near tells no speed with which a vehicle comes.
+    measured = np.maximum(tracks.lidar.hits, tracks.radar.hits)
+    told = (measured >= SIGHTINGS_MIN) | (measured == 0.0)
+    in_way &= told | (vx > -COMES_MPS) | on_foot(tracks)
     # Pedestrians are slow: to take them for standing is no great mistake.
     pedestrian = tracks.label == PERSONS[0]
     in_way &= (tracks.age_s > RIPE_S) | (tracks.p_vv < KNOWN_VARIANCE) | pedestrian
@@ -256,16 +250,25 @@ def find_threats(
     drives_on = (vx > AWAY_MPS) & (brakes == 0.0)
     now = inside | crosses.soon | late
     now &= ~drives_on | (needed > staging.following_deceleration_mps2)
-    # What no camera names and what stands may be beside a curve that has not begun; what comes may
-    # be in the other lane of one in which the car is.
-    comes = straight & (_lane_of(tracks)[1] < LANE_SURE_M)
-    known = np.where(vx < -COMES_MPS, comes, (vx != 0.0) | late)
-    named = (tracks.label > 0) | (gap < PATH_SURE_M) | known
-    # Where the car turns, nobody knows how the road goes on for what stands far ahead.
-    now &= straight | (gap < PATH_SURE_M) | (vx != 0.0) | late
+    sure, named = _sure_far_ahead(tracks, vx, gap, straight, late)
+    now &= sure
     foreseen = by_two | by_one | (ahead & probable & _echoes_on(tracks, ego, ttc, staging))
     stands = (vx == 0.0) & ~crosses.meets
     return Threats(by_two & now, by_one & now & named, foreseen, blocking, gap, ttc, needed, stands)
+
+
+def _sure_far_ahead(
+    tracks: TrackStore, vx: np.ndarray, gap_m: np.ndarray, straight: np.ndarray, late: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Whether what seems to be in the way far ahead is, and whether one sensor alone may say so."""
+    near, comes = gap_m < PATH_SURE_M, vx < -COMES_MPS
+    # Where the car turns, nobody knows how the road goes on; one box does not tell, either.
+    sure = straight | near | np.where(comes, tracks.named >= NAMED_BOXES, (vx != 0.0) | late)
+    # What no camera names and what stands may be beside a curve that has not begun; what comes may
+    # be in the other lane of one in which the car is.
+    lane_known = straight & (lane_of(tracks)[1] < LANE_SURE_M)
+    known = np.where(comes, lane_known, (vx != 0.0) | late)
+    return sure, (tracks.label > 0) | near | known
 
 
 def _known_across(
@@ -309,7 +312,7 @@ def _echoes_on(
     """What radar alone has seen in a straight path for long: too little to brake for, since it may
     be a manhole cover, but the driver is warned as long as rules want before the brake begins."""
     echoes: np.ndarray = (tracks.radar.hits >= WARNED_ECHOES) & (tracks.radar.age_s < RECENT_S)
-    echoes &= (tracks.radar.inside > WARNED_INSIDE) & _straight(tracks, ego)
+    echoes &= (tracks.radar.inside > WARNED_INSIDE) & straight_to(tracks, ego)
     return echoes & (ttc_s < staging.single_ttc_s + WARNED_S)
 
 
@@ -372,9 +375,10 @@ def _in_path(
         tracks.y_m + tracks.left_m,
         staging.corridor_half_m + BESIDE_PATH_M,
     )
-    # Of what comes along the other lane radar alone sees now this part, now that.
-    comes = (tracks.vx_mps < -COMES_MPS) & ~seen & ~swept
-    return near & (says > np.where(comes, COMES_INSIDE, INSIDE_MIN)), near & (says > STAYS_MIN)
+    # Of what comes along the other lane radar alone sees now this part, now that; and walkers go
+    # along the road beside it.
+    alone = (tracks.vx_mps < SLOW_MPS) & ~seen & ~swept
+    return near & (says > np.where(alone, ALONE_INSIDE, INSIDE_MIN)), near & (says > STAYS_MIN)
 
 
 def _crosses(
@@ -401,7 +405,7 @@ def _crosses(
     inward, along = 1.0 - path.bend_per_m * tracks.y_m, path.bend_per_m * tracks.x_m
     across = inward * vy_mps - along * vx_mps
     across = across / np.sqrt(np.maximum(inward * inward + along * along, 1e-6))
-    across = across + 0.5 * _turn(tracks) * vx_mps * np.minimum(ttc_s, staging.crossing_s)
+    across = across + 0.5 * ripe_turn(tracks) * vx_mps * np.minimum(ttc_s, staging.crossing_s)
     place = path.beside_arc_m(tracks.x_m, tracks.y_m)
     right, left = place + tracks.right_m, place + tracks.left_m
     speed = np.abs(across)
@@ -492,80 +496,6 @@ def _walked_m(tracks: TrackStore, path: CarPath, across_mps: np.ndarray) -> np.n
     way_m = np.where(across_mps > 0.0, way_m, -way_m)
     walked_m: np.ndarray = way_m - np.abs(across_mps) * tracks.placed_s()
     return walked_m
-
-
-def _turn(tracks: TrackStore) -> np.ndarray:
-    """Turn rates; a young track's is the noise of its first speeds."""
-    return np.where(tracks.age_s > TURN_RIPE_S, tracks.turn_radps, 0.0)
-
-
-def _passes_by(
-    tracks: TrackStore,
-    ego: EgoMotion,
-    vx_mps: np.ndarray,
-    ttc_s: np.ndarray,
-    staging: StagingParameters,
-) -> np.ndarray:
-    """Vehicles that come along another lane: in a curve, or where one begins, they are on the path
-    as it is foreseen long before the car is there, and beside it when they meet.
-
-    Two ways to foresee the meeting have to say that it is a collision. The first, in curves: the
-    car goes on along its arc, the other one turns as it does now; where the car's path is straight,
-    the other one has been seen to follow the road. The second: the other one follows the road, so
-    the road at its place runs as its way does, and is half of that times the distance aside.
-    """
-    comes = (vx_mps < -COMES_MPS) & ~_on_foot(tracks)
-    ahead_m = staging.front_m + ego.speed_mps[:, None] * ttc_s
-    turned = 0.5 * _turn(tracks) * tracks.vx_mps * ttc_s
-    beside_m = tracks.y_m + (tracks.vy_mps + turned) * ttc_s
-    beside_m = beside_m - 0.5 * ego.curvature_per_m[:, None] * ahead_m * ahead_m
-    sideways = np.sqrt(tracks.q_vv)
-    beside_sigma_m = (sideways + 0.5 * TURN_SIGMA_RADPS * np.abs(tracks.vx_mps) * ttc_s) * ttc_s
-    lane_m, lane_sigma_m = _lane_of(tracks)
-    # Far ahead the likelier of two lanes counts, near by the one that is not sure to be another.
-    lane_sigma_m = np.where(tracks.x_m < PATH_SURE_M, lane_sigma_m, 0.0)
-    half_m = staging.corridor_half_m
-    came, came_sigma_m = _lane_by_way(tracks)
-    passes: np.ndarray = comes & np.where(
-        _straight(tracks, ego),
-        _misses(tracks, came, half_m + came_sigma_m),
-        _misses(tracks, beside_m, half_m + beside_sigma_m),
-    )
-    passes |= comes & _misses(tracks, lane_m, half_m + lane_sigma_m)
-    return passes
-
-
-def _lane_of(tracks: TrackStore) -> tuple[np.ndarray, np.ndarray]:
-    """Distance of the lane of what comes, left of the car's own, and the deviation of that [m]: the
-    road at its place runs as its way does, and begins where the car is."""
-    slope_x = 0.5 * tracks.x_m / np.minimum(tracks.vx_mps, -1.0)
-    return tracks.y_m - tracks.vy_mps * slope_x, np.sqrt(tracks.q_vv) * np.abs(slope_x)
-
-
-def _lane_by_way(tracks: TrackStore) -> tuple[np.ndarray, np.ndarray]:
-    """Distance of that lane, and its deviation, from where it came: the road runs as an arc that
-    begins where the car is and goes through both places, beside the lane. A way that is short
-    beside its end tells nothing."""
-    end_m2 = tracks.x_m * tracks.x_m
-    way_m2 = tracks.from_x_m * tracks.from_x_m - end_m2
-    long = (tracks.from_x_m > 0.0) & (way_m2 > end_m2)
-    share = end_m2 / np.where(long, way_m2, 1.0)
-    lane_m = tracks.y_m + share * (tracks.y_m - tracks.from_y_m)
-    sigma_m = np.sqrt(tracks.q_xx) * (1.0 + share) + FROM_SIGMA_M * share
-    return lane_m, np.where(long, sigma_m, np.inf)
-
-
-def _straight(tracks: TrackStore, ego: EgoMotion) -> np.ndarray:
-    """Whether the path is as good as straight up to the tracks."""
-    aside_m = 0.5 * ego.curvature_per_m[:, None] * tracks.x_m * tracks.x_m
-    straight: np.ndarray = np.abs(aside_m) < STRAIGHT_M
-    return straight
-
-
-def _misses(tracks: TrackStore, beside_m: np.ndarray, half_m: np.ndarray) -> np.ndarray:
-    """Whether tracks whose middle is so far left of the path's are beside it."""
-    misses: np.ndarray = (beside_m + tracks.right_m > half_m) | (beside_m + tracks.left_m < -half_m)
-    return misses
 
 
 def _contradicted(tracks: TrackStore, shown: np.ndarray, health: SensorHealth) -> np.ndarray:

@@ -50,6 +50,7 @@ def comes(bends, way_m, lane_m, *, named=True, q_vv=0.1):
         "age_s": 3.0,
         "turn_radps": -SPEED_MPS * next(b for s, b in bends_from(bends, way_m) if s > 0),
         "label": LABELS.index("car") if named else 0,
+        "named": 2.0 if named else 0.0,
     }.items():
         getattr(tracks, name)[0, 0] = value
     seen = (tracks.camera, tracks.radar) if named else (tracks.radar,)
@@ -692,3 +693,24 @@ def test_a_fast_car_has_to_see_a_vehicle_come_further_across():
     assert beside("car", **comes, from_y_m=-5.7, speed_mps=20.0)
     assert not beside("car", **comes, from_y_m=-5.7, speed_mps=30.0)
     assert beside("car", **comes, from_y_m=-6.3, speed_mps=30.0)
+
+
+def test_radar_alone_has_to_be_sure_that_a_walker_is_in_the_path():
+    walks = {"x_m": 20.0, "y_m": -1.5, "vx_mps": 1.1, "speed_mps": 13.0, "lidar_hits": 0}
+    assert beside(**walks, inside=0.9)
+    assert not beside(**walks, inside=0.7), "he goes along the footway"
+    assert beside(**(walks | {"vx_mps": 4.5}), inside=0.7), "nobody walks so fast"
+
+
+def test_one_echo_does_not_make_a_car_ahead_an_oncoming_one():
+    ahead = {"x_m": 25.0, "vx_mps": -9.6, "inside": True, "speed_mps": 10.7, "camera_hits": 4}
+    assert not beside("car", **ahead, lidar_hits=2, radar_hits=1)
+    assert beside("car", **ahead, lidar_hits=2, radar_hits=3)
+
+
+def test_one_box_does_not_tell_where_a_road_goes_on_behind_a_curve():
+    """Somebody on a bicycle in the other lane, 50 m ahead."""
+    comes = {"x_m": 54.0, "y_m": 6.0, "vx_mps": -5.2, "vy_mps": -1.0, "inside": True}
+    comes |= {"speed_mps": 14.5, "lidar_hits": 0, "bend_per_m": 0.0036, "q_vv": 0.25}
+    assert not beside("car", **comes, camera_hits=1)
+    assert beside("car", **comes, camera_hits=3)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from devkit.fusion.doubles import doubles
+from devkit.fusion.oncoming import doubles
 from devkit.fusion.parameters import TrackingParameters
 from devkit.fusion.tracks import TrackStore
 
