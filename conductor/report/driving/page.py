@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from conductor.report.driving.series import KM, DrivenCase, Series, Sums, sums
+from schemas.words import agree, counted
 
 FALSE_MAX = 1
 """Most false full brakings on the whole distance."""
@@ -22,19 +23,25 @@ def said(series: Series) -> list[str]:
     lines = [
         f"{total.driven_m / KM:.1f} km, {100 * total.fast_share:.0f} % of them above 50 km/h, in "
         f"{total.cases} cases",
-        f"{total.false} false full brakings: {total.per_1000_km(total.false):.2f} per 1,000 km "
+        f"{_falsely(total)}: {total.per_1000_km(total.false):.2f} per 1,000 km "
         f"(95 %: {low:.2f} to {high:.2f}); {total.full - total.false} with a cause, "
-        f"{total.partial} partial brakings",
+        f"{counted(total.partial, 'partial braking')}",
     ]
     lines += [
         f"{name}: {group.driven_m / KM:.1f} km, {group.false} false"
         for name, group in series.by(lambda case: case.road_class).items()
     ]
     if series.left:
-        lines.append(f"{series.left} cases have not ended")
+        lines.append(
+            f"{counted(series.left, 'case')} {agree(series.left, 'has', 'have')} not ended"
+        )
     if series.undecided:
-        lines.append(f"{len(series.undecided)} cases ended without a verdict")
+        lines.append(f"{counted(len(series.undecided), 'case')} ended without a verdict")
     return lines
+
+
+def _falsely(total: Sums) -> str:
+    return counted(total.false, "false full braking")
 
 
 def page(series: Series, beside: Path) -> str:
@@ -48,7 +55,7 @@ def _lines(series: Series, beside: Path) -> Iterator[str]:
     yield "# Free driving: results"
     yield ""
     yield (
-        f"**{total.false} false full brakings on {total.driven_m / KM:,.1f} km**: "
+        f"**{_falsely(total)} on {total.driven_m / KM:,.1f} km**: "
         f"{total.per_1000_km(total.false):.2f} per 1,000 km, exact 95 % Poisson interval "
         f"{low:.2f} to {high:.2f}."
     )
@@ -59,8 +66,8 @@ def _lines(series: Series, beside: Path) -> Iterator[str]:
         f"least {100 * FAST_SHARE_MIN:.0f} % is asked for."
     )
     yield (
-        f"- {total.full - total.false} full brakings had a cause, and the stack began to brake "
-        f"{total.partial} times without braking fully."
+        f"- {counted(total.full - total.false, 'full braking')} had a cause, and the stack began "
+        f"to brake {counted(total.partial, 'time')} without braking fully."
     )
     yield ""
     for title, groups in (
@@ -77,7 +84,9 @@ def _judged(series: Series, total: Sums) -> str:
     if total.false > FALSE_MAX:
         return "That is missed."
     if series.undecided:
-        return f"{len(series.undecided)} cases have no verdict, so nothing is shown yet."
+        number = len(series.undecided)
+        have = agree(number, "has", "have")
+        return f"{counted(number, 'case')} {have} no verdict, so nothing is shown yet."
     if series.left or total.driven_m < WHOLE_KM * KM:
         return f"Kept so far; {max(WHOLE_KM - total.driven_m / KM, 0.0):,.0f} km are left."
     return "That is kept."
