@@ -28,7 +28,7 @@ help:
 	@echo "make processors  bytes of everything with AVX-512 and without, on a CPU that has it (half an hour)"
 	@echo "make planted  plants bugs one by one and runs the tests that must notice (half an hour)"
 	@echo "make mutation  small changes of the pure cores that no test notices (a quarter of an hour)"
-	@echo "make ablation  what each sensor brings, per weather: runs aeb-ablation, writes docs/ablation.md (a GPU, or an hour)"
+	@echo "make ablation  what each sensor brings, per weather: runs aeb-ablation, writes docs/ablation.md (some minutes, or a GPU)"
 	@echo "make frozen   the fusion stack on 256 cases of streets drawn from this commit (ARGS='--workers cuda'; QUICK=1: 8)"
 	@echo "make dist     wheels, sdist, SHA-256 and the list of components of a release, in dist"
 	@echo "make licences  writes docs/licences.md: the licences of all that an installation brings"
@@ -75,7 +75,7 @@ demo: install
 
 # Goes on where it was stopped; every part that was made counts (docs/driving.md).
 PART ?= 1
-COMMIT ?= $(shell git log -1 --format=%H -- devkit/fusion devkit/reference devkit/lane devkit/models)
+COMMIT ?= $(shell git log -1 --format=%H -- devkit/fusion ':!devkit/fusion/tuning' devkit/reference devkit/lane devkit/models)
 driving: install-test
 	$(BIN)/twin driving --part $(PART) --commit $(COMMIT) --out runs/driving
 	@cd runs/driving/part-$$(printf %02d $(PART)) && \
