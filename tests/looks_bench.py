@@ -1,11 +1,11 @@
 """What materials from files cost a camera: the street with a yard of them before every view.
 
 ``PYTHONPATH=tests python tests/looks_bench.py [fast|mirrors|full ...] [--device cuda:0]
-[--check | --kernels] [--blocks KERNEL=COUNT ...]``. The kinds of pictures and the views are those
-of ``twin bench camera``, once in its lights in turn and once at noon, when no lamps are on and
-pictures take least. All worlds take turns, and the best of many rounds counts, on a CPU in time of
-the process. Pictures of the materials are compared with two others of the same faces, both of
-kernels without the code of materials:
+[--views COUNT --yards COUNT] [--check | --kernels] [--blocks KERNEL=COUNT ...]``. The kinds of
+pictures and the views are those of ``twin bench camera``, once in its lights in turn and once at
+noon, when no lamps are on and pictures take least. All worlds take turns, and the best of many
+rounds counts, on a CPU in time of the process. Pictures of the materials are compared with two
+others of the same faces, both of kernels without the code of materials:
 
 - ``bare``: one colour each. Nothing in the yard is polished, so the materials also pay for the
   second rays of polished metal, which any polished surface asks for.
@@ -47,8 +47,10 @@ from twin.world.scene import load_scene
 from twin.world.street.build import World, build_world
 
 SIZES = {"cpu": Size(4, 320, 180), "cuda": Size(16, 640, 360)}
-LAUNCHES = 20
-"""Pictures of all views between two looks at the clock, on a GPU."""
+"""Views, without ``--views``, and a yard before each. 256 views of 10 yards, spread along the same
+street, have as many pixels of materials as 16 of 16."""
+PICTURES_TIMED = 320
+"""Pictures between two looks at the clock, on a GPU."""
 LIGHTS = {"all weathers, from dawn on": -1, "noon in all weathers": 12 * 60}
 """Minute of the day; -1: that of the camera bench."""
 BARE, LACQUER, MATERIALS, LEVEL = "bare", "lacquer", "materials", "level"
@@ -56,7 +58,7 @@ LIMIT_PERCENT = 10.0
 """What the features may cost."""
 
 
-def worlds(size: Size) -> dict[str, World]:
+def worlds(yards: int) -> dict[str, World]:
     """The same faces: bare, bare with a mirror of lacquer, and as the files say."""
     street = load_scene(SCENE)
     with tempfile.TemporaryDirectory() as folder:
@@ -64,7 +66,7 @@ def worlds(size: Size) -> dict[str, World]:
         file = str(Path(folder) / "yard.glb")
         meshes = [
             MeshFile(file=file, up="z", semantic="wall", position_m=[float(x) - 1.0, 0.0, 0.0])
-            for x in views(build_world(street), size.slots).x_m
+            for x in views(build_world(street), yards).x_m
         ]
         full = build_world(msgspec.structs.replace(street, meshes=meshes))
     bare = replace(
@@ -141,12 +143,13 @@ def seconds(bench: CameraBench) -> float:
         started = time.process_time()
         bench.launch()
         return time.process_time() - started
+    launches = max(PICTURES_TIMED // bench.camera.shape[0], 2)
     wp.synchronize_device(bench.device)
     started = time.perf_counter()
-    for _ in range(LAUNCHES):
+    for _ in range(launches):
         bench.launch()
     wp.synchronize_device(bench.device)
-    return (time.perf_counter() - started) / LAUNCHES
+    return (time.perf_counter() - started) / launches
 
 
 def compare(benches: dict[str, CameraBench], rounds: int) -> float:
@@ -172,7 +175,7 @@ def compare(benches: dict[str, CameraBench], rounds: int) -> float:
 def compiled(picture: str, device: str, tuning: Tuning) -> None:
     """Compile the kernels of one kind of picture for a GPU, and leave them in the cache."""
     prepare_kernels()
-    for world in worlds(SIZES["cuda"]).values():
+    for world in worlds(SIZES["cuda"].slots).values():
         CameraBench(world, SIZES["cuda"], device, picture, tuning)
 
 
@@ -203,6 +206,8 @@ def read_arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("pictures", nargs="*", default=list(PICTURES), metavar="PICTURE")
     parser.add_argument("--device", default="cpu")
+    parser.add_argument("--views", type=int, metavar="COUNT")
+    parser.add_argument("--yards", type=int, metavar="COUNT")
     parser.add_argument("--rounds", type=int, default=40)
     parser.add_argument("--check", action="store_true")
     parser.add_argument("--kernels", action="store_true")
@@ -217,12 +222,14 @@ def main() -> int:
     """Compare on one device; 1: the features cost too much."""
     arguments = read_arguments()
     kind = arguments.device.partition(":")[0]
-    size = SIZES[kind]
+    usual = SIZES[kind]
+    size = replace(usual, slots=arguments.views or usual.slots)
+    yards = arguments.yards or usual.slots
     tuning = tuned(arguments.device, arguments.blocks)
     if kind == "cuda":
         compile_together(arguments.pictures, arguments.device, tuning)
     prepare_kernels()
-    chosen = worlds(size)
+    chosen = worlds(yards)
     if arguments.kernels:
         chosen = {name: chosen[name] for name in (LACQUER, MATERIALS)}
         chosen[LEVEL] = without_normal_maps(chosen[MATERIALS])
