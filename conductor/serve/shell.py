@@ -308,6 +308,8 @@ class Conductor:
                 turn = self._turn(group)
                 self._keep_files(turn.facts)
             self._answer(group, turn)
+            with self._lock:
+                self._bring_up_to_date(turn.facts)
             self._publish(turn.facts)
             commit_s = self._store.wall_s - before_s
             companions.committed(commit_s, len(group), self._inbox.waiting, time.monotonic())
@@ -434,6 +436,7 @@ class Conductor:
         return self._engine.tick(time.monotonic_ns())
 
     def _keep_files(self, facts: list[Fact]) -> None:
+        """Do what has to be done before the replies leave."""
         assert self._engine is not None
         campaigns = self._engine.state.campaigns
         for fact in facts:
@@ -441,7 +444,7 @@ class Conductor:
                 case Submitted():
                     name = fact.campaign["campaign"]
                     self._folders.open_campaign(campaigns[name])
-                    self._folders.changed(name)
+                    self._folders.record(campaigns[name])
                     self._say_known(campaigns[name])
                 case Generation():
                     self._folders.grown(fact.campaign)
@@ -460,6 +463,12 @@ class Conductor:
                 case RecordingStored():
                     self._unsign(Path(campaigns[fact.campaign].out))
                     self._added(fact.campaign)
+        self._folders.flush()
+
+    def _bring_up_to_date(self, facts: list[Fact]) -> None:
+        """Write what is for readers only: nobody's reply waits for all outcomes of a campaign."""
+        assert self._engine is not None
+        campaigns = self._engine.state.campaigns
         ended = {f.result.campaign for f in facts if isinstance(f, Committed)}
         ended |= {f.campaign for f in facts if isinstance(f, CaseEnded)}
         for name in ended:

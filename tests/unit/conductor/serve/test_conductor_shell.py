@@ -57,6 +57,7 @@ def _run_all(conductor: Conductor, worker: str = "w1") -> None:
     leases = conductor.request(next_of(worker=worker, seq=1, k=99)).leases
     done = [result(lease, kpi="0") for lease in leases]
     assert not conductor.request(next_of(worker=worker, seq=2, k=0, results=done)).error
+    conductor.request(StatusRequest(v=V))  # a turn later all of it has been written
 
 
 def test_a_campaign_from_submission_to_outcomes(tmp_path: Path, hub: MemoryHub) -> None:
