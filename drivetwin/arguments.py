@@ -30,7 +30,7 @@ class RunArguments(TypedDict, total=False):
     workers: int | str
     """Local workers; default one per core, at most 8. ``"cuda"``: one on every GPU."""
     slots: int
-    """Cases together per worker; default 1, on a GPU what fits."""
+    """Cases together per worker; default 2 if each worker has four cases, on a GPU what fits."""
     device: str
     """``cpu`` or ``cuda:N``."""
     seed: int

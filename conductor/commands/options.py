@@ -97,7 +97,8 @@ Slots = Annotated[
     typer.Option(
         min=1,
         max=4096,
-        help="Cases together per worker; default: 1, with --workers cuda what fits, at most 256.",
+        help="Cases together per worker; default: 2 if each worker has four cases or more, else 1; "
+        "with --workers cuda what fits, at most 256.",
     ),
 ]
 Device = Annotated[str, typer.Option(help="cpu or cuda:N; --workers cuda chooses by itself.")]

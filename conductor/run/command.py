@@ -24,7 +24,7 @@ from conductor.run.case_lengths import all_ended, earlier_lengths, history_line
 from conductor.run.console import again, listener_here, print_results
 from conductor.run.listener import RunListener, RunProgress
 from conductor.run.local_workers import LocalWorkers
-from conductor.run.places import WorkerPlace, WorkersOption, gpu_slots, on_cpu, on_gpus
+from conductor.run.places import WorkerPlace, WorkersOption, cpu_slots, gpu_slots, on_cpu, on_gpus
 from conductor.run.report_preload import ReportPreload
 from conductor.run.stopping import Interrupted, Signals, heeded
 from conductor.serve.command import metrics_of
@@ -76,7 +76,7 @@ class RunOptions:
     workers: WorkersOption = field(default_factory=WorkersOption)
     """Local workers; none: workers that join from elsewhere do it all."""
     slots: int | None = None
-    """Slots per worker; None: 1 on the CPU, as many as are useful and fit on a GPU."""
+    """Slots per worker; None: as many as are useful, on GPUs as many as fit."""
     device: str = "cpu"
     by_batch: bool = False
     listen: str = LOOPBACK
@@ -486,7 +486,7 @@ def _slots(
 ) -> int:
     """Slots per worker."""
     if count is None:
-        return options.slots or 1
+        return options.slots or cpu_slots(left, workers)
     return gpu_slots(left, workers, count.slots(), known_s)
 
 

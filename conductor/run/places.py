@@ -123,6 +123,15 @@ def on_cpu(device: str, count: int | None, cores: int, left: int, slots: int) ->
     return [WorkerPlace(device)] * count
 
 
+def cpu_slots(left: int, workers: int) -> int:
+    """Slots per worker elsewhere: two where each has four cases or more, else one.
+
+    While a stack thinks its simulator waits, and two cases share the way between them. With more
+    slots the first and the last cases take longer, and nothing is won.
+    """
+    return 2 if left >= 4 * max(1, workers) else 1
+
+
 def gpu_slots(
     left: int, workers: int, fit: int | None, known_s: Sequence[float | None] = ()
 ) -> int:

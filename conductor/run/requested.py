@@ -42,7 +42,7 @@ class RunRequest:
     workers: str | None = None
     """A number, ``cuda`` or ``4xcuda``; None: by the cores."""
     slots: int | None = None
-    """Cases together per worker; None: 1, on a GPU what fits."""
+    """Cases together per worker; None: as many as are useful."""
     device: str = "cpu"
     seed: int | None = None
     case: str = ""
@@ -85,8 +85,11 @@ def made_ready(request: RunRequest) -> Iterator[ReadyRun]:
         InfrastructureError: it could not be checked.
     """
     plan = _plan(request)
-    workers = "1" if request.workers is None and _runs_alone(plan.campaign) else request.workers
+    alone = _runs_alone(plan.campaign)
+    workers = "1" if request.workers is None and alone else request.workers
     asked, device = where(parse_workers(workers), request.device)
+    bridged = bridges().get(plan.campaign.autonomy.bridge) is not None  # nodes of its own per slot
+    single = (alone or bridged) and not asked.per_gpu
     with ExitStack() as at_end:
         computed = at_end.enter_context(side_by_side(device))
         at_end.enter_context(turns(device))
@@ -97,7 +100,7 @@ def made_ready(request: RunRequest) -> Iterator[ReadyRun]:
             options = RunOptions(
                 out=request.out or Path("runs") / plan.campaign.campaign,
                 workers=asked,
-                slots=request.slots,
+                slots=1 if request.slots is None and single else request.slots,
                 device=device,
                 by_batch=request.by_batch,
                 history=request.history,
@@ -151,8 +154,8 @@ def _plan(request: RunRequest) -> Plan:
 
 
 def _runs_alone(campaign: Campaign) -> bool:
-    """Whether two workers of it would take the processor from each other, or wait for each other at
-    the port of their scripts or for nodes that somebody else starts once."""
+    """Whether two cases of it at a time would take the processor from each other, or wait for each
+    other at the port of their scripts or for nodes that somebody else starts once."""
     bridge = bridges().get(campaign.autonomy.bridge)
     if bridge is not None and (bridge.port > 0 or not campaign.autonomy.command):
         return True

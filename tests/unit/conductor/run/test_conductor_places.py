@@ -6,6 +6,7 @@ from conductor.run.places import (
     GPU_SLOTS_MAX,
     WorkerPlace,
     WorkersOption,
+    cpu_slots,
     gpu_slots,
     on_cpu,
     on_gpus,
@@ -65,6 +66,7 @@ def test_too_few_cores_are_not_divided():
 
 
 def test_workers_on_the_cpu():
+    assert [cpu_slots(left, 2) for left in (0, 1, 7, 8, 256)] == [1, 1, 1, 2, 2]
     assert on_cpu("cpu", 3, 2, 100, 1) == [WorkerPlace("cpu")] * 3
     assert on_cpu("cpu", 0, 2, 100, 1) == []
     assert len(on_cpu("cpu", None, 4, 100, 1)) == 4
