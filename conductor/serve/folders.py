@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import math
 import os
 import shutil
 import time
@@ -58,6 +59,8 @@ class Folders:
         """Campaign -> its file without the head; thousands of values take a while to write."""
         self._changed: set[str] = set()
         """Campaigns with news since their outcomes were written."""
+        self._added: dict[str, tuple[int, float]] = {}
+        """Campaign -> what :meth:`additions` says."""
         self._refresh_ns = 0
         """Time before which outcomes are not written again [ns]."""
 
@@ -154,6 +157,17 @@ class Folders:
         """A case of ``campaign`` was leased, has ended or has a recording: its outcomes are due
         soon."""
         self._changed.add(campaign)
+
+    def added(self, campaign: str) -> None:
+        """Something came to the outcomes of ``campaign``."""
+        count, _ = self._added.get(campaign, (0, 0.0))
+        self._added[campaign] = count + 1, time.monotonic()
+        self.changed(campaign)
+
+    def additions(self, campaign: CampaignState) -> tuple[int, float]:
+        """Number of additions to its outcomes since they are kept here, and when the latest came by
+        the monotonic clock [s]; none: long ago."""
+        return self._added.get(campaign.campaign.campaign, (0, -math.inf))
 
     def is_due(self, campaign: CampaignState) -> bool:
         """Whether the outcomes of ``campaign`` on disk lack something that has happened."""

@@ -159,8 +159,6 @@ class Conductor:
         self._replaced = False
         """Whether another conductor serves the folder: its files are none of ours."""
         self._drained_ns: int | None = None
-        self._news: dict[str, tuple[int, float]] = {}
-        """Campaign -> additions to its outcomes, and when the latest came [s]."""
         self._software = ""
         """Digest, once it was needed."""
         self._journal: Journal | None = None
@@ -394,7 +392,7 @@ class Conductor:
         with self._lock:
             judged = [c for c in unsigned if c.software in ours and self._judge.is_done(c)]
             settled = [c for c in judged if not c.left and (last or self._is_settled(c))]
-            return {Path(c.out): self._additions(c) for c in settled}
+            return {Path(c.out): self._folders.additions(c)[0] for c in settled}
 
     def _is_settled(self, campaign: CampaignState) -> bool:
         """Whether all that has happened is on disk, and its recordings have had their time."""
@@ -402,7 +400,7 @@ class Conductor:
             return False
         if not self._config.store or not ViewMode(campaign.campaign.view).records:
             return True
-        _, latest_s = self._news.get(campaign.campaign.campaign, (0, -RECORDINGS_S))
+        _, latest_s = self._folders.additions(campaign)
         return time.monotonic() - latest_s >= RECORDINGS_S
 
     def additions(self, folder: Path) -> int:
@@ -411,11 +409,8 @@ class Conductor:
         with self._lock:
             for campaign in self._engine.state.campaigns.values():
                 if Path(campaign.out) == folder:
-                    return self._additions(campaign)
+                    return self._folders.additions(campaign)[0]
         return 0
-
-    def _additions(self, campaign: CampaignState) -> int:
-        return self._news.get(campaign.campaign.campaign, (0, 0.0))[0]
 
     def chain(self) -> Chain:
         """Where its journal stands."""
@@ -456,13 +451,15 @@ class Conductor:
                     self._unsign(Path(campaigns[fact.campaign].out))
                 case LateAttempt():
                     self._unsign(Path(campaigns[fact.result.campaign].out))
-                    self._added(fact.result.campaign)
+                    self._folders.added(fact.result.campaign)
                 case Committed():
                     self._judge.put(campaigns[fact.result.campaign], fact)
-                    self._added(fact.result.campaign)
+                    self._folders.added(fact.result.campaign)
+                case CaseEnded():
+                    self._folders.changed(fact.campaign)
                 case RecordingStored():
                     self._unsign(Path(campaigns[fact.campaign].out))
-                    self._added(fact.campaign)
+                    self._folders.added(fact.campaign)
         self._folders.flush()
 
     def _bring_up_to_date(self, facts: list[Fact]) -> None:
@@ -472,19 +469,12 @@ class Conductor:
         ended = {f.result.campaign for f in facts if isinstance(f, Committed)}
         ended |= {f.campaign for f in facts if isinstance(f, CaseEnded)}
         for name in ended:
-            self._folders.changed(name)
             if not campaigns[name].left:
                 self._folders.record(campaigns[name])
                 self.ended.set()
         self._folders.flush()
         self._folders.refresh(self._engine.state)
         append_events(facts, campaigns, time.time())
-
-    def _added(self, campaign: str) -> None:
-        """Something came to the outcomes of a campaign."""
-        count, _ = self._news.get(campaign, (0, 0.0))
-        self._news[campaign] = count + 1, time.monotonic()
-        self._folders.changed(campaign)
 
     def _say_known(self, campaign: CampaignState) -> None:
         """Say how many cases of a new campaign the earlier run knows, if one was given."""

@@ -23,7 +23,7 @@ from conductor.stored.link import StoreOptions
 from conductor.trust.manifest import RUN_FILE
 from conductor.trust.sign_run import require_agreement, require_fit, sign_run
 from schemas.files.recording import RecordingObject
-from schemas.wire.control import Lease, Recorded
+from schemas.wire.control import Control, Lease, Recorded
 from twin.base.software import software_digest
 from twin.fabric.memory_bus import MemoryHub
 
@@ -252,6 +252,22 @@ def test_it_is_not_signed_before_recordings_have_had_their_time(
     assert served.to_sign() == {}
     monkeypatch.setattr(conductor.serve.shell, "RECORDINGS_S", 0.0)
     wait_for(lambda: list(served.to_sign()) == [folder], "the outcomes on disk")
+
+
+def test_a_case_that_was_just_cancelled_is_on_disk_before_its_run_is_signed(
+    served: Conductor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whoever cancels is answered first: nobody signs what was written before."""
+    folder = tmp_path / "results"
+    reply = served.request(submit(cases=1, out=str(folder), simulator="noop"))
+    assert not reply.error
+    with monkeypatch.context() as later:
+        later.setattr(Conductor, "_bring_up_to_date", lambda *_: None)
+        assert not served.request(Control(v=V, action="cancel", campaign="alpha")).error
+        assert served.to_sign() == {}
+        assert not read_outcomes(folder).complete
+    wait_for(lambda: list(served.to_sign()) == [folder], "the outcomes on disk")
+    assert read_outcomes(folder).complete
 
 
 class Mistaken:
