@@ -19,6 +19,7 @@ from conductor.run.source import chosen, load, with_drive
 from schemas.campaign import Campaign
 from schemas.kinds.bridge import bridges
 from schemas.plan import Plan
+from schemas.sections.autonomy import Autonomy
 from schemas.sections.view_mode import ViewMode
 from twin.base.errors import UsageError
 from twin.base.process import keep_to_itself
@@ -88,8 +89,7 @@ def made_ready(request: RunRequest) -> Iterator[ReadyRun]:
     alone = _runs_alone(plan.campaign)
     workers = "1" if request.workers is None and alone else request.workers
     asked, device = where(parse_workers(workers), request.device)
-    bridged = bridges().get(plan.campaign.autonomy.bridge) is not None  # nodes of its own per slot
-    single = (alone or bridged) and not asked.per_gpu
+    single = (alone or _drives_one(plan.campaign.autonomy)) and not asked.per_gpu
     with ExitStack() as at_end:
         computed = at_end.enter_context(side_by_side(device))
         at_end.enter_context(turns(device))
@@ -153,9 +153,14 @@ def _plan(request: RunRequest) -> Plan:
     return with_drive(plan) if request.record_drive else plan
 
 
+def _drives_one(autonomy: Autonomy) -> bool:
+    """Whether its stack drives one case at a time, whatever slots a worker has."""
+    return autonomy.slots == 1 or (bool(autonomy.command) and not autonomy.slots)
+
+
 def _runs_alone(campaign: Campaign) -> bool:
-    """Whether two cases of it at a time would take the processor from each other, or wait for each
-    other at the port of their scripts or for nodes that somebody else starts once."""
+    """Whether two workers of it would take the processor from each other, or wait for each other at
+    the port of their scripts or for nodes that somebody else starts once."""
     bridge = bridges().get(campaign.autonomy.bridge)
     if bridge is not None and (bridge.port > 0 or not campaign.autonomy.command):
         return True
