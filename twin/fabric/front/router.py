@@ -176,8 +176,17 @@ class Fronted:
         again if it dies. All on one thread: the kernel ends a child with the thread that started
         it."""
         self._await_need()
+        said = ""
         while not self._closing.is_set():
-            process = self._start()
+            try:
+                process = self._start()
+            except OSError as error:  # no descriptor, process or memory is left, for a while
+                if str(error) != said:
+                    said = str(error)
+                    _log.error("the front cannot be started: %s; it will be tried again", said)
+                self._closing.wait(RESTART_S)
+                continue
+            said = ""
             if self._closing.is_set():  # whoever closes may not have seen it
                 _let_go(process)
             assert process.stdout is not None
@@ -200,28 +209,29 @@ class Fronted:
 
     def _start(self) -> subprocess.Popen[bytes]:
         ours, theirs = socket.socketpair()
-        with theirs:
-            process = spawn(
-                [sys.executable, "-m", "twin.fabric.front.process", str(theirs.fileno())],
-                descriptors=[self._listener.fileno(), theirs.fileno()],
-                pipe_output=True,
-                log=open(2, "wb", closefd=False),  # noqa: SIM115
+        with ours:
+            with theirs:
+                process = spawn(
+                    [sys.executable, "-m", "twin.fabric.front.process", str(theirs.fileno())],
+                    descriptors=[self._listener.fileno(), theirs.fileno()],
+                    pipe_output=True,
+                    log=open(2, "wb", closefd=False),  # noqa: SIM115
+                )
+            self._process = process
+            settings = Settings(
+                listener=self._listener.fileno(),
+                roles=tuple(self._sockets),
+                fabric=self._key.fabric,
+                authority=self._key.authority.decode(),
+                certificate=self._key.certificate.decode(),
+                private=self._key.private.decode(),
+                keys=str(self._key.path.parent),
             )
-        self._process = process
-        settings = Settings(
-            listener=self._listener.fileno(),
-            roles=tuple(self._sockets),
-            fabric=self._key.fabric,
-            authority=self._key.authority.decode(),
-            certificate=self._key.certificate.decode(),
-            private=self._key.private.decode(),
-            keys=str(self._key.path.parent),
-        )
-        assert process.stdin is not None
-        with contextlib.suppress(OSError, ValueError), ours:  # it died, or is to end
-            if ours.recv(1) == ASKING:
-                socket.send_fds(ours, [b"\n"], list(self._sockets.values()))
-                process.stdin.write(msgspec.json.encode(settings) + b"\n")
+            assert process.stdin is not None
+            with contextlib.suppress(OSError, ValueError):  # it died, or is to end
+                if ours.recv(1) == ASKING:
+                    socket.send_fds(ours, [b"\n"], list(self._sockets.values()))
+                    process.stdin.write(msgspec.json.encode(settings) + b"\n")
         return process
 
 

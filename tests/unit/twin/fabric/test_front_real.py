@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import os
+import resource
 import socket
 import ssl
 import tempfile
@@ -180,6 +181,26 @@ def test_a_front_that_dies_is_replaced(door: Door) -> None:
     the_front(door.others).kill()
     wait_for(lambda: bus.request(STATUS, b"here", 1.0) == b"here", "an answer at the same address")
     bus.close()
+
+
+def test_a_front_begins_when_files_can_be_opened_again(
+    door: Door, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Whoever connects while its process may open no more files is let in later."""
+    usual = resource.getrlimit(resource.RLIMIT_NOFILE)
+    with socket.socket() as connection:
+        connection.setblocking(False)
+        lowest = os.dup(connection.fileno())  # the next one that is free
+        os.close(lowest)
+        resource.setrlimit(resource.RLIMIT_NOFILE, (lowest, usual[1]))
+        try:
+            with suppress(BlockingIOError):
+                connection.connect(host_and_port(door.endpoint))
+            wait_for(lambda: "Too many open files" in caplog.text, "a front that cannot begin")
+        finally:
+            resource.setrlimit(resource.RLIMIT_NOFILE, usual)
+    door.joined(load_key(door.keys, Role.worker)).close()
+    assert caplog.text.count("the front cannot be started") == 1
 
 
 def fronts() -> list[psutil.Process]:
