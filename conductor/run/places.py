@@ -124,7 +124,7 @@ def on_cpu(device: str, count: int | None, cores: int, left: int, slots: int) ->
 
 
 def cpu_slots(left: int, workers: int) -> int:
-    """Slots per worker elsewhere: two where each has four cases or more, else one.
+    """Slots per worker on a CPU: two where each has four cases or more, else one.
 
     While a stack thinks its simulator waits, and two cases share the way between them. With more
     slots the first and the last cases take longer, and nothing is won.

@@ -19,7 +19,6 @@ from conductor.run.source import chosen, load, with_drive
 from schemas.campaign import Campaign
 from schemas.kinds.bridge import bridges
 from schemas.plan import Plan
-from schemas.sections.autonomy import Autonomy
 from schemas.sections.view_mode import ViewMode
 from twin.base.errors import UsageError
 from twin.base.process import keep_to_itself
@@ -89,7 +88,6 @@ def made_ready(request: RunRequest) -> Iterator[ReadyRun]:
     alone = _runs_alone(plan.campaign)
     workers = "1" if request.workers is None and alone else request.workers
     asked, device = where(parse_workers(workers), request.device)
-    single = (alone or _drives_one(plan.campaign.autonomy)) and not asked.per_gpu
     with ExitStack() as at_end:
         computed = at_end.enter_context(side_by_side(device))
         at_end.enter_context(turns(device))
@@ -97,6 +95,9 @@ def made_ready(request: RunRequest) -> Iterator[ReadyRun]:
             # Here: importing it takes nearly as long as loading a network.
             from conductor.run.command import RunOptions, local_workers
 
+            # Their rigs differ, but not in how many cases the stack drives.
+            drives_one = any(case.rig.slots_of(2) == 1 for case in plan.cases[:1])
+            single = (alone or drives_one) and not asked.per_gpu
             options = RunOptions(
                 out=request.out or Path("runs") / plan.campaign.campaign,
                 workers=asked,
@@ -151,11 +152,6 @@ def _plan(request: RunRequest) -> Plan:
         )
     plan = chosen(loadable, request.case, request.cases, request.rows, quick=request.quick)
     return with_drive(plan) if request.record_drive else plan
-
-
-def _drives_one(autonomy: Autonomy) -> bool:
-    """Whether its stack drives one case at a time, whatever slots a worker has."""
-    return autonomy.slots == 1 or (bool(autonomy.command) and not autonomy.slots)
 
 
 def _runs_alone(campaign: Campaign) -> bool:
